@@ -1,0 +1,9 @@
+"""Timed comparisons of the planner, with an independent check of every answer.
+
+- ``python -m benchmarks.planning``: the reference scenarios, stage by stage; scaling; random scenarios.
+- ``python -m benchmarks.peers``: other methods and solvers on the same scenarios, in the same process.
+- ``python -m benchmarks.report``: the results page ``docs/benchmarks.md`` from the CSV files of the two.
+
+Whatever is timed runs on one thread: the entry points import :mod:`benchmarks.common` first, which says so to
+the numerical libraries before they are loaded.
+"""

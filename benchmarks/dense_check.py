@@ -1,0 +1,404 @@
+"""Independent check of any trip: is it where it says, as slow as it must be, and outside every obstacle?
+
+The check shares no mathematics with the planner. All that it takes is a function of time to position; speed,
+acceleration, curvature and heading come from differences of 20,001 positions, clearances from the distances to
+each obstacle at the same times.
+
+What the differences can and cannot see
+---------------------------------------
+- **Speed** is a chord of about 1 ms divided by its duration. A chord is never longer than its arc, so this is at
+  most the exact mean speed over the chord: an exact trip is never refused for rounding up. It falls short by a
+  share of (turn rate * 1 ms)^2 / 24, below 1e-6 at 5 rad/s.
+- **Acceleration along the path** is the difference of two such speeds about 4 ms apart: a weighted mean of the
+  exact acceleration over 5 ms, plus less than 1e-4 m/s2 from the chords. A jump is seen as a ramp, never as more
+  than it is.
+- **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted mean
+  over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps or stops. A
+  corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
+- **Lateral acceleration** is that curvature times the square of the mean speed over the same two chords.
+- **Clearance** between two samples h apart is overlooked by at most c'' h^2 / 8; with relative speed 6 m/s around
+  a disc of 0.5 m and h = 0.4 ms this is 1.4e-6 m.
+
+A position that carries rounding or inversion errors of e metres along the path disturbs the acceleration by
+4 e / (1 ms * 4 ms) = 1e6 e: the tolerance of 5e-4 m/s2 allows e = 5e-10 m.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+PositionFunction = Callable[[Array], ArrayLike]
+
+SAMPLES = 20_000
+SPEED_WINDOW = 1e-3  # s, one chord
+ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
+CHORD_LENGTH = 3e-3  # m, for headings and curvature
+REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far a limit may be exceeded; the defaults cover the errors of the differences, given above.
+
+    ``clearance`` is about twice what is overlooked between samples; ``heading`` is the error of extrapolating the
+    first two chords to the first point where curvature changes by 10 /m2.
+    """
+
+    clearance: float = 3e-6  # m
+    position: float = 1e-6  # m
+    heading: float = 2e-4  # rad
+    boundary_speed: float = 2e-4  # m/s, one-sided differences at the ends
+    speed: float = 1e-5  # m/s
+    acceleration: float = 5e-4  # m/s2
+    lateral_acceleration: float = 5e-4  # m/s2
+    curvature: float = 2e-4  # 1/m
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Worst value of one quantity over the trip.
+
+    ``excess`` is how far it is beyond its limit (negative: within), in the quantity's unit.
+    """
+
+    name: str
+    value: float
+    limit: float
+    excess: float
+    tolerance: float
+    time: float
+    subject: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the limit holds within the tolerance; a value that is not a number does not."""
+        return self.excess <= self.tolerance
+
+    def __str__(self) -> str:
+        about = f" ({self.subject})" if self.subject else ""
+        return (
+            f"{self.name}{about} {self.value:.9g} against {self.limit:.9g} at t = {self.time:.6f} s: "
+            f"{self.excess:.3g} beyond, {self.tolerance:.3g} allowed"
+        )
+
+
+@dataclass(frozen=True)
+class DenseReport:
+    """All findings of one check; ``ok`` only if every one of them is."""
+
+    findings: tuple[Finding, ...]
+    travel_time: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether every limit holds within its tolerance."""
+        return all(finding.ok for finding in self.findings)
+
+    @property
+    def violations(self) -> tuple[Finding, ...]:
+        """The findings that are beyond their tolerance."""
+        return tuple(finding for finding in self.findings if not finding.ok)
+
+    def __getitem__(self, name: str) -> Finding:
+        """The worst finding of this name."""
+        return max((f for f in self.findings if f.name == name), key=lambda f: f.excess)
+
+    def __str__(self) -> str:
+        return "holds" if self.ok else "; ".join(str(finding) for finding in self.violations)
+
+
+def check_trip(
+    scenario: Mapping[str, Any] | str | os.PathLike[str],
+    position: PositionFunction,
+    start_time: float,
+    arrival_time: float,
+    *,
+    tolerances: Tolerances | None = None,
+    samples: int = SAMPLES,
+) -> DenseReport:
+    """Check one trip against a scenario in the file format.
+
+    Parameters
+    ----------
+    scenario : mapping or path
+        Scenario as a plain dict, or a JSON file. Obstacles need an exact ``motion`` and a shape that
+        is a ``disc``, a ``polygon`` or a ``rectangle``.
+    position : callable
+        (n,) times in s to (n, 2) positions in m.
+    start_time, arrival_time : float
+        First and last time of the trip, s, on the scenario's clock.
+    tolerances : Tolerances, optional
+        Excess allowed per quantity.
+    samples : int
+        Number of intervals between sampled times.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has an obstacle that this check cannot judge, or the times or positions are unusable.
+    """
+    data = _as_mapping(scenario)
+    allowed = tolerances or Tolerances()
+    if not (math.isfinite(start_time) and math.isfinite(arrival_time) and arrival_time > start_time):
+        raise ValueError(f"a trip needs start_time < arrival_time, got {start_time!r} and {arrival_time!r}")
+    times = np.linspace(start_time, arrival_time, samples + 1)
+    positions = np.asarray(position(times), dtype=float)
+    if positions.shape != (times.size, 2):
+        raise ValueError(f"position gave shape {positions.shape} for {times.size} times, (n, 2) expected")
+    if not np.isfinite(positions).all():
+        first = times[np.flatnonzero(~np.isfinite(positions).all(axis=1))[0]]
+        broken = Finding("position", math.nan, 0.0, math.inf, 0.0, float(first), "not a number")
+        return DenseReport((broken,), arrival_time - start_time)
+    findings = [
+        *_ends(data, times, positions, allowed),
+        *_motion_limits(data, times, positions, allowed),
+        *_workspace(data, times, positions, allowed),
+        *_clearances(data, times, positions, allowed),
+    ]
+    return DenseReport(tuple(findings), arrival_time - start_time)
+
+
+def check_samples(
+    scenario: Mapping[str, Any] | str | os.PathLike[str],
+    times: ArrayLike,
+    positions: ArrayLike,
+    *,
+    tolerances: Tolerances | None = None,
+    samples: int = SAMPLES,
+) -> DenseReport:
+    """Check a trip given by recorded samples, joined by the interpolating spline of degree five.
+
+    The error of the interpolation is the recorder's: samples must be dense enough for a smooth curve.
+
+    Parameters
+    ----------
+    scenario : mapping or path
+        As for :func:`check_trip`.
+    times : (n,) array_like
+        Increasing times, s.
+    positions : (n, 2) array_like
+        Positions, m.
+    tolerances : Tolerances, optional
+        Excess allowed per quantity.
+    samples : int
+        Number of intervals between the times that are checked.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    knots = np.asarray(times, dtype=float)
+    spline = make_interp_spline(knots, np.asarray(positions, dtype=float), k=5)
+    return check_trip(
+        scenario, spline, float(knots[0]), float(knots[-1]), tolerances=tolerances, samples=samples
+    )
+
+
+def _as_mapping(scenario: Mapping[str, Any] | str | os.PathLike[str]) -> Mapping[str, Any]:
+    if isinstance(scenario, Mapping):
+        return scenario
+    data: Mapping[str, Any] = json.loads(Path(scenario).read_text(encoding="utf-8"))
+    return data
+
+
+def _ends(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    start, goal = data["start"], data["goal"]
+    begin, end = float(times[0]), float(times[-1])
+    found = []
+
+    def require(name: str, value: float, limit: float, excess: float, tolerance: float, time: float) -> None:
+        found.append(Finding(name, value, limit, excess, tolerance, time))
+
+    late = begin - float(start.get("time", 0.0))
+    require("start_time", begin, begin - late, abs(late), 1e-9, begin)
+    gap = float(np.linalg.norm(positions[0] - np.asarray(start["position"], dtype=float)))
+    require("start_position", gap, 0.0, gap, allowed.position, begin)
+    gap = float(np.linalg.norm(positions[-1] - np.asarray(goal["position"], dtype=float)))
+    reach = float(goal.get("radius") or 0.0)
+    require("goal_position", gap, reach, gap - reach, allowed.position, end)
+
+    step = max(1, round(SPEED_WINDOW / (times[1] - times[0])))
+    for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
+        if place.get("speed") is not None:
+            speed = _end_speed(times[::order], positions[::order], step)
+            gap = abs(speed - float(place["speed"]))
+            require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
+        if place.get("heading") is not None:
+            # Seen from the goal the chords point backwards.
+            heading = _first_heading(positions[::order]) + (0.0 if order == 1 else math.pi)
+            gap = abs(math.remainder(heading - float(place["heading"]), 2.0 * math.pi))
+            require(f"{name}_heading", heading, float(place["heading"]), gap, allowed.heading, when)
+    return found
+
+
+def _end_speed(times: Array, positions: Array, step: int) -> float:
+    """Speed at the first sample, from the one-sided second-order difference."""
+    duration = times[step] - times[0]
+    velocity = (-3.0 * positions[0] + 4.0 * positions[step] - positions[2 * step]) / (2.0 * duration)
+    return float(np.linalg.norm(velocity))
+
+
+def _first_heading(positions: Array) -> float:
+    """Heading at the first point: the directions of the first two chords, extrapolated over arc length."""
+    chosen = _points_by_length(positions)
+    chords = np.diff(positions[chosen[:3]], axis=0)
+    first, second = np.arctan2(chords[:, 1], chords[:, 0])
+    lengths = np.linalg.norm(chords, axis=1)
+    turn = math.remainder(second - first, 2.0 * math.pi)
+    return float(first - turn * lengths[0] / (lengths[0] + lengths[1]))
+
+
+def _points_by_length(positions: Array) -> NDArray[np.intp]:
+    """Indices of points about CHORD_LENGTH apart along the way, whatever the speed; at least three."""
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    distance = np.concatenate([[0.0], np.cumsum(lengths)])
+    total = distance[-1]
+    # With samples farther apart than a chord the marks would fall on the same sample: two steps at least.
+    spacing = max(CHORD_LENGTH, 2.0 * float(lengths.max(initial=0.0)))
+    count = max(2, int(total / spacing))
+    chosen = np.searchsorted(distance, np.linspace(0.0, total, count + 1), side="left")
+    chosen[-1] = positions.shape[0] - 1
+    return np.unique(np.clip(chosen, 0, positions.shape[0] - 1))
+
+
+def _motion_limits(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances
+) -> list[Finding]:
+    vehicle = data["vehicle"]
+    step = float(times[1] - times[0])
+    width = max(1, round(SPEED_WINDOW / step))
+    apart = max(width, round(ACCELERATION_WINDOW / step))
+    found = []
+
+    def at_most(name: str, values: Array, limit: float, tolerance: float, when: Array) -> None:
+        worst = int(np.argmax(values))
+        value = float(values[worst])
+        found.append(Finding(name, value, limit, value - limit, tolerance, float(when[worst])))
+
+    displacements = positions[width:] - positions[:-width]
+    chords = np.linalg.norm(displacements, axis=1)
+    middles = (times[width:] + times[:-width]) / 2.0
+    speeds = chords / (width * step)
+    at_most("speed", speeds, float(vehicle["max_speed"]), allowed.speed, middles)
+
+    backward, when = _backward_speed(displacements, chords, width * step, middles)
+    found.append(Finding("reversing", backward, 0.0, -backward, allowed.speed, when))
+
+    rates = (speeds[apart:] - speeds[:-apart]) / (apart * step)
+    between = (middles[apart:] + middles[:-apart]) / 2.0
+    at_most("acceleration", rates, float(vehicle["max_acceleration"]), allowed.acceleration, between)
+    at_most("deceleration", -rates, float(vehicle["max_deceleration"]), allowed.acceleration, between)
+
+    chosen = _points_by_length(positions)
+    if chosen.size < 3:
+        return found
+    chords = np.diff(positions[chosen], axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    headings = np.arctan2(chords[:, 1], chords[:, 0])
+    turns = np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi
+    curvatures = np.abs(turns) / ((lengths[1:] + lengths[:-1]) / 2.0)
+    when_turning = times[chosen[1:-1]]
+    mean_speeds = (lengths[1:] + lengths[:-1]) / (times[chosen[2:]] - times[chosen[:-2]])
+    if vehicle.get("max_curvature") is not None:
+        at_most("curvature", curvatures, float(vehicle["max_curvature"]), allowed.curvature, when_turning)
+    if vehicle.get("max_lateral_acceleration") is not None:
+        limit = float(vehicle["max_lateral_acceleration"])
+        lateral = curvatures * mean_speeds**2
+        at_most("lateral_acceleration", lateral, limit, allowed.lateral_acceleration, when_turning)
+    return found
+
+
+def _backward_speed(displacements: Array, chords: Array, duration: float, when: Array) -> tuple[float, float]:
+    """Least signed speed along the way, and its time; negative once the vehicle has turned on its heel.
+
+    The sign flips wherever a displacement points against the one before it. Displacements too short to have a
+    direction are passed over, so that a reversal after a stop is seen too.
+    """
+    moving = np.flatnonzero(chords > REVERSAL_LENGTH)
+    if moving.size < 2:
+        return 0.0, float(when[0])
+    steps = displacements[moving]
+    flips = np.einsum("ij,ij->i", steps[1:], steps[:-1]) < 0.0
+    signs = np.concatenate([[1.0], np.cumprod(np.where(flips, -1.0, 1.0))])
+    signed = signs * chords[moving] / duration
+    worst = int(np.argmin(signed))
+    return min(0.0, float(signed[worst])), float(when[moving[worst]])
+
+
+def _workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    bounds = data.get("bounds")
+    if bounds is None:
+        return []
+    radius = float(data["vehicle"]["radius"])
+    inside = np.minimum(
+        (positions - np.asarray(bounds["min"], dtype=float)).min(axis=1),
+        (np.asarray(bounds["max"], dtype=float) - positions).min(axis=1),
+    )
+    worst = int(np.argmin(inside))
+    room = float(inside[worst]) - radius
+    return [Finding("bounds", room, 0.0, -room, allowed.clearance, float(times[worst]))]
+
+
+def _clearances(
+    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances
+) -> list[Finding]:
+    radius = float(data["vehicle"]["radius"])
+    found = []
+    for obstacle in data.get("obstacles", ()):
+        name = str(obstacle["id"])
+        keep = radius + float(obstacle.get("margin") or 0.0)
+        clearance = _signed_distance(obstacle, times, positions) - keep
+        worst = int(np.argmin(clearance))
+        least = float(clearance[worst])
+        found.append(Finding("clearance", least, 0.0, -least, allowed.clearance, float(times[worst]), name))
+    return found
+
+
+def _signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
+    """Distance (n,) from the points to the obstacle at the same times, m; negative inside."""
+    name = obstacle["id"]
+    motion = obstacle.get("motion")
+    if motion is None:
+        raise ValueError(f"obstacle {name!r} has no exact motion: nothing to check against")
+    velocity = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
+    acceleration = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
+    clock = times[:, None]
+    centres = np.asarray(motion["position"], dtype=float) + velocity * clock + acceleration * clock**2 / 2.0
+    offsets = positions - centres
+    shape = obstacle["shape"]
+    if "disc" in shape:
+        distances: Array = np.linalg.norm(offsets, axis=1) - float(shape["disc"])
+        return distances
+    if "polygon" in shape:
+        return _distance_to_polygon(offsets, np.asarray(shape["polygon"], dtype=float))
+    if "rectangle" in shape and not acceleration.any():
+        length, width = (float(value) / 2.0 for value in shape["rectangle"])
+        heading = math.atan2(velocity[1], velocity[0])
+        axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        corners = np.array([[length, width], [-length, width], [-length, -width], [length, -width]])
+        return _distance_to_polygon(offsets, corners @ axes.T)
+    raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r}")
+
+
+def _distance_to_polygon(points: Array, corners: Array) -> Array:
+    """Signed distance (n,) from points (n, 2) to a simple polygon (m, 2); negative inside."""
+    nearest = np.full(points.shape[0], np.inf)
+    inside = np.zeros(points.shape[0], dtype=bool)
+    for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        edge = end - begin
+        share = np.clip((points - begin) @ edge / (edge @ edge), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(points - begin - share[:, None] * edge, axis=1))
+        # Even-odd rule: count the edges that a ray in +x crosses.
+        straddles = (begin[1] > points[:, 1]) != (end[1] > points[:, 1])
+        if edge[1] != 0.0:
+            crossing = begin[0] + edge[0] * (points[:, 1] - begin[1]) / edge[1]
+            inside ^= straddles & (points[:, 0] < crossing)
+    return np.where(inside, -nearest, nearest)
