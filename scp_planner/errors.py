@@ -1,0 +1,101 @@
+"""The exceptions of the package: misuse and bad input. What a solver finds is a status, not an exception."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Missing(Enum):
+    """The type of `MISSING`: what stands for the value of a key that is not there."""
+
+    MISSING = "missing"
+
+    def __repr__(self) -> str:
+        return self.value
+
+
+MISSING = Missing.MISSING
+"""The value of a fault whose key is absent; `None` would mean that the file says `null`."""
+
+
+class _Shortener(reprlib.Repr):
+    """Shows a value as its file has it, bounded in depth and width.
+
+    A value may be a list of a million numbers, or nested without end through YAML's aliases.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 3
+        self.maxlist = self.maxdict = 4
+        self.maxstring = self.maxlong = self.maxother = 60
+
+    def repr_tuple(self, value: tuple[object, ...], level: int) -> str:
+        return self.repr_list(list(value), level)
+
+    def repr_bool(self, value: bool, level: int) -> str:
+        return "true" if value else "false"
+
+    def repr_NoneType(self, value: None, level: int) -> str:  # noqa: N802 - the name is reprlib's rule
+        return "null"
+
+
+_shortener = _Shortener()
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with an input.
+
+    Parameters
+    ----------
+    path
+        Where: the key's path, as in `obstacles[1].observations.time`; empty for the whole file.
+    value
+        What stands there, or `MISSING`.
+    message
+        What is allowed.
+    """
+
+    path: str
+    value: object
+    message: str
+
+    def __str__(self) -> str:
+        where = self.path or "(the whole file)"
+        if self.value is MISSING:
+            return f"{where}: {self.message}"
+        return f"{where} = {_shortener.repr(self.value)}: {self.message}"
+
+
+class ScpPlannerError(Exception):
+    """What every exception raised on purpose by this package derives from."""
+
+
+class _FaultyInputError(ScpPlannerError, ValueError):
+    """An input with all that is wrong with it."""
+
+    def __init__(self, source: str, faults: Iterable[Fault]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        # Both arguments go to the base, so that the exception survives pickling on its way out of a worker process.
+        super().__init__(source, self.faults)
+
+    def __str__(self) -> str:
+        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        return "\n".join([f"{self.source}: {count}", *(f"  {fault}" for fault in self.faults)])
+
+
+class ScenarioError(_FaultyInputError):
+    """A scenario is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
+
+
+class PlanError(_FaultyInputError):
+    """A plan file is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
+
+
+class EstimationError(ScpPlannerError, ValueError):
+    """Observations cannot be turned into an estimate: too few, out of order, or not finite."""

@@ -1,0 +1,251 @@
+"""Reading and writing of YAML and JSON files: every fault with its place, and never half a file.
+
+YAML is read by the rules of YAML 1.2 for numbers and booleans, as JSON's readers expect them: `1e-3` is a number, `no`
+is text, `010` is ten. The suffix of the file's name chooses the format.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scp_planner.errors import Fault, ScenarioError
+
+if TYPE_CHECKING:
+    import yaml
+
+YAML_SUFFIXES = (".yaml", ".yml")
+JSON_SUFFIX = ".json"
+
+_INT = re.compile(r"^[-+]?[0-9]+$")
+_FLOAT = re.compile(
+    r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+)
+_BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
+_NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
+
+
+def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]:
+    """Read the mapping that a file holds.
+
+    Returns
+    -------
+    data
+        The mapping, or None if there is none to look at.
+    faults
+        What is wrong with the file as YAML or JSON.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in (*YAML_SUFFIXES, JSON_SUFFIX):
+        return None, [_wrong_suffix(path)]
+    raw = Path(path).read_bytes()
+    try:
+        text = raw.decode("utf-8-sig")
+        data, faults = _parse_json(text) if suffix == JSON_SUFFIX else _parse_yaml(text)
+    except UnicodeDecodeError as error:
+        return None, [
+            Fault("", raw[error.start : error.start + 1], f"must be UTF-8 text; byte {error.start} is not")
+        ]
+    except RecursionError:
+        return None, [Fault("", text, "must not be nested this deeply")]
+    except _SyntaxFault as error:
+        return None, [error.fault]
+    if not isinstance(data, dict):
+        return None, [Fault("", data, "must be a mapping of keys to values")]
+    return data, faults
+
+
+def write(path: str | PathLike[str], data: dict[str, Any]) -> None:
+    """Write a mapping as YAML or JSON, whichever the suffix says; floats keep every bit.
+
+    Raises
+    ------
+    ScenarioError
+        If the suffix says neither.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in YAML_SUFFIXES:
+        import yaml
+
+        text = yaml.dump(
+            data, Dumper=_dumper(), sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
+        )
+    elif suffix == JSON_SUFFIX:
+        text = json.dumps(data, indent=1, allow_nan=False) + "\n"
+    else:
+        raise ScenarioError(str(path), [_wrong_suffix(path)])
+    write_text(path, text)
+
+
+def write_text(path: str | PathLike[str], text: str) -> None:
+    """Write a file as a whole or not at all: into a temporary file beside it, which then takes its name."""
+    target = Path(path)
+    descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, _usual_mode(target))
+        os.replace(temporary, target)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _usual_mode(target: Path) -> int:
+    """Give the permissions of the file to be replaced, or those of a new file; mkstemp's are for the owner alone."""
+    try:
+        return target.stat().st_mode & 0o777
+    except FileNotFoundError:
+        mask = os.umask(0)
+        os.umask(mask)
+        return 0o666 & ~mask
+
+
+class _SyntaxFault(Exception):
+    """The text is not YAML or JSON at all."""
+
+    def __init__(self, value: str, line: int | None, message: str) -> None:
+        place = "" if line is None else f"line {line}"
+        self.fault = Fault(place, value, message)
+
+
+def _wrong_suffix(path: str | PathLike[str]) -> Fault:
+    suffixes = ", ".join((*YAML_SUFFIXES, JSON_SUFFIX))
+    return Fault("file name", Path(path).name, f"must end in one of {suffixes}")
+
+
+def _parse_json(text: str) -> tuple[Any, list[Fault]]:
+    try:
+        data = json.loads(text, object_pairs_hook=_Pairs)
+    except json.JSONDecodeError as error:
+        raise _SyntaxFault(_line(text, error.lineno), error.lineno, f"must be JSON: {error.msg}") from None
+    except ValueError as error:  # a whole number of thousands of digits
+        raise _SyntaxFault(text, None, f"must be JSON: {error}") from None
+    return data, list(_repeated_json_keys(data, ""))
+
+
+class _Pairs(dict[str, Any]):
+    """A JSON object that remembers which of its keys came twice."""
+
+    def __init__(self, pairs: list[tuple[str, Any]]) -> None:
+        super().__init__(pairs)
+        self.repeated: list[tuple[str, Any]] = []
+        if len(self) < len(pairs):
+            seen: set[str] = set()
+            for key, value in pairs:
+                if key in seen:
+                    self.repeated.append((key, value))
+                seen.add(key)
+
+
+def _repeated_json_keys(data: Any, path: str) -> Iterator[Fault]:
+    if isinstance(data, _Pairs):
+        for key, value in data.repeated:
+            yield Fault(_below(path, key), value, "must be given only once; this is a repeated key")
+        for key, value in data.items():
+            yield from _repeated_json_keys(value, _below(path, key))
+    elif isinstance(data, list) and any(isinstance(item, (dict, list)) for item in data):
+        for i, item in enumerate(data):
+            yield from _repeated_json_keys(item, f"{path}[{i}]")
+
+
+def _parse_yaml(text: str) -> tuple[Any, list[Fault]]:
+    import yaml
+
+    loader = _loader()(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None, []
+        faults = list(_repeated_yaml_keys(node, "", set()))
+        return loader.construct_document(node), faults
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = None if mark is None else mark.line + 1
+        said = "; ".join(str(part) for part in (error.context, error.problem) if part)
+        raise _SyntaxFault(_line(text, line), line, f"must be YAML: {said}") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise _SyntaxFault(text, None, f"must be YAML: {error}") from None
+    finally:
+        loader.dispose()
+
+
+def _repeated_yaml_keys(node: yaml.Node, path: str, seen: set[int]) -> Iterator[Fault]:
+    import yaml
+
+    if id(node) in seen:  # an alias: looked at where its anchor stands
+        return
+    seen.add(id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            yield from _repeated_yaml_keys(item, f"{path}[{i}]", seen)
+    elif isinstance(node, yaml.MappingNode):
+        keys: set[str] = set()
+        for key, value in node.value:
+            name = str(key.value)
+            if name in keys:
+                shown = value.value if isinstance(value, yaml.ScalarNode) else "..."
+                line = key.start_mark.line + 1
+                text = f"must be given only once; this is a repeated key (line {line})"
+                yield Fault(_below(path, name), shown, text)
+            keys.add(name)
+            yield from _repeated_yaml_keys(value, _below(path, name), seen)
+
+
+def _below(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+def _line(text: str, number: int | None) -> str:
+    lines = text.splitlines()
+    return lines[number - 1].strip() if number is not None and 0 < number <= len(lines) else ""
+
+
+def _loader() -> Any:
+    """Make a safe loader with the numbers, booleans and nulls of YAML 1.2, the C one where there is one."""
+    import yaml
+
+    class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+        yaml_implicit_resolvers: dict[str, Any] = {}
+
+    tags = ("null", _NULL, ["~", "n", "N", ""]), ("bool", _BOOL, list("tTfF"))
+    numbers = ("int", _INT, list("-+0123456789")), ("float", _FLOAT, list("-+.0123456789"))
+    for tag, pattern, first in (*tags, *numbers, ("merge", re.compile("^<<$"), ["<"])):
+        Loader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", pattern, first)
+    Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))
+    Loader.add_constructor(
+        "tag:yaml.org,2002:float", lambda loader, node: _float(loader.construct_scalar(node))
+    )
+    return Loader
+
+
+def _float(text: str) -> float:
+    digits = text.lower().replace(".inf", "inf")
+    return math.nan if digits == ".nan" else float(digits)
+
+
+def _dumper() -> Any:
+    """Make a dumper that quotes what any YAML reader, of version 1.1 or 1.2, would take for something else than text."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        def ignore_aliases(self, data: Any) -> bool:
+            return True
+
+    Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+    Dumper.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
+    return Dumper

@@ -1,0 +1,93 @@
+"""Plane geometry of points, polygons and ellipses in plain Python: what the checks of a scenario need.
+
+Points are pairs of floats in metres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+Point = tuple[float, float]
+
+
+def turned(point: Point, angle: float) -> Point:
+    """Turn a point anticlockwise about the origin by an angle in rad."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return cos * point[0] - sin * point[1], sin * point[0] + cos * point[1]
+
+
+def area(polygon: Sequence[Point]) -> float:
+    """Compute the signed area of a polygon in m2, positive if its vertices run anticlockwise."""
+    x0, y0 = polygon[0]  # relative to a vertex: far from the origin the products would cancel
+    return 0.5 * sum((ax - x0) * (by - y0) - (bx - x0) * (ay - y0) for (ax, ay), (bx, by) in _edges(polygon))
+
+
+def first_crossing(polygon: Sequence[Point]) -> tuple[int, int] | None:
+    """Find two edges that are not neighbours and touch, or neighbours that fold back; edge i starts at vertex i."""
+    edges = _edges(polygon)
+    count = len(edges)
+    for i, (a, b) in enumerate(edges):
+        for j in range(i + 1, count):
+            c, d = edges[j]
+            if j == i + 1 or (i == 0 and j == count - 1):
+                shared, before, after = (b, a, d) if j == i + 1 else (a, b, c)
+                if _turn(before, shared, after) == 0 and _dot(shared, before, after) > 0:
+                    return i, j
+            elif _touch(a, b, c, d):
+                return i, j
+    return None
+
+
+def distance_to_polygon(point: Point, polygon: Sequence[Point]) -> float:
+    """Compute the distance in m from a point to a filled simple polygon; 0 inside."""
+    x, y = point
+    inside = False
+    for (ax, ay), (bx, by) in _edges(polygon):
+        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
+            inside = not inside
+    return 0.0 if inside else min(_distance_to_segment(point, a, b) for a, b in _edges(polygon))
+
+
+def distance_to_ellipse(point: Point, semi_a: float, semi_b: float) -> float:
+    """Compute the distance in m from a point to a filled ellipse about the origin, along the axes; 0 inside."""
+    x, y = abs(point[0]), abs(point[1])
+    if math.hypot(x / semi_a, y / semi_b) <= 1:
+        return 0.0
+    # The nearest point is (a^2 x / (s + a^2), b^2 y / (s + b^2)) for the one s > 0 that puts it on the ellipse; its
+    # level falls with s, so bisection finds s to the last bit.
+    low, high = 0.0, max(semi_a, semi_b) * math.hypot(x, y)
+    while low < (s := 0.5 * (low + high)) < high:
+        if math.hypot(semi_a * x / (s + semi_a**2), semi_b * y / (s + semi_b**2)) > 1:
+            low = s
+        else:
+            high = s
+    return math.hypot(x * s / (s + semi_a**2), y * s / (s + semi_b**2))
+
+
+def _edges(polygon: Sequence[Point]) -> list[tuple[Point, Point]]:
+    return list(zip(polygon, [*polygon[1:], polygon[0]], strict=True))
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    """Cross product of ab and ac: positive if c lies left of ab."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _dot(corner: Point, a: Point, b: Point) -> float:
+    return (a[0] - corner[0]) * (b[0] - corner[0]) + (a[1] - corner[1]) * (b[1] - corner[1])
+
+
+def _touch(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Tell whether the segments ab and cd have a point in common."""
+    turns = [_turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)]
+    if turns[0] * turns[1] < 0 and turns[2] * turns[3] < 0:
+        return True
+    ends = zip(turns, [(a, b, c), (a, b, d), (c, d, a), (c, d, b)], strict=True)
+    return any(turn == 0 and _dot(end, p, q) <= 0 for turn, (p, q, end) in ends)
+
+
+def _distance_to_segment(point: Point, a: Point, b: Point) -> float:
+    length2 = _dot(a, b, b)
+    share = min(1.0, max(0.0, _dot(a, b, point) / length2)) if length2 else 0.0
+    return math.dist(point, (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])))

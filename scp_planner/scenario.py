@@ -1,0 +1,332 @@
+"""What comes in: the vehicle, its start and goal, the obstacles and what is known of them.
+
+SI units, radians, planar positions [x, y] in metres. Everything is frozen, holds plain floats and tuples, and has been
+checked when it exists: `scp_planner.validation` says how faults are collected, `scp_planner.scenario_checks` how the
+fields of a scenario must fit together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import StrEnum
+from os import PathLike
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
+
+from scp_planner import files, planar, scenario_checks
+from scp_planner.errors import ScenarioError
+from scp_planner.validation import Part, Rule, faults_of, nearest, variant
+
+LARGEST_COORDINATE = 1e12
+"""m, m/s, m/s2 or s. Beyond it a double no longer resolves a tenth of a millimetre."""
+
+Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
+Positive = Annotated[float, Field(strict=True, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, ge=0)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Vector = tuple[Number, Number]
+Matrix = tuple[Vector, Vector]
+
+
+class Vehicle(Part):
+    """What the vehicle covers and can do."""
+
+    radius: Positive = Field(description="disc that covers the vehicle, m")
+    max_speed: Positive = Field(description="m/s")
+    max_acceleration: Positive = Field(description="along the path, m/s2")
+    max_deceleration: Positive = Field(description="along the path, a positive number, m/s2")
+    max_lateral_acceleration: Positive | None = Field(None, description="m/s2; null: unbounded")
+    max_curvature: Positive | None = Field(None, description="1/m; null: unbounded")
+
+
+class Start(Part):
+    """Where and when the trip begins."""
+
+    time: Number = Field(description="s, on the clock of the obstacles")
+    position: Vector = Field(description="[x, y], m")
+    heading: Number | None = Field(None, description="rad; null: free")
+    speed: NotNegative = Field(description="m/s")
+    acceleration: Number | None = Field(None, description="along the path, m/s2; null: free")
+
+
+class Goal(Part):
+    """Where the trip ends."""
+
+    position: Vector = Field(description="[x, y], m")
+    heading: Number | None = Field(None, description="rad; null: free")
+    speed: NotNegative | None = Field(None, description="m/s; null: free")
+    radius: NotNegative = Field(0.0, description="anywhere this near to the position will do, m")
+
+
+class Bounds(Part):
+    """The box, along the axes, that the vehicle's disc stays inside."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.box_is_not_empty,)
+
+    min: Vector = Field(description="lower left corner [x, y], m")
+    max: Vector = Field(description="upper right corner [x, y], m")
+
+
+class ConfidenceLevel(StrEnum):
+    """What the probability is the probability of."""
+
+    PER_TIME = "per_time"
+    """One obstacle is in its zone at one time."""
+    PER_OBSTACLE = "per_obstacle"
+    """One obstacle is in its zone at all times of the trip."""
+    JOINT = "joint"
+    """All obstacles are in their zones at all times of the trip."""
+
+
+class Confidence(Part):
+    """How sure the zones of the estimated obstacles are to hold them."""
+
+    probability: Annotated[float, Field(strict=True, gt=0, lt=1)] = Field(
+        0.95, description="greater than 0 and less than 1"
+    )
+    level: ConfidenceLevel = ConfidenceLevel.JOINT
+
+
+class Disc(Part):
+    """A disc about the obstacle's centre."""
+
+    disc: Positive = Field(description="radius, m")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
+        return max(0.0, math.hypot(*point) - self.disc)
+
+
+class Rectangle(Part):
+    """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
+
+    rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
+        turned = planar.turned(point, -heading)
+        beyond = [max(0.0, abs(x) - 0.5 * side) for x, side in zip(turned, self.rectangle, strict=True)]
+        return math.hypot(*beyond)
+
+
+class PolygonShape(Part):
+    """A simple polygon; its vertices are relative to the obstacle's centre and do not turn with its heading."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.polygon_is_simple,)
+
+    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(
+        description="vertices [[x, y], ...], m"
+    )
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
+        return planar.distance_to_polygon(point, self.polygon)
+
+
+class Ellipse(Part):
+    """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
+
+    ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
+        return planar.distance_to_ellipse(planar.turned(point, -heading), *self.ellipse)
+
+
+_SHAPE_KEYS: dict[str, type[Part]] = {
+    "disc": Disc,
+    "rectangle": Rectangle,
+    "polygon": PolygonShape,
+    "ellipse": Ellipse,
+}
+
+
+def _shape_case(data: Any) -> str | None:
+    """Tell which shape is meant: the one with the given key, or else with a key spelt nearly so."""
+    if isinstance(data, Part):
+        return next((variant(key) for key, kind in _SHAPE_KEYS.items() if isinstance(data, kind)), None)
+    if not isinstance(data, Mapping):
+        return None
+    keys = [key for key in data if key in _SHAPE_KEYS] or [nearest(key, _SHAPE_KEYS) for key in data]
+    return variant(keys[0]) if keys and keys[0] else None
+
+
+Shape = Annotated[
+    Annotated[Disc, Tag(variant("disc"))]
+    | Annotated[Rectangle, Tag(variant("rectangle"))]
+    | Annotated[PolygonShape, Tag(variant("polygon"))]
+    | Annotated[Ellipse, Tag(variant("ellipse"))],
+    Discriminator(
+        _shape_case,
+        custom_error_type="shape",
+        custom_error_message=f"must be a mapping with one of the keys {', '.join(_SHAPE_KEYS)}",
+    ),
+]
+
+
+class Motion(Part):
+    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
+
+    position: Vector = Field(description="[x, y] at t = 0, m")
+    velocity: Vector = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
+    acceleration: Vector = Field((0.0, 0.0), description="[x, y], m/s2")
+
+
+def _covariance_case(data: Any) -> str:
+    """Tell one matrix from a list of matrices by what stands two brackets deep."""
+    try:
+        return variant("each" if isinstance(data[0][0], (list, tuple)) else "common")
+    except (TypeError, LookupError):
+        return variant("common")
+
+
+Covariance = Annotated[
+    Annotated[Matrix, Tag(variant("common"))] | Annotated[tuple[Matrix, ...], Tag(variant("each"))],
+    Discriminator(_covariance_case),
+]
+
+
+class Observations(Part):
+    """Noisy positions of one obstacle."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        scenario_checks.times_increase,
+        scenario_checks.one_position_a_time,
+        scenario_checks.covariance_is_one_or_each,
+        scenario_checks.covariance_is_definite,
+    )
+
+    time: tuple[Number, ...] = Field(description="s, increasing")
+    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+    covariance: Covariance | None = Field(
+        None,
+        description="of one observation [[xx, xy], [xy, yy]], or one such matrix for each, m2; null: estimated",
+    )
+
+
+class Model(Part):
+    """What the estimate takes for granted about the motion."""
+
+    order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
+        2, description="0 standing, 1 constant velocity, 2 constant acceleration"
+    )
+    prior: None = Field(None, description="null")
+
+
+class Obstacle(Part):
+    """Something to keep clear of: its shape, and either its motion or observations of it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"required": [key], "properties": {key: {"type": "object"}, other: {"type": "null"}}}
+                for key, other in (("motion", "observations"), ("observations", "motion"))
+            ]
+        }
+    )
+    rules: ClassVar[tuple[Rule, ...]] = (
+        scenario_checks.motion_or_observations,
+        scenario_checks.enough_observations,
+    )
+
+    id: Text = Field(description="text, unique")
+    shape: Shape = Field(description=f"{{one of {', '.join(_SHAPE_KEYS)}: size}}")
+    motion: Motion | None = Field(None, description="known exactly")
+    observations: Observations | None = Field(None, description="from which the motion is estimated")
+    model: Model = Field(Model(), description="of the motion to estimate")
+    margin: NotNegative = Field(0.0, description="extra clearance, m")
+
+
+class Scenario(Part):
+    """A trip to plan: `Scenario.load(path)`, or from its parts, each a model or a dictionary.
+
+    Raises
+    ------
+    ScenarioError
+        With every fault: the key's path, the value, and what is allowed.
+    """
+
+    model_config = ConfigDict(title="scp_planner scenario")
+    rules: ClassVar[tuple[Rule, ...]] = (
+        scenario_checks.version_is_known,
+        scenario_checks.goal_is_elsewhere,
+        scenario_checks.start_speed_is_allowed,
+        scenario_checks.goal_speed_is_allowed,
+        scenario_checks.start_acceleration_is_allowed,
+        scenario_checks.start_is_in_bounds,
+        scenario_checks.goal_is_in_bounds,
+        scenario_checks.guide_begins_at_start,
+        scenario_checks.guide_ends_at_goal,
+        scenario_checks.guide_moves_on,
+        scenario_checks.ids_are_unique,
+        scenario_checks.start_is_free,
+        scenario_checks.observations_are_past,
+    )
+
+    schema_: Annotated[int, Field(strict=True)] = Field(
+        1, alias="schema", description="version of this format: 1", json_schema_extra={"const": 1}
+    )
+    name: Text = Field("unnamed", description="text")
+    vehicle: Vehicle
+    start: Start
+    goal: Goal
+    guide: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
+        None,
+        description="polyline [[x, y], ...] from start to goal that the path is an offset of; null: straight",
+    )
+    bounds: Bounds | None = Field(None, description="box that the vehicle's disc stays inside; null: none")
+    confidence: Confidence = Confidence()
+    obstacles: tuple[Obstacle, ...] = ()
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a scenario from a YAML or JSON file.
+
+        Parameters
+        ----------
+        path
+            A file whose name ends in .yaml, .yml or .json.
+
+        Raises
+        ------
+        ScenarioError
+            With every fault of the file.
+        OSError
+            If the file cannot be read.
+        """
+        data, faults = files.read(path)
+        try:
+            scenario = cls.model_validate(data) if data is not None else None
+        except ValidationError as error:
+            faults = [*faults, *faults_of(error)]
+        if faults or scenario is None:
+            raise ScenarioError(str(path), faults)
+        return scenario
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the scenario so that `load` gives an equal one: floats keep every bit.
+
+        Parameters
+        ----------
+        path
+            A file whose name ends in .yaml, .yml or .json. It is replaced as a whole or not at all.
+        """
+        files.write(path, self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the contents of the scenario's file: dictionaries, lists, text, numbers and None."""
+        data = self.model_dump(mode="json", by_alias=True)
+        for obstacle in data["obstacles"]:
+            # An obstacle has one of the two; the file need not say that the other is null.
+            for key in ("motion", "observations"):
+                if obstacle[key] is None:
+                    del obstacle[key]
+        return data
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """Give the JSON schema (draft 2020-12) of the scenario file."""
+        schema = cls.model_json_schema(by_alias=True, mode="validation")
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

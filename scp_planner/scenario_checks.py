@@ -1,0 +1,267 @@
+"""How the fields of a scenario must fit together. Each rule looks at one part and yields what is wrong with it.
+
+A rule reads the fields that it needs; where one of them is faulty itself the rule ends there (see
+`scp_planner.validation`), so rules are small and independent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from scp_planner import planar
+from scp_planner.errors import MISSING
+from scp_planner.validation import Problem, Unknown
+
+SCHEMA_VERSION = 1
+
+SAME_PLACE = 1e-9
+"""Relative to the coordinates: two points nearer than this are one point."""
+
+SYMMETRY = 1e-9
+"""How far the off-diagonal entries of a covariance may differ, relative to its diagonal: rounding in a file."""
+
+DEFINITE = 1e-12
+"""Least determinant of a covariance relative to the product of its diagonal; below, it is singular to rounding."""
+
+AXES = ("x", "y")
+
+
+def version_is_known(scenario: Any) -> Iterator[Problem]:
+    """`schema` is a version that this package reads."""
+    if scenario.schema_ != SCHEMA_VERSION:
+        yield Problem(("schema",), scenario.schema_, f"must be {SCHEMA_VERSION}")
+
+
+def goal_is_elsewhere(scenario: Any) -> Iterator[Problem]:
+    """The goal, with its radius, does not hold the start."""
+    start, goal = scenario.start.position, scenario.goal.position
+    if _same(start, goal):
+        yield Problem(("goal", "position"), goal, "must not be the start's position")
+    elif math.dist(start, goal) <= scenario.goal.radius:
+        text = f"must be less than {math.dist(start, goal):g}, the distance from start to goal"
+        yield Problem(("goal", "radius"), scenario.goal.radius, text)
+
+
+def start_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
+    """The start's speed is within the vehicle's limit."""
+    yield from _speed("start", scenario.start.speed, scenario.vehicle.max_speed)
+
+
+def goal_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
+    """The goal's speed is within the vehicle's limit."""
+    if scenario.goal.speed is not None:
+        yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
+
+
+def start_acceleration_is_allowed(scenario: Any) -> Iterator[Problem]:
+    """The start's acceleration is within the vehicle's limits."""
+    value, vehicle = scenario.start.acceleration, scenario.vehicle
+    if value is not None and not -vehicle.max_deceleration <= value <= vehicle.max_acceleration:
+        allowed = f"[{-vehicle.max_deceleration:g}, {vehicle.max_acceleration:g}]"
+        yield Problem(("start", "acceleration"), value, f"must be in {allowed}, the vehicle's limits in m/s2")
+
+
+def box_is_not_empty(bounds: Any) -> Iterator[Problem]:
+    """The upper corner lies above and to the right of the lower one."""
+    for i, axis in enumerate(AXES):
+        if bounds.max[i] <= bounds.min[i]:
+            yield Problem(
+                ("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}"
+            )
+
+
+def start_is_in_bounds(scenario: Any) -> Iterator[Problem]:
+    """The vehicle's disc at the start lies in the bounds."""
+    yield from _in_bounds("start", scenario)
+
+
+def goal_is_in_bounds(scenario: Any) -> Iterator[Problem]:
+    """The vehicle's disc at the goal lies in the bounds."""
+    yield from _in_bounds("goal", scenario)
+
+
+def guide_begins_at_start(scenario: Any) -> Iterator[Problem]:
+    """The first point of the guide is the start."""
+    if scenario.guide is not None and not _same(scenario.guide[0], scenario.start.position):
+        text = f"must be start.position, {list(scenario.start.position)}"
+        yield Problem(("guide", 0), scenario.guide[0], text)
+
+
+def guide_ends_at_goal(scenario: Any) -> Iterator[Problem]:
+    """The last point of the guide is the goal."""
+    if scenario.guide is not None and not _same(scenario.guide[-1], scenario.goal.position):
+        text = f"must be goal.position, {list(scenario.goal.position)}"
+        yield Problem(("guide", len(scenario.guide) - 1), scenario.guide[-1], text)
+
+
+def guide_moves_on(scenario: Any) -> Iterator[Problem]:
+    """No point of the guide is repeated at once."""
+    guide = scenario.guide or ()
+    for i in range(1, len(guide)):
+        if _same(guide[i - 1], guide[i]):
+            yield Problem(("guide", i), guide[i], "must differ from the point before it")
+
+
+def ids_are_unique(scenario: Any) -> Iterator[Problem]:
+    """No two obstacles have the same id."""
+    first: dict[str, int] = {}
+    for i, obstacle in enumerate(scenario.obstacles):
+        name = _known(obstacle, "id")
+        if name is not None and first.setdefault(name, i) != i:
+            yield Problem(
+                ("obstacles", i, "id"), name, f"must be unique; obstacles[{first[name]}] has it too"
+            )
+
+
+def start_is_free(scenario: Any) -> Iterator[Problem]:
+    """At the start's time the vehicle's disc does not touch an obstacle whose place then is known exactly."""
+    radius, start = scenario.vehicle.radius, scenario.start
+    for i, obstacle in enumerate(scenario.obstacles):
+        motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
+        if motion is None or shape is None:
+            continue  # observed, or faulty
+        try:
+            distance = shape.distance(*_from_centre(start.position, motion, start.time))
+        except Unknown:
+            continue
+        if distance < radius:
+            text = f"must be at least the vehicle's radius, {radius:g} m, from obstacles[{i}], not {distance:.6g} m"
+            yield Problem(("start", "position"), start.position, text)
+
+
+def observations_are_past(scenario: Any) -> Iterator[Problem]:
+    """Nothing has been observed after the start."""
+    start = scenario.start.time
+    for i, obstacle in enumerate(scenario.obstacles):
+        times = _known(obstacle, "observations", "time") or ()
+        late = next((k for k, time in enumerate(times) if time > start), None)
+        if late is not None:
+            path = ("obstacles", i, "observations", "time", late)
+            yield Problem(path, times[late], f"must not be later than start.time, {start:g} s")
+
+
+def motion_or_observations(obstacle: Any) -> Iterator[Problem]:
+    """An obstacle has one of the two."""
+    # A faulty one is there all the same: what is left of it is not None.
+    motion, observations = obstacle.motion, obstacle.observations
+    if motion is not None and observations is not None:
+        yield Problem(("observations",), observations, "must be left out where motion is given")
+    elif motion is None and observations is None:
+        yield Problem(("motion",), MISSING, "missing; either motion or observations must be given")
+
+
+def enough_observations(obstacle: Any) -> Iterator[Problem]:
+    """There are enough observations for the model's order, and for the covariance if it is to be estimated."""
+    if obstacle.observations is None:
+        return
+    order, count = obstacle.model.order, len(obstacle.observations.time)
+    # order + 1 coefficients. The quantile F(2, n - order - 2) and an invertible 2 x 2 estimate of the covariance need
+    # two degrees of freedom more.
+    estimated = obstacle.observations.covariance is None
+    least = order + 3 if estimated else order + 1
+    if count < least:
+        why = "the covariance to be estimated (null)" if estimated else "a known covariance"
+        text = f"too few: order {order} and {why} need at least {least} observations, not {count}"
+        yield Problem(("observations", "time"), obstacle.observations.time, text)
+
+
+def times_increase(observations: Any) -> Iterator[Problem]:
+    """Each observation is later than the one before."""
+    times = observations.time
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            yield Problem(("time", i), times[i], f"must be later than the time before it, {times[i - 1]!r} s")
+
+
+def one_position_a_time(observations: Any) -> Iterator[Problem]:
+    """There are as many positions as times."""
+    count = len(observations.time)
+    if len(observations.position) != count:
+        text = f"must have as many entries as time, {count}, not {len(observations.position)}"
+        yield Problem(("position",), observations.position, text)
+
+
+def covariance_is_one_or_each(observations: Any) -> Iterator[Problem]:
+    """There is one covariance, or as many as times."""
+    covariance = observations.covariance
+    if covariance is None or not _is_list_of_matrices(covariance):
+        return
+    count = len(observations.time)
+    if len(covariance) != count:
+        text = f"must be one matrix or as many as time has entries, {count}, not {len(covariance)}"
+        yield Problem(("covariance",), covariance, text)
+
+
+def covariance_is_definite(observations: Any) -> Iterator[Problem]:
+    """Each covariance is symmetric and positive definite."""
+    covariance = observations.covariance
+    if covariance is None:
+        return
+    each = _is_list_of_matrices(covariance)
+    for i, matrix in enumerate(covariance if each else [covariance]):
+        (xx, xy), (yx, yy) = matrix
+        path = ("covariance", i) if each else ("covariance",)
+        scale = math.sqrt(max(xx, 0.0)) * math.sqrt(max(yy, 0.0))
+        if abs(xy - yx) > SYMMETRY * scale and xy != yx:
+            yield Problem(path, matrix, "must be symmetric")
+        elif not (scale > 0 and (xy / scale) ** 2 < 1 - DEFINITE):
+            yield Problem(path, matrix, "must be positive definite")
+
+
+def polygon_is_simple(shape: Any) -> Iterator[Problem]:
+    """The polygon's edges bound one area and meet only at its vertices."""
+    vertices = shape.polygon
+    repeated = [i for i, vertex in enumerate(vertices) if vertex == vertices[i - 1]]
+    for i in repeated:
+        yield Problem(("polygon", i), vertices[i], "must differ from the vertex before it")
+    if repeated:
+        return
+    extent = max(math.dist(vertices[0], vertex) for vertex in vertices)
+    if abs(planar.area(vertices)) <= SAME_PLACE * extent**2:
+        yield Problem(("polygon",), vertices, "must have an area greater than 0")
+    elif crossing := planar.first_crossing(vertices):
+        text = f"must not cross or touch itself; the edges after vertices {crossing[0]} and {crossing[1]} do"
+        yield Problem(("polygon",), vertices, text)
+
+
+def _speed(place: str, speed: float, limit: float) -> Iterator[Problem]:
+    if speed > limit:
+        yield Problem((place, "speed"), speed, f"must be at most vehicle.max_speed, {limit:g} m/s")
+
+
+def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
+    if scenario.bounds is None:
+        return
+    position, radius = getattr(scenario, place).position, scenario.vehicle.radius
+    for i, axis in enumerate(AXES):
+        low, high = scenario.bounds.min[i] + radius, scenario.bounds.max[i] - radius
+        if not low <= position[i] <= high:
+            text = f"must have its {axis} in [{low:g}, {high:g}]: the vehicle's disc stays inside the bounds"
+            yield Problem((place, "position"), position, text)
+
+
+def _is_list_of_matrices(covariance: Any) -> bool:
+    return not isinstance(covariance[0][0], float) if covariance else True
+
+
+def _same(p: planar.Point, q: planar.Point) -> bool:
+    return math.dist(p, q) <= SAME_PLACE * max(1.0, *map(abs, p), *map(abs, q))
+
+
+def _known(part: Any, *names: str) -> Any:
+    """Walk down to a field; None if it is null or faulty or lies in something that is."""
+    for name in names:
+        part = None if part is None else vars(part).get(name)
+    return part
+
+
+def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.Point, float]:
+    """Express a point relative to a moving obstacle's centre, and give the obstacle's heading in rad."""
+    x, y = (
+        p - (c + v * time + 0.5 * a * time**2)
+        for p, c, v, a in zip(point, motion.position, motion.velocity, motion.acceleration, strict=True)
+    )
+    vx, vy = (v + a * time for v, a in zip(motion.velocity, motion.acceleration, strict=True))
+    return (x, y), math.atan2(vy, vx)
