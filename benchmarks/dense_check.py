@@ -1,23 +1,23 @@
 """Independent check of any trip: is it where it says, as slow as it must be, and outside every obstacle?
 
-The check shares no mathematics with the planner. All that it takes is a function of time to position; speed,
-acceleration, curvature and heading come from differences of 20,001 positions, clearances from the distances to
-each obstacle at the same times.
+The check shares no mathematics with the planner. All that it takes is a function of time to position;
+speed, acceleration, curvature and heading come from differences of 20,001 positions, clearances from the
+distances to each obstacle at the same times.
 
 What the differences can and cannot see
 ---------------------------------------
-- **Speed** is a chord of about 1 ms divided by its duration. A chord is never longer than its arc, so this is at
-  most the exact mean speed over the chord: an exact trip is never refused for rounding up. It falls short by a
-  share of (turn rate * 1 ms)^2 / 24, below 1e-6 at 5 rad/s.
-- **Acceleration along the path** is the difference of two such speeds about 4 ms apart: a weighted mean of the
-  exact acceleration over 5 ms, plus less than 1e-4 m/s2 from the chords. A jump is seen as a ramp, never as more
-  than it is.
-- **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted mean
-  over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps or stops. A
-  corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
+- **Speed** is a chord of about 1 ms divided by its duration. A chord is never longer than its arc, so this
+  is at most the exact mean speed over the chord: an exact trip is never refused for rounding up. It falls
+  short by a share of (turn rate * 1 ms)^2 / 24, below 1e-6 at 5 rad/s.
+- **Acceleration along the path** is the difference of two such speeds about 4 ms apart: a weighted mean of
+  the exact acceleration over 5 ms, plus less than 1e-4 m/s2 from the chords. A jump is seen as a ramp,
+  never as more than it is.
+- **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted
+  mean over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps
+  or stops. A corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
 - **Lateral acceleration** is that curvature times the square of the mean speed over the same two chords.
-- **Clearance** between two samples h apart is overlooked by at most c'' h^2 / 8; with relative speed 6 m/s around
-  a disc of 0.5 m and h = 0.4 ms this is 1.4e-6 m.
+- **Clearance** between two samples h apart is overlooked by at most c'' h^2 / 8; with relative speed 6 m/s
+  around a disc of 0.5 m and h = 0.4 ms this is 1.4e-6 m.
 
 A position that carries rounding or inversion errors of e metres along the path disturbs the acceleration by
 4 e / (1 ms * 4 ms) = 1e6 e: the tolerance of 5e-4 m/s2 allows e = 5e-10 m.
@@ -50,8 +50,8 @@ REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth compa
 class Tolerances:
     """How far a limit may be exceeded; the defaults cover the errors of the differences, given above.
 
-    ``clearance`` is about twice what is overlooked between samples; ``heading`` is the error of extrapolating the
-    first two chords to the first point where curvature changes by 10 /m2.
+    ``clearance`` is about twice what is overlooked between samples; ``heading`` is the error of extrapolating
+    the first two chords to the first point where curvature changes by 10 /m2.
     """
 
     clearance: float = 3e-6  # m
