@@ -1,0 +1,44 @@
+"""Constraints of a trip: each gives Jacobian rows of its linearisation, with labels.
+
+A row (J, gap) of a step z = (d theta, d beta, rho) stands for J z <= gap. Here d theta are the free control points of
+the offset (m), beta + d beta = b / tau_k^2 those of the acceleration (m/s^2) and rho = (tau - tau_k) / tau_k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Linearised constraints J z <= gap.
+
+    Attributes
+    ----------
+    matrix : (m, n) array
+        J, over the free control points of the offset, those of the acceleration, and rho.
+    gap : (m,) array
+        What is left, in the constraint's own unit; negative where it is violated.
+    group : (m,) array of int
+        Index of the violation in the merit that the row belongs to.
+    """
+
+    matrix: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    group: NDArray[np.intp]
+
+    @classmethod
+    def stack(cls, parts: list[Rows]) -> Rows:
+        """Return the rows of several constraints as one."""
+        return cls(
+            np.concatenate([part.matrix for part in parts]),
+            np.concatenate([part.gap for part in parts]),
+            np.concatenate([part.group for part in parts]),
+        )
+
+    def take(self, mask: NDArray[np.bool_]) -> Rows:
+        """Return some of the rows."""
+        return Rows(self.matrix[mask], self.gap[mask], self.group[mask])

@@ -1,0 +1,109 @@
+"""Signed distance from points to ellipses, vectorised.
+
+An ellipse {z : z' C^-1 z <= 1} has support h(nu) = sqrt(nu' C nu); the signed distance of a point d is the largest
+of nu.d - h(nu) over unit vectors nu, negative inside. Any nu gives a lower bound, so an inexact nu errs to the safe side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MAX_NEWTON_STEPS = 30
+NEWTON_TOLERANCE = 1e-13
+CENTRE_GUARD = 1e-9  # of the smaller half axis: keeps the normal defined on the axes of symmetry
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Signed distances and where they are attained.
+
+    Attributes
+    ----------
+    distance : (n,) array
+        Signed distance in m, negative inside.
+    normal : (n, 2) array
+        Unit vector from the set towards the point at which the support function is touched.
+    """
+
+    distance: Array
+    normal: Array
+
+
+def support(covariance: Array, normal: Array) -> Array:
+    """Support function sqrt(nu' C nu).
+
+    Parameters
+    ----------
+    covariance : (..., 3) array
+        (xx, xy, yy) of C, m^2.
+    normal : (..., 2) array
+        Unit vectors.
+
+    Returns
+    -------
+    (...) array
+        m.
+    """
+    x, y = normal[..., 0], normal[..., 1]
+    quadratic = covariance[..., 0] * x * x + 2.0 * covariance[..., 1] * x * y + covariance[..., 2] * y * y
+    return np.sqrt(np.maximum(quadratic, 0.0))
+
+
+def ellipse_contact(offset: Array, covariance: Array) -> Contact:
+    """Exact signed distance from points to ellipses around the origin.
+
+    The closest boundary point solves a^2 y0^2 / (s + a^2)^2 + b^2 y1^2 / (s + b^2)^2 = 1 in the principal axes
+    (Eberly, "Distance from a point to an ellipse"); the left side is convex and decreasing for s > -b^2, so Newton's method
+    from its left bound converges monotonically.
+
+    Parameters
+    ----------
+    offset : (n, 2) array
+        Points relative to the ellipses' centres, m.
+    covariance : (n, 3) array
+        (xx, xy, yy), positive definite, m^2.
+
+    Returns
+    -------
+    Contact
+    """
+    mean = 0.5 * (covariance[:, 0] + covariance[:, 2])
+    difference = 0.5 * (covariance[:, 0] - covariance[:, 2])
+    radius = np.hypot(difference, covariance[:, 1])
+    major = mean + radius
+    minor = np.maximum(mean - radius, 1e-18 * major + 1e-300)
+    angle = 0.5 * np.arctan2(covariance[:, 1], difference)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    along = cosine * offset[:, 0] + sine * offset[:, 1]
+    across = cosine * offset[:, 1] - sine * offset[:, 0]
+    half_minor = np.sqrt(minor)
+    half_major = np.sqrt(major)
+    y0 = np.maximum(np.abs(along), CENTRE_GUARD * half_minor)
+    y1 = np.maximum(np.abs(across), CENTRE_GUARD * half_minor)
+    u, w = half_major * y0, half_minor * y1
+    # shift = s + minor, so that nothing cancels near the pole
+    gap = major - minor
+    shift = np.maximum(w, u - gap)
+    for _ in range(MAX_NEWTON_STEPS):
+        p = u / (shift + gap)
+        q = w / shift
+        residual = p * p + q * q - 1.0
+        step = 0.5 * residual / (p * p / (shift + gap) + q * q / shift)
+        shift = shift + np.maximum(step, 0.0)
+        if np.all(step <= NEWTON_TOLERANCE * shift):
+            break
+    first = np.copysign(y0 / (shift + gap), along)
+    second = np.copysign(y1 / shift, across)
+    scale = 1.0 / np.hypot(first, second)
+    first *= scale
+    second *= scale
+    normal = np.empty_like(offset)
+    normal[:, 0] = cosine * first - sine * second
+    normal[:, 1] = sine * first + cosine * second
+    distance = normal[:, 0] * offset[:, 0] + normal[:, 1] * offset[:, 1] - support(covariance, normal)
+    return Contact(distance, normal)

@@ -1,0 +1,7 @@
+"""Solvers for the convex subproblem, behind one function."""
+
+from __future__ import annotations
+
+from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+
+__all__ = ["QpSolver", "QuadraticProgram", "Solution", "SolverStatus", "solver_named"]

@@ -1,0 +1,101 @@
+"""One quadratic program, one function, one small vocabulary of outcomes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class SolverStatus(Enum):
+    """What came of a quadratic program."""
+
+    OPTIMAL = "optimal"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+@dataclass
+class QuadraticProgram:
+    """minimise x'Hx/2 + f'x subject to lower <= x <= upper, A x <= b, with the first rows of A equalities.
+
+    Attributes
+    ----------
+    hessian : (n, n) array
+        Positive definite.
+    gradient : (n,) array
+    lower, upper : (n,) arrays
+    matrix : (m, n) array
+    bound : (m,) array
+    equalities : int
+        Number of leading rows that hold with equality.
+    active : (n + m,) array of int or None
+        Warm start: -1 at the lower bound, +1 at the upper bound or on the row, 0 inactive.
+    """
+
+    hessian: Array
+    gradient: Array
+    lower: Array
+    upper: Array
+    matrix: Array
+    bound: Array
+    equalities: int
+    active: NDArray[np.int8] | None = None
+
+
+@dataclass(frozen=True)
+class Solution:
+    """An answer to a quadratic program.
+
+    Attributes
+    ----------
+    status : SolverStatus
+    x : (n,) array
+        Meaningful only when the status is OPTIMAL.
+    multipliers : (n + m,) array
+        Of the bounds (negative at a lower one), then of the rows.
+    """
+
+    status: SolverStatus
+    x: Array
+    multipliers: Array
+
+
+class QpSolver(Protocol):
+    """A solver of quadratic programs. It may keep memory between calls, but the answer may not depend on it."""
+
+    name: str
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        """Solve one quadratic program."""
+        ...
+
+
+SOLVERS = {
+    "daqp": "scp_planner.solvers.daqp_solver:DaqpSolver",
+    "clarabel": "scp_planner.solvers.clarabel_solver:ClarabelSolver",
+    "osqp": "scp_planner.solvers.osqp_solver:OsqpSolver",
+    "cvxpy": "scp_planner.solvers.cvxpy_solver:CvxpySolver",
+}
+
+
+def solver_named(name: str) -> QpSolver:
+    """Return a new solver by its name; the package behind it is imported only now.
+
+    Raises
+    ------
+    ValueError
+        If no solver has that name.
+    """
+    if name not in SOLVERS:
+        raise ValueError(f"solver: no solver is named {name!r}; there are {', '.join(SOLVERS)}")
+    module, attribute = SOLVERS[name].split(":")
+    factory: Callable[[], QpSolver] = getattr(import_module(module), attribute)
+    return factory()

@@ -1,0 +1,137 @@
+"""One linearisation of the trip as a convex quadratic program.
+
+Variables: the step z = (d theta, d beta, rho) and one slack for each violation that has rows. The objective is
+tau_k rho + sum mu s + the curvature of the arc length (convex, weighted by the multiplier of arrival) + a small proximal term.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.constraints import Rows
+from scp_planner.constraints.kinematics import KinematicRows
+from scp_planner.problem import Problem
+from scp_planner.solvers.interface import QuadraticProgram
+from scp_planner.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+PROXIMAL_OFFSET = 1e-3  # s/m^2 on steps of the offset's control points
+PROXIMAL_ACCELERATION = 1e-3  # s/(m/s^2)^2
+PROXIMAL_TIME = 1e-3  # s, on the relative step of the travel time
+SLACK_CURVATURE = 1e-3
+MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arrival
+
+
+@dataclass(frozen=True)
+class TrustRegion:
+    """Largest steps: of the offset's control points (m), the acceleration's (m/s^2), and the relative travel time."""
+
+    theta: float
+    beta: float
+    rho: float
+
+    def scaled(self, factor: float) -> TrustRegion:
+        """Return the region with all radii multiplied."""
+        return TrustRegion(self.theta * factor, self.beta * factor, self.rho * factor)
+
+
+@dataclass(frozen=True)
+class Subproblem:
+    """A quadratic program and how its variables are laid out.
+
+    Attributes
+    ----------
+    program : QuadraticProgram
+    step_size : int
+        Number of variables of the step; the slacks follow.
+    groups : (g,) array of int
+        Violation that each slack belongs to.
+    """
+
+    program: QuadraticProgram
+    step_size: int
+    groups: NDArray[np.intp]
+
+
+def build_subproblem(
+    problem: Problem,
+    kinematics: KinematicRows,
+    trajectory: Trajectory,
+    rows: Rows,
+    weights: Array,
+    trust: TrustRegion,
+) -> Subproblem:
+    """Build the quadratic program of a step from a trip.
+
+    Parameters
+    ----------
+    problem : Problem
+    kinematics : KinematicRows
+    trajectory : Trajectory
+    rows : Rows
+        Linearised constraints that may be violated at a price.
+    weights : (G,) array
+        Price of each violation, s.
+    trust : TrustRegion
+    """
+    groups, slack = np.unique(rows.group, return_inverse=True)
+    hard, bound = kinematics.at(trajectory)
+    size = hard.shape[1]
+    count = len(groups)
+    total = size + count
+    matrix = np.zeros((len(hard) + len(rows.gap), total))
+    matrix[: len(hard), :size] = hard
+    matrix[len(hard) :, :size] = rows.matrix
+    matrix[np.arange(len(hard), len(matrix)), size + slack] = -1.0
+
+    hessian = np.zeros((total, total))
+    free = problem.ends.free
+    theta = free.stop - free.start
+    hessian[:theta, :theta] = _arc_length_hessian(problem, trajectory)[free, free]
+    diagonal = np.empty(total)
+    diagonal[:theta] = PROXIMAL_OFFSET
+    diagonal[theta : size - 1] = PROXIMAL_ACCELERATION
+    diagonal[size - 1] = PROXIMAL_TIME
+    diagonal[size:] = SLACK_CURVATURE
+    hessian.flat[:: total + 1] += diagonal
+
+    gradient = np.zeros(total)
+    gradient[size - 1] = trajectory.travel_time
+    gradient[size:] = weights[groups]
+
+    lower, upper = np.empty(total), np.empty(total)
+    offsets = trajectory.theta[free]
+    reach = problem.settings.max_offset
+    upper[:theta] = np.minimum(trust.theta, reach - offsets)
+    lower[:theta] = np.maximum(-trust.theta, -reach - offsets)
+    upper[theta : size - 1] = trust.beta
+    lower[theta : size - 1] = -trust.beta
+    upper[size - 1] = trust.rho
+    lower[size - 1] = -trust.rho
+    upper[size:] = 1e6
+    lower[size:] = 0.0
+    return Subproblem(
+        QuadraticProgram(
+            hessian, gradient, lower, upper, matrix, np.concatenate([bound, rows.gap]), kinematics.equalities
+        ),
+        size,
+        groups,
+    )
+
+
+def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:
+    """Second derivative of the arc length, times the multiplier of arrival, (K1, K1)."""
+    space, path = problem.space, trajectory.path
+    tables = space.tables
+    cells = space.length / tables.cells
+    weights = (np.tile(tables.weights, tables.cells) * cells) / (path.node_speed**3 * space.length**2)
+    if path.node_stretch is not None:
+        weights = weights * path.node_stretch**2
+    final = space.start_speed + trajectory.travel_time * float(tables.final_speed @ trajectory.beta)
+    multiplier = 1.0 / max(final, MULTIPLIER_SPEED * problem.limits.speed)
+    slopes = tables.node_slopes
+    return (slopes * (multiplier * weights)[:, None]).T @ slopes

@@ -1,0 +1,450 @@
+"""The trip: two splines and one number, and everything that follows from them in closed form.
+
+Path. Over a guide g(s) with unit normal n(s), r(s) = g(s) + f(s) n(s) with the offset f a clamped B-spline with control
+points theta. With p = 1 - k f (k the guide's curvature), r' = p T + f' n.
+
+Motion. The acceleration along the path is a B-spline with control points beta in normalised time
+sigma = t / tau, so with b = tau^2 beta the speed and the distance driven are
+
+    v(sigma) = v0 + C1(sigma) b / tau,        D(sigma) = v0 tau sigma + C2(sigma) b,
+
+C1 and C2 the first and second antiderivatives of the basis: no quadrature. The vehicle arrives when D(1) = L(theta).
+The position at time t is r(s) with S(s; theta) = D, S the arc length of the path up to station s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.guide import Guide
+from scp_planner.splines import (
+    PiecewiseBasis,
+    antiderivative_control_points,
+    clamped_basis,
+    evaluate,
+)
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+QUADRATURE_ORDER = 5  # Gauss nodes a cell; the arc length is a polynomial of this degree inside a cell
+CELLS_PER_SPAN = 3
+NEWTON_STEPS = 3  # from a linear guess inside a cell, where the speed |r'| varies by a few per cent
+
+
+@dataclass(frozen=True)
+class TimeTable:
+    """Rows of the acceleration basis and its antiderivatives at fixed normalised times.
+
+    Attributes
+    ----------
+    sigma : (n,) array
+        Normalised times in [0, 1].
+    acceleration, speed, distance : (n, K2) arrays
+        The basis C0, its antiderivative C1 and its second antiderivative C2.
+    """
+
+    sigma: Array
+    acceleration: Array
+    speed: Array
+    distance: Array
+
+    def take(self, index: Index) -> TimeTable:
+        """Return the table of some of the times."""
+        return TimeTable(self.sigma[index], self.acceleration[index], self.speed[index], self.distance[index])
+
+
+@lru_cache(maxsize=64)
+def _gauss_cell(order: int) -> tuple[Array, Array]:
+    """Gauss nodes on [0, 1], and the matrix from node values to the coefficients of the antiderivative.
+
+    The coefficients are those of x, x^2, ... x^order of the interpolating polynomial's integral from 0.
+    """
+    nodes, _ = np.polynomial.legendre.leggauss(order)
+    nodes = 0.5 * (nodes + 1.0)
+    interpolation = np.linalg.inv(np.vander(nodes, order, increasing=True))
+    return nodes, interpolation / np.arange(1, order + 1)[:, None]
+
+
+class TripSpace:
+    """The set of trips with given splines over a given guide: all that stays the same from step to step.
+
+    Parameters
+    ----------
+    guide : Guide
+    start_speed : float
+        v0 in m/s.
+    path_degree, path_spans : int
+        B-spline of the offset, on equal spans of the guide.
+    acceleration_degree : int
+        0 (piecewise constant) to 2.
+    acceleration_breakpoints : tuple of float
+        In normalised time, from 0 to 1.
+    """
+
+    def __init__(
+        self,
+        guide: Guide,
+        start_speed: float,
+        path_degree: int,
+        path_spans: int,
+        acceleration_degree: int,
+        acceleration_breakpoints: tuple[float, ...],
+    ) -> None:
+        self.guide = guide
+        self.length = guide.length
+        self.start_speed = float(start_speed)
+        self.tables = _tables(
+            path_degree, path_spans, acceleration_degree, tuple(float(s) for s in acceleration_breakpoints)
+        )
+        self.path = self.tables.path
+        self.acceleration = self.tables.acceleration
+        self.frame = None if guide.straight else guide.frame(self.tables.node_parameters * self.length)
+
+    @property
+    def path_size(self) -> int:
+        """Number K1 of control points of the offset."""
+        return self.path.size
+
+    @property
+    def acceleration_size(self) -> int:
+        """Number K2 of control points of the acceleration."""
+        return self.acceleration.size
+
+    def time_table(self, sigma: Array) -> TimeTable:
+        """Return the rows of the acceleration bases at normalised times, (n,)."""
+        return self.tables.time_table(sigma)
+
+    def travel_time(self, arc_length: float, beta: Array) -> float:
+        """Closed form of the travel time ([ZS] section 2).
+
+        The larger root of v0 tau + A tau^2 = L in the form that loses no digits,
+        tau = 2 L / (v0 + sqrt(v0^2 + 4 A L)), A = C2(1) beta.
+
+        Returns
+        -------
+        float
+            Seconds; inf where the vehicle never arrives.
+        """
+        gain = float(self.tables.final_distance @ beta)
+        discriminant = self.start_speed**2 + 4.0 * gain * arc_length
+        if discriminant < 0.0:
+            return float("inf")
+        denominator = self.start_speed + sqrt(discriminant)
+        return 2.0 * arc_length / denominator if denominator > 0.0 else float("inf")
+
+    def trajectory(self, theta: Array, beta: Array) -> Trajectory:
+        """Return the trip with these control points (offsets in m, accelerations in m/s^2), its travel time closed-form."""
+        path = Path(self, theta)
+        return Trajectory(path, np.asarray(beta, dtype=float), self.travel_time(path.arc_length, beta))
+
+
+class _Tables:
+    """What depends on the splines only, not on guide or vehicle: shared between all plans of a process."""
+
+    def __init__(
+        self, path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]
+    ) -> None:
+        self.path = clamped_basis(path_degree, tuple(float(s) for s in np.linspace(0.0, 1.0, path_spans + 1)))
+        self.acceleration: PiecewiseBasis = clamped_basis(acceleration_degree, breakpoints)
+        self.speed_control = antiderivative_control_points(acceleration_degree, breakpoints)
+        self.cells = path_spans * CELLS_PER_SPAN
+        nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
+        self.weights = self.antiderivative.sum(axis=0)
+        self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
+        self.node_rows = self.path.rows(self.node_parameters)
+        self.node_slopes = self.path.derivative.rows(self.node_parameters)
+        self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
+        self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
+
+    def time_table(self, sigma: Array) -> TimeTable:
+        sigma = np.asarray(sigma, dtype=float)
+        span, x = self.acceleration.locate(sigma)
+        speed = self.acceleration.antiderivative
+        return TimeTable(
+            sigma,
+            self.acceleration.rows_at(span, x),
+            speed.rows_at(span, x),
+            speed.antiderivative.rows_at(span, x),
+        )
+
+
+@lru_cache(maxsize=32)
+def _tables(
+    path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]
+) -> _Tables:
+    return _Tables(path_degree, path_spans, acceleration_degree, breakpoints)
+
+
+@dataclass(frozen=True)
+class PathPoints:
+    """A path at n stations.
+
+    Attributes
+    ----------
+    span, local : (n,) arrays
+        Where the stations lie in the offset's basis.
+    station, offset, slope : (n,) arrays
+        s in m; f(s) in m; f'(s).
+    stretch : (n,) array
+        p = 1 - k f, the tangential part of r'.
+    position, direction, normal : (n, 2) arrays
+        r in m; r' (not normalised); the guide's normal.
+    speed : (n,) array
+        |r'|.
+    """
+
+    span: Index
+    local: Array
+    station: Array
+    offset: Array
+    slope: Array
+    stretch: Array
+    position: Array
+    direction: Array
+    normal: Array
+    speed: Array
+
+
+@dataclass(frozen=True)
+class PathBend:
+    """Curvature of a path at n stations and how it depends on the offset.
+
+    ``d curvature = value d f + slope d f' + bend d f''`` at a fixed station.
+    """
+
+    curvature: Array
+    value: Array
+    slope: Array
+    bend: Array
+
+
+class Path:
+    """One path of a :class:`TripSpace`: where, without when.
+
+    Parameters
+    ----------
+    space : TripSpace
+    theta : (K1,) array
+        Control points of the offset, m.
+    """
+
+    def __init__(self, space: TripSpace, theta: Array) -> None:
+        self.space = space
+        self.theta = np.asarray(theta, dtype=float)
+        tables = space.tables
+        self._slope = tables.node_slopes @ self.theta
+        self._slope *= 1.0 / space.length
+        if space.frame is None:
+            self.node_stretch = None
+            speed = np.sqrt(1.0 + self._slope * self._slope)
+        else:
+            self.node_stretch = 1.0 - space.frame.curvature * (tables.node_rows @ self.theta)
+            speed = np.sqrt(self.node_stretch**2 + self._slope**2)
+        self.node_speed = speed
+        cell = space.length / tables.cells
+        self._cells = (speed.reshape(tables.cells, QUADRATURE_ORDER) * cell) @ tables.antiderivative.T
+        self._until = np.zeros(tables.cells + 1)
+        np.cumsum(self._cells.sum(axis=1), out=self._until[1:])
+        self.arc_length = float(self._until[-1])
+
+    def arc_length_at(self, parameters: Array) -> Array:
+        """Arc length S up to normalised stations s / length, (n,), in m."""
+        scaled = np.clip(np.asarray(parameters, dtype=float), 0.0, 1.0) * self.space.tables.cells
+        cell = np.minimum(scaled.astype(np.intp), self.space.tables.cells - 1)
+        x = scaled - cell
+        return self._until[cell] + x * evaluate(self._cells, cell, x)
+
+    def parameter_at(self, distance: Array) -> Array:
+        """Normalised station s / length where the arc length equals ``distance``, (n,) m; clamped at the ends."""
+        distance = np.minimum(np.maximum(distance, 0.0), self.arc_length)
+        cell = np.searchsorted(self._until, distance, "right") - 1
+        np.minimum(cell, self.space.tables.cells - 1, out=cell)
+        target = distance - self._until[cell]
+        local = self._cells[cell]
+        x = target / (self._until[cell + 1] - self._until[cell])
+        for _ in range(NEWTON_STEPS):
+            value = local[:, -1].copy()
+            slope = value.copy()
+            for power in range(QUADRATURE_ORDER - 2, -1, -1):
+                value *= x
+                value += local[:, power]
+                slope *= x
+                slope += value
+            # value is the polynomial over x, and slope the derivative of value * x
+            x -= (value * x - target) / slope
+        return (cell + x) / self.space.tables.cells
+
+    def arc_length_gradient(self, parameters: Array) -> Array:
+        """Derivative of the arc length up to normalised stations with respect to theta, (n, K1)."""
+        tables = self.space.tables
+        scaled = np.minimum(np.maximum(parameters, 0.0), 1.0) * tables.cells
+        cell = np.minimum(scaled.astype(np.intp), tables.cells - 1)
+        x = scaled - cell
+        powers = x[:, None] ** np.arange(1, QUADRATURE_ORDER + 1)
+        weights = powers @ tables.antiderivative
+        until, nodes = self._gradients
+        return until[cell] + np.matmul(weights[:, None, :], nodes[cell])[:, 0, :]
+
+    @cached_property
+    def final_gradient(self) -> Array:
+        """Derivative of the arc length with respect to theta, (K1,)."""
+        gradient: Array = self._gradients[0][-1]
+        return gradient
+
+    @cached_property
+    def _gradients(self) -> tuple[Array, Array]:
+        """d S / d theta at the ends of cells, and d |r'| / d theta at the nodes of each cell, times its width."""
+        space, tables = self.space, self.space.tables
+        rate = (self._slope / (self.node_speed * tables.cells))[:, None] * tables.node_slopes
+        if space.frame is not None and self.node_stretch is not None:
+            factor = -self.node_stretch * space.frame.curvature / self.node_speed * (space.length / tables.cells)
+            rate += factor[:, None] * tables.node_rows
+        nodes = rate.reshape(tables.cells, QUADRATURE_ORDER, -1)
+        until = np.zeros((tables.cells + 1, space.path_size))
+        np.cumsum(np.matmul(tables.weights, nodes), axis=0, out=until[1:])
+        return until, nodes
+
+    @cached_property
+    def _offset(self) -> Array:
+        return self.space.path.combine(self.theta)
+
+    @cached_property
+    def _offset_slope(self) -> Array:
+        return self.space.path.derivative.combine(self.theta) / self.space.length
+
+    @cached_property
+    def _offset_bend(self) -> Array:
+        return self.space.path.derivative.derivative.combine(self.theta) / self.space.length**2
+
+    def points(self, parameters: Array) -> PathPoints:
+        """Return the path at normalised stations, (n,)."""
+        space = self.space
+        span, x = space.path.locate(parameters)
+        station = parameters * space.length
+        offset = evaluate(self._offset, span, x)
+        slope = evaluate(self._offset_slope, span, x)
+        if space.frame is None:
+            # Straight guides lie along the x axis of the planning frame, see problem.py.
+            stretch = np.ones_like(station)
+            position = np.empty((len(station), 2))
+            position[:, 0] = station
+            position[:, 1] = offset
+            direction = np.empty_like(position)
+            direction[:, 0] = 1.0
+            direction[:, 1] = slope
+            normal = _UP
+            speed = np.sqrt(1.0 + slope * slope)
+        else:
+            frame = space.guide.frame(station)
+            stretch = 1.0 - frame.curvature * offset
+            position = frame.position + offset[:, None] * frame.normal
+            direction = stretch[:, None] * frame.tangent + slope[:, None] * frame.normal
+            normal = frame.normal
+            speed = np.sqrt(stretch**2 + slope**2)
+        return PathPoints(span, x, station, offset, slope, stretch, position, direction, normal, speed)
+
+    def bend(self, points: PathPoints) -> PathBend:
+        """Return the curvature at points of the path, with its derivatives."""
+        bend = evaluate(self._offset_bend, points.span, points.local)
+        p, q, speed = points.stretch, points.slope, points.speed
+        cubed = speed**3
+        if self.space.frame is None:
+            curvature = bend / cubed
+            return PathBend(
+                curvature, np.zeros_like(curvature), -3.0 * curvature * q / speed**2, 1.0 / cubed
+            )
+        frame = self.space.guide.frame(points.station)
+        k, rate = frame.curvature, frame.curvature_rate
+        tangential = -(rate * points.offset + 2.0 * k * q)
+        normal = bend + k * p
+        curvature = (p * normal - q * tangential) / cubed
+        squared = speed**2
+        value = (-k * normal - k * k * p + rate * q) / cubed + 3.0 * curvature * k * p / squared
+        slope = (-tangential + 2.0 * k * q) / cubed - 3.0 * curvature * q / squared
+        return PathBend(curvature, value, slope, p / cubed)
+
+
+_UP = np.array([[0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class TripPoints:
+    """A trip at n times.
+
+    Attributes
+    ----------
+    time : (n,) array
+        Seconds after the start.
+    distance, speed, acceleration : (n,) arrays
+        D in m, v in m/s and a in m/s^2, along the path.
+    parameter : (n,) array
+        Normalised station s / length.
+    path : PathPoints
+        The path there.
+    """
+
+    table: TimeTable
+    time: Array
+    distance: Array
+    speed: Array
+    acceleration: Array
+    parameter: Array
+    path: PathPoints
+
+
+class Trajectory:
+    """A path and the motion along it.
+
+    Parameters
+    ----------
+    path : Path
+    beta : (K2,) array
+        Control points of the acceleration, m/s^2.
+    travel_time : float
+        tau in s. Consistent (D(1) = L) when it comes from :meth:`TripSpace.travel_time`.
+    """
+
+    def __init__(self, path: Path, beta: Array, travel_time: float) -> None:
+        self.path = path
+        self.beta = beta
+        self.travel_time = travel_time
+
+    @property
+    def theta(self) -> Array:
+        """Control points of the offset, (K1,) m."""
+        return self.path.theta
+
+    @property
+    def space(self) -> TripSpace:
+        """The space that the trip is of."""
+        return self.path.space
+
+    def speed_control_points(self) -> Array:
+        """Control points of the speed, (K2 + 1,) m/s: its bounds for all times."""
+        return self.space.start_speed + self.travel_time * (self.space.tables.speed_control @ self.beta)
+
+    def at(self, table: TimeTable) -> TripPoints:
+        """Return the trip at the times of a table."""
+        tau, v0 = self.travel_time, self.space.start_speed
+        distance = table.distance @ self.beta
+        distance *= tau * tau
+        distance += (v0 * tau) * table.sigma
+        speed = table.speed @ self.beta
+        speed *= tau
+        speed += v0
+        parameter = self.path.parameter_at(distance)
+        return TripPoints(
+            table,
+            tau * table.sigma,
+            distance,
+            speed,
+            table.acceleration @ self.beta,
+            parameter,
+            self.path.points(parameter),
+        )

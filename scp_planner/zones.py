@@ -1,0 +1,254 @@
+"""Threat zones: where an obstacle may be, over time, with the level of confidence that was asked for.
+
+A zone at time t is the obstacle's estimated centre + the ellipse {z : z' C(t)^-1 z <= 1} + its shape. C(t) is the
+covariance of the estimate scaled by the quantile of the level (confidence.py), zero for a motion that is known.
+Centres and covariances are piecewise polynomials in time.
+
+:class:`ThreatZone` is one zone in world coordinates, to look at. :class:`ZoneBatch` holds all zones of a plan, in the
+planning frame, for evaluation of many at once; its distances are to the *vehicle's reference point* when inflated by the vehicle's radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.ellipse import ellipse_contact, support
+from scp_planner.polynomials import PiecewisePolynomials
+
+if TYPE_CHECKING:
+    from scp_planner.frames import PlanningFrame
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class ThreatZone:
+    """The zone of one obstacle, in world coordinates and absolute time.
+
+    Attributes
+    ----------
+    id : str
+        The obstacle's id.
+    radius : float
+        Radius of the obstacle's disc plus its extra margin, m.
+    centers : PiecewisePolynomials
+        Estimated centre, m, of absolute time in s.
+    covariances : PiecewisePolynomials or None
+        (xx, xy, yy) of the scaled covariance C(t), m^2; None where the motion is known.
+    """
+
+    id: str
+    radius: float
+    centers: PiecewisePolynomials
+    covariances: PiecewisePolynomials | None = None
+
+    def center(self, t: float | Array) -> Array:
+        """Estimated centre at times ``t`` (...), s; returns (..., 2) m."""
+        return self._at(self.centers, t)
+
+    def covariance(self, t: float | Array) -> Array:
+        """Scaled covariance C(t), (..., 2, 2) m^2: the uncertainty ellipse is {z : z' C^-1 z <= 1}."""
+        packed = self._covariance(t)
+        return packed[..., [0, 1, 1, 2]].reshape(*packed.shape[:-1], 2, 2)
+
+    def support(self, t: float | Array, directions: Array) -> Array:
+        """Support function of uncertainty and shape around the centre, without the vehicle.
+
+        Parameters
+        ----------
+        t : float or (...) array
+            Absolute time in s.
+        directions : (..., 2) array
+            Vectors in world coordinates; need not be unit vectors.
+
+        Returns
+        -------
+        (...) array
+            max over z in the zone of directions . (z - center), m.
+        """
+        directions = np.asarray(directions, dtype=float)
+        return support(self._covariance(t), directions) + self.radius * np.hypot(
+            directions[..., 0], directions[..., 1]
+        )
+
+    def signed_distance(self, t: float | Array, points: Array) -> Array:
+        """Signed distance of points to the zone (uncertainty + shape, without the vehicle).
+
+        Parameters
+        ----------
+        t : float or (...) array
+            Absolute time in s.
+        points : (..., 2) array
+            World coordinates in m.
+
+        Returns
+        -------
+        (...) array
+            m, negative inside.
+        """
+        points = np.asarray(points, dtype=float)
+        offset = points - self.center(t)
+        if self.covariances is None:
+            return np.hypot(offset[..., 0], offset[..., 1]) - self.radius
+        covariance = np.broadcast_to(self._covariance(t), (*offset.shape[:-1], 3))
+        contact = ellipse_contact(offset.reshape(-1, 2), covariance.reshape(-1, 3))
+        return contact.distance.reshape(offset.shape[:-1]) - self.radius
+
+    def _covariance(self, t: float | Array) -> Array:
+        if self.covariances is None:
+            return np.zeros((*np.shape(t), 3))
+        return self._at(self.covariances, t)
+
+    @staticmethod
+    def _at(polynomials: PiecewisePolynomials, t: float | Array) -> Array:
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        values = polynomials.grid(times.ravel())[:, 0]
+        return values.reshape(*np.shape(t), values.shape[-1])
+
+
+@dataclass(frozen=True)
+class ZoneContacts:
+    """Signed distances of points to chosen zones, and how they change.
+
+    Attributes
+    ----------
+    distance : (n,) array
+        m, negative inside.
+    normal : (n, 2) array
+        Unit normal nu of the supporting line, from the zone towards the point: the gradient of the distance.
+    rate : (n,) array
+        Time derivative of the distance at a fixed point, m/s: -(nu . centre velocity + growth of the support).
+    """
+
+    distance: Array
+    normal: Array
+    rate: Array
+
+
+class ZoneBatch:
+    """All zones of a plan, in the planning frame, for evaluation at many times at once.
+
+    Parameters
+    ----------
+    zones : sequence of ThreatZone
+    frame : PlanningFrame
+        The planning frame (coordinates and clock).
+    inflation : float
+        Added to every radius, m: the vehicle's disc and the planner's own margin.
+    """
+
+    def __init__(self, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> None:
+        self.ids = tuple(zone.id for zone in zones)
+        self.size = len(zones)
+        self.radius = np.array([zone.radius for zone in zones]) + inflation
+        self.centers = frame.points_batch([zone.centers for zone in zones])
+        self.velocities = self.centers.derivative
+        uncertain = [index for index, zone in enumerate(zones) if zone.covariances is not None]
+        self.uncertain: Index = np.array(uncertain, dtype=np.intp)
+        self.slot = np.full(self.size, -1, dtype=np.intp)
+        self.slot[self.uncertain] = np.arange(len(uncertain))
+        self.covariances: PiecewisePolynomials | None = None
+        if uncertain:
+            self.covariances = frame.covariances_batch(
+                [zone.covariances for zone in zones if zone.covariances is not None]
+            )
+
+    def subset(self, index: Index) -> ZoneBatch:
+        """Return the batch of some of the zones."""
+        batch = object.__new__(ZoneBatch)
+        batch.ids = tuple(self.ids[i] for i in index)
+        batch.size = len(index)
+        batch.radius = self.radius[index]
+        batch.centers = self.centers.take(index)
+        batch.velocities = batch.centers.derivative
+        slots = self.slot[index]
+        batch.uncertain = np.flatnonzero(slots >= 0)
+        batch.slot = np.full(batch.size, -1, dtype=np.intp)
+        batch.slot[batch.uncertain] = np.arange(len(batch.uncertain))
+        batch.covariances = None
+        if self.covariances is not None and len(batch.uncertain):
+            batch.covariances = self.covariances.take(slots[batch.uncertain])
+        return batch
+
+    def distances(self, times: Array, points: Array, exact_below: float = np.inf) -> Array:
+        """Signed distances of one moving point to all zones.
+
+        Parameters
+        ----------
+        times : (n,) array
+            Seconds on the planning clock.
+        points : (n, 2) array
+            Planning frame, m.
+        exact_below : float
+            Distances above this may be replaced by lower bounds that are still above it, or below their true value, m.
+
+        Returns
+        -------
+        (n, L) array
+            m, negative inside.
+        """
+        centers = self.centers.grid(times)
+        dx = points[:, 0, None] - centers[:, :, 0]
+        dy = points[:, 1, None] - centers[:, :, 1]
+        squared = dx * dx
+        squared += dy * dy
+        distance = np.sqrt(squared)
+        if self.covariances is not None:
+            columns = self.uncertain
+            covariance = self.covariances.grid(times)
+            # The support in the direction of the centre gives a lower bound; exact only where that is close.
+            offset = np.stack([dx[:, columns], dy[:, columns]], axis=-1)
+            length = np.maximum(distance[:, columns], 1e-300)
+            bound = length - support(covariance, offset / length[..., None])
+            near = bound < exact_below + self.radius[columns]
+            if near.any():
+                bound[near] = ellipse_contact(offset[near], covariance[near]).distance
+            distance[:, columns] = bound
+        distance -= self.radius
+        return distance
+
+    def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
+        """Exact contacts of points with chosen zones.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+            Which zone.
+        times : (n,) array
+            Planning clock, s.
+        points : (n, 2) array
+            Planning frame, m.
+        """
+        offset = points - self.centers.at(index, times)
+        distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+        normal = offset / np.maximum(distance, 1e-12)[:, None]
+        rate = -np.einsum("ij,ij->i", normal, self.velocities.at(index, times))
+        if self.covariances is not None:
+            rows = np.flatnonzero(self.slot[index] >= 0)
+            if len(rows):
+                slot = self.slot[index[rows]]
+                covariance = self.covariances.at(slot, times[rows])
+                exact = ellipse_contact(offset[rows], covariance)
+                growth = _support_rate(
+                    covariance, self.covariances.derivative.at(slot, times[rows]), exact.normal
+                )
+                velocity = self.velocities.at(index[rows], times[rows])
+                normal[rows] = exact.normal
+                distance[rows] = exact.distance
+                rate[rows] = -np.einsum("ij,ij->i", exact.normal, velocity) - growth
+        return ZoneContacts(distance - self.radius[index], normal, rate)
+
+
+def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
+    """Time derivative of sqrt(nu' C nu) at a fixed nu."""
+    x, y = normal[:, 0], normal[:, 1]
+    quadratic_rate = (
+        covariance_rate[:, 0] * x * x + 2.0 * covariance_rate[:, 1] * x * y + covariance_rate[:, 2] * y * y
+    )
+    return quadratic_rate / np.maximum(2.0 * support(covariance, normal), 1e-300)
