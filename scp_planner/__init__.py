@@ -67,7 +67,7 @@ _MODULE_OF = {
     "zones": "zones",
 }
 
-__all__ = ["__version__", *_MODULE_OF]  # noqa: PLE0604
+__all__ = ["__version__", *_MODULE_OF]
 
 
 def __getattr__(name: str) -> Any:
@@ -85,8 +85,8 @@ def __dir__() -> list[str]:
 class _Package(ModuleType):
     """Keeps `scp_planner.plan` and `scp_planner.zones` the functions, although modules bear these names too.
 
-    The import machinery binds every imported submodule to its name in the package. `from scp_planner.plan import Plan`
-    works all the same: it does not go by that name.
+    The import machinery binds every imported submodule to its name in the package.
+    `from scp_planner.plan import Plan` works all the same: it does not go by that name.
     """
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -39,7 +39,7 @@ class _Shortener(reprlib.Repr):
     def repr_bool(self, value: bool, level: int) -> str:
         return "true" if value else "false"
 
-    def repr_NoneType(self, value: None, level: int) -> str:  # noqa: N802 - the name is reprlib's rule
+    def repr_NoneType(self, value: None, level: int) -> str:
         return "null"
 
 
@@ -81,7 +81,7 @@ class _FaultyInputError(ScpPlannerError, ValueError):
     def __init__(self, source: str, faults: Iterable[Fault]) -> None:
         self.source = source
         self.faults = tuple(faults)
-        # Both arguments go to the base, so that the exception survives pickling on its way out of a worker process.
+        # Both arguments go to the base, so that the exception survives pickling, out of a worker process.
         super().__init__(source, self.faults)
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
 """Reading and writing of YAML and JSON files: every fault with its place, and never half a file.
 
-YAML is read by the rules of YAML 1.2 for numbers and booleans, as JSON's readers expect them: `1e-3` is a number, `no`
-is text, `010` is ten. The suffix of the file's name chooses the format.
+YAML is read by the rules of YAML 1.2 for numbers and booleans, as JSON's readers expect them: `1e-3` is a
+number, `no` is text, `010` is ten. The suffix of the file's name chooses the format.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from scp_planner.errors import Fault, ScenarioError
 
@@ -106,7 +106,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 
 def _usual_mode(target: Path) -> int:
-    """Give the permissions of the file to be replaced, or those of a new file; mkstemp's are for the owner alone."""
+    """Give the permissions of the file to replace, or of any new file: mkstemp's are for the owner alone."""
     try:
         return target.stat().st_mode & 0o777
     except FileNotFoundError:
@@ -220,7 +220,7 @@ def _loader() -> Any:
     import yaml
 
     class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-        yaml_implicit_resolvers: dict[str, Any] = {}
+        yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
 
     tags = ("null", _NULL, ["~", "n", "N", ""]), ("bool", _BOOL, list("tTfF"))
     numbers = ("int", _INT, list("-+0123456789")), ("float", _FLOAT, list("-+.0123456789"))
@@ -239,7 +239,7 @@ def _float(text: str) -> float:
 
 
 def _dumper() -> Any:
-    """Make a dumper that quotes what any YAML reader, of version 1.1 or 1.2, would take for something else than text."""
+    """Make a dumper that quotes text which a reader of YAML 1.1 or 1.2 would take for something else."""
     import yaml
 
     class Dumper(yaml.SafeDumper):

@@ -24,7 +24,7 @@ def area(polygon: Sequence[Point]) -> float:
 
 
 def first_crossing(polygon: Sequence[Point]) -> tuple[int, int] | None:
-    """Find two edges that are not neighbours and touch, or neighbours that fold back; edge i starts at vertex i."""
+    """Find two edges that touch but are no neighbours, or that fold back; edge i leaves vertex i."""
     edges = _edges(polygon)
     count = len(edges)
     for i, (a, b) in enumerate(edges):
@@ -50,12 +50,12 @@ def distance_to_polygon(point: Point, polygon: Sequence[Point]) -> float:
 
 
 def distance_to_ellipse(point: Point, semi_a: float, semi_b: float) -> float:
-    """Compute the distance in m from a point to a filled ellipse about the origin, along the axes; 0 inside."""
+    """Compute the distance in m from a point to a filled ellipse at the origin, along the axes; 0 inside."""
     x, y = abs(point[0]), abs(point[1])
     if math.hypot(x / semi_a, y / semi_b) <= 1:
         return 0.0
-    # The nearest point is (a^2 x / (s + a^2), b^2 y / (s + b^2)) for the one s > 0 that puts it on the ellipse; its
-    # level falls with s, so bisection finds s to the last bit.
+    # The nearest point is (a^2 x / (s + a^2), b^2 y / (s + b^2)) for the one s > 0 that puts it on the
+    # ellipse. Its level falls with s, so bisection finds s to the last bit.
     low, high = 0.0, max(semi_a, semi_b) * math.hypot(x, y)
     while low < (s := 0.5 * (low + high)) < high:
         if math.hypot(semi_a * x / (s + semi_a**2), semi_b * y / (s + semi_b**2)) > 1:

@@ -1,8 +1,8 @@
 """What comes in: the vehicle, its start and goal, the obstacles and what is known of them.
 
-SI units, radians, planar positions [x, y] in metres. Everything is frozen, holds plain floats and tuples, and has been
-checked when it exists: `scp_planner.validation` says how faults are collected, `scp_planner.scenario_checks` how the
-fields of a scenario must fit together.
+SI units, radians, planar positions [x, y] in metres. Everything is frozen, holds plain floats and tuples, and
+has been checked when it exists: `scp_planner.validation` says how faults are collected,
+`scp_planner.scenario_checks` how the fields of a scenario must fit together.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Rectangle(Part):
 
 
 class PolygonShape(Part):
-    """A simple polygon; its vertices are relative to the obstacle's centre and do not turn with its heading."""
+    """A simple polygon, its vertices relative to the obstacle's centre; it does not turn with the heading."""
 
     rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.polygon_is_simple,)
 
@@ -149,8 +149,9 @@ def _shape_case(data: Any) -> str | None:
         return next((variant(key) for key, kind in _SHAPE_KEYS.items() if isinstance(data, kind)), None)
     if not isinstance(data, Mapping):
         return None
-    keys = [key for key in data if key in _SHAPE_KEYS] or [nearest(key, _SHAPE_KEYS) for key in data]
-    return variant(keys[0]) if keys and keys[0] else None
+    known = [key for key in data if key in _SHAPE_KEYS]
+    keys = known or [near for key in data if (near := nearest(key, _SHAPE_KEYS))]
+    return variant(keys[0]) if len(keys) == 1 else None
 
 
 Shape = Annotated[
@@ -161,7 +162,7 @@ Shape = Annotated[
     Discriminator(
         _shape_case,
         custom_error_type="shape",
-        custom_error_message=f"must be a mapping with one of the keys {', '.join(_SHAPE_KEYS)}",
+        custom_error_message=f"must be a mapping with exactly one of the keys {', '.join(_SHAPE_KEYS)}",
     ),
 ]
 
@@ -202,7 +203,7 @@ class Observations(Part):
     position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
     covariance: Covariance | None = Field(
         None,
-        description="of one observation [[xx, xy], [xy, yy]], or one such matrix for each, m2; null: estimated",
+        description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated",
     )
 
 

@@ -1,4 +1,4 @@
-"""How the fields of a scenario must fit together. Each rule looks at one part and yields what is wrong with it.
+"""How the fields of a scenario must fit together. Each rule looks at one part and yields what is wrong.
 
 A rule reads the fields that it needs; where one of them is faulty itself the rule ends there (see
 `scp_planner.validation`), so rules are small and independent.
@@ -20,10 +20,10 @@ SAME_PLACE = 1e-9
 """Relative to the coordinates: two points nearer than this are one point."""
 
 SYMMETRY = 1e-9
-"""How far the off-diagonal entries of a covariance may differ, relative to its diagonal: rounding in a file."""
+"""How far the two off-diagonal entries of a covariance may differ, relative to its diagonal: rounding."""
 
 DEFINITE = 1e-12
-"""Least determinant of a covariance relative to the product of its diagonal; below, it is singular to rounding."""
+"""Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
 
 AXES = ("x", "y")
 
@@ -127,7 +127,7 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
         except Unknown:
             continue
         if distance < radius:
-            text = f"must be at least the vehicle's radius, {radius:g} m, from obstacles[{i}], not {distance:.6g} m"
+            text = f"must be at least {radius:g} m, the radius, from obstacles[{i}]; it is {distance:.6g} m"
             yield Problem(("start", "position"), start.position, text)
 
 
@@ -153,12 +153,12 @@ def motion_or_observations(obstacle: Any) -> Iterator[Problem]:
 
 
 def enough_observations(obstacle: Any) -> Iterator[Problem]:
-    """There are enough observations for the model's order, and for the covariance if it is to be estimated."""
+    """There are enough observations for the model's order, and for the covariance if it is estimated."""
     if obstacle.observations is None:
         return
     order, count = obstacle.model.order, len(obstacle.observations.time)
-    # order + 1 coefficients. The quantile F(2, n - order - 2) and an invertible 2 x 2 estimate of the covariance need
-    # two degrees of freedom more.
+    # order + 1 coefficients. The quantile of F(2, n - order - 2) and an invertible 2 x 2 estimate of the
+    # covariance need two degrees of freedom more.
     estimated = obstacle.observations.covariance is None
     least = order + 3 if estimated else order + 1
     if count < least:

@@ -1,7 +1,7 @@
 """Parts of an input file as frozen models that report everything that is wrong with them at once.
 
-pydantic collects the faults of the single fields. What it cannot do is to check how fields fit together while one of
-them is faulty. Here each part has *rules*, generators of faults, which run on whatever fields are valid.
+pydantic collects the faults of the single fields. What it cannot do is to check how fields fit together while
+one of them is faulty. Here each part has *rules*, generators of faults, which run on whatever is valid.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ class Part(BaseModel):
         except ValidationError as error:
             raise ScenarioError(type(self).__name__, faults_of(error)) from None
 
-    # pydantic calls an overridden __init__ for nested dictionaries too, and would lose the paths of their faults. This
-    # mark, which its own RootModel carries, says that the override only passes on.
+    # pydantic calls an overridden __init__ for nested dictionaries too, and would lose the paths of their
+    # faults. This mark, which its own RootModel carries, says that the override only passes on.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @model_validator(mode="wrap")
@@ -144,7 +144,7 @@ def _in_our_words(part: type[Part], error: ValidationError) -> list[InitErrorDet
     found = error.errors(include_url=False)
     keys = {field.alias or name: field.description for name, field in part.model_fields.items()}
     misspelt = {e["loc"][0]: nearest(e["loc"][0], keys) for e in found if _is_unknown_key(e)}
-    details = []
+    details: list[InitErrorDetails] = []
     for e in found:
         location, value, kind, context = e["loc"], e["input"], e["type"], e.get("ctx", {})
         if kind == _FAULT:
@@ -158,10 +158,11 @@ def _in_our_words(part: type[Part], error: ValidationError) -> list[InitErrorDet
                 continue
             value, message = MISSING, "missing; it is required" + _meaning(keys.get(str(location[0])))
         elif kind == "missing":  # a tuple of fixed length that ends too early
+            least = int(location[-1]) + 1
             location = location[:-1]
             if details and details[-1]["loc"] == location:
                 del details[-1]  # said of the entry before
-            message = f"too short: must have at least {e['loc'][-1] + 1} entries"
+            message = f"too short: must have at least {least} entries"
         else:
             said = _MESSAGES.get(kind, "{msg}").format(msg=e["msg"], **context)
             message = said + _meaning(keys.get(str(location[0]) if location else ""))
@@ -203,6 +204,7 @@ def _meaning(description: str | None) -> str:
 
 
 def nearest(key: object, known: Mapping[str, object]) -> str | None:
+    """Find the known key that `key` may be a misspelling of."""
     near = difflib.get_close_matches(str(key).lower(), known, n=1, cutoff=0.6)
     return near[0] if near else None
 
@@ -244,7 +246,7 @@ def _adapter(part: type[Part], name: str) -> TypeAdapter[Any]:
 
 
 def _part_in(annotation: Any) -> type[Part] | None:
-    """Find the part class in `Vehicle`, `Motion | None` or `tuple[Obstacle, ...]`; none if there are several."""
+    """Find the part class in `Vehicle`, `Motion | None` or `tuple[Obstacle, ...]`; None if several."""
     classes = [annotation, *get_args(annotation)]
     found = [c for c in classes if isinstance(c, type) and issubclass(c, Part)]
     return found[0] if len(found) == 1 else None
