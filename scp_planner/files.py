@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 YAML_SUFFIXES = (".yaml", ".yml")
 JSON_SUFFIX = ".json"
 
+DEEPEST = 100
+"""Levels of lists and mappings in a YAML file; no scenario comes near."""
+
 _INT = re.compile(r"^[-+]?[0-9]+$")
 _FLOAT = re.compile(
     r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
@@ -166,8 +169,10 @@ def _repeated_json_keys(data: Any, path: str) -> Iterator[Fault]:
 def _parse_yaml(text: str) -> tuple[Any, list[Fault]]:
     import yaml
 
-    loader = _loader()(text)
+    kind = _loader()
+    loader = kind(text)
     try:
+        _check_depth(text, kind)
         node = loader.get_single_node()
         if node is None:
             return None, []
@@ -182,6 +187,21 @@ def _parse_yaml(text: str) -> tuple[Any, list[Fault]]:
         raise _SyntaxFault(text, None, f"must be YAML: {error}") from None
     finally:
         loader.dispose()
+
+
+def _check_depth(text: str, kind: Any) -> None:
+    """Refuse what is nested deeper than any scenario, before building it overruns the stack."""
+    import yaml
+
+    depth = 0
+    for event in yaml.parse(text, Loader=kind):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST:
+            line = event.start_mark.line + 1
+            raise _SyntaxFault(_line(text, line), line, f"must not be nested deeper than {DEEPEST} levels")
 
 
 def _repeated_yaml_keys(node: yaml.Node, path: str, seen: set[int]) -> Iterator[Fault]:
@@ -246,6 +266,13 @@ def _dumper() -> Any:
         def ignore_aliases(self, data: Any) -> bool:
             return True
 
+    def text(dumper: Any, value: str) -> Any:
+        # In double quotes alone does the emitter escape every control character and line separator.
+        return dumper.represent_scalar(
+            "tag:yaml.org,2002:str", value, style=None if value.isprintable() else '"'
+        )
+
+    Dumper.add_representer(str, text)
     Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
     Dumper.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"))
     return Dumper

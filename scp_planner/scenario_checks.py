@@ -237,7 +237,8 @@ def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
     position, radius = getattr(scenario, place).position, scenario.vehicle.radius
     for i, axis in enumerate(AXES):
         low, high = scenario.bounds.min[i] + radius, scenario.bounds.max[i] - radius
-        if not low <= position[i] <= high:
+        is_box = scenario.bounds.min[i] < scenario.bounds.max[i]  # else that is the fault
+        if is_box and not low <= position[i] <= high:
             text = f"must have its {axis} in [{low:g}, {high:g}]: the vehicle's disc stays inside the bounds"
             yield Problem((place, "position"), position, text)
 

@@ -226,9 +226,9 @@ def _salvage(part: type[Part], data: Any) -> Salvage:
             nested = _part_in(field.annotation)
             if nested is None:
                 continue
-            if not isinstance(data[key], (list, tuple)):
+            if get_origin(field.annotation) is not tuple:
                 values[name] = _salvage(nested, data[key])
-            elif get_origin(field.annotation) is tuple:
+            elif isinstance(data[key], (list, tuple)):
                 values[name] = tuple(_valid_or_salvage(nested, item) for item in data[key])
     return Salvage(values)
 
