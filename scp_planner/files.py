@@ -200,7 +200,7 @@ def _check_depth(text: str, kind: Any) -> None:
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
         if depth > DEEPEST:
-            line = event.start_mark.line + 1
+            line = event.start_mark.line + 1 if event.start_mark else None
             raise _SyntaxFault(_line(text, line), line, f"must not be nested deeper than {DEEPEST} levels")
 
 
