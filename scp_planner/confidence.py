@@ -1,21 +1,23 @@
 """How large a confidence region has to be for each level that a user can ask for.
 
-A region at time t is the ellipse {z : z' C(t)^-1 z <= q} about the estimated centre, C(t) the covariance of the
-estimated centre. This module gives q.
+A region at time t is the ellipse {z : z' C(t)^-1 z <= q} about the estimated centre, C(t) the covariance of
+the estimated centre. This module gives q.
 
-- ``per_time``: the true centre is inside at one chosen time. Exact: q is a quantile of chi-square with 2 degrees of
-  freedom (noise covariance known), or of Hotelling's T^2 (noise covariance estimated with nu degrees of freedom).
-- ``per_obstacle``: it is inside at all times of a span at once. The error, standardised at each time, is a smooth
-  process w(t) in the plane, and P(|w|^2 exceeds q somewhere) is at most P(it does so at the first moment) plus the
-  expected number of times that it rises through q (Rice). That number is the *standardised length* of the error (below)
-  times a rate that has a closed form, for a known and for an estimated covariance. For a polynomial motion the length
-  is that of a curve on a sphere, and the bound is the tube formula of Naiman for simultaneous bands.
-  It is never below the level and above it only by the chance of two separate excursions. The largest root of a Wishart
-  matrix (known covariance) or Roy's largest root (estimated) bounds the same probability for *all* regressors, also those that no
-  time belongs to; the smaller of the two bounds is used.
-- ``joint``: inside at all times for all m estimated obstacles: each of them has the probability P^(1/m). Exact for
-  independent obstacles, and for a known covariance also safe for dependent ones (the Gaussian correlation inequality,
-  since each event is a symmetric convex set). This is the default of the planner.
+- ``per_time``: the true centre is inside at one chosen time. Exact: q is a quantile of chi-square with 2
+  degrees of freedom if the noise covariance is known, of Hotelling's T^2 if it is estimated.
+- ``per_obstacle``: it is inside at all times of a span at once. The error, standardised at each time, is a
+  smooth process w(t) in the plane, and the probability that |w|^2 exceeds q somewhere is at most the
+  probability that it does so at the first moment plus the expected number of times that it rises through q
+  (Rice). That number is the *standardised length* of the error over the span
+  (`MotionEstimate.standardised_length`) times a rate with a closed form. For a polynomial motion the length
+  is that of a curve on a sphere, and the bound is Naiman's for simultaneous bands in curvilinear regression.
+  It is never below the level, and above it only by the chance of two separate excursions. The largest root of
+  a Wishart matrix, or Roy's if the covariance is estimated, bounds the same probability for *all* regressors,
+  also those that belong to no time; the smaller of the two regions is used.
+- ``joint``: inside at all times for all m estimated obstacles: each of them has the probability P^(1/m)
+  (Sidak). Exact for independent obstacles. If the covariance is known it is also safe for dependent ones, by
+  the Gaussian correlation inequality, since each event is a symmetric convex set of the errors. This is the
+  default of the planner.
 
 References
 ----------
@@ -28,19 +30,164 @@ T. Royen, *A simple proof of the Gaussian correlation conjecture*, Far East J. T
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from scp_planner.errors import EstimationError
 
 if TYPE_CHECKING:
-    from scp_planner.estimation import MotionEstimate
+    from scp_planner.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
+
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
-_SCALE_TOLERANCE = 1e-13  # relative, of q
-_MINIMUM_DEGREES_OF_FREEDOM = 2  # with fewer, the estimated covariance of a point in the plane is singular
+_SCALE_TOLERANCE = 1e-13  # of log q
+_FEWEST_DEGREES_OF_FREEDOM = 2  # with fewer, an estimated covariance in the plane is singular
+
+
+class ErrorLaw(ABC):
+    """The distribution of the squared standardised error |w|^2, and of its excursions over time."""
+
+    @abstractmethod
+    def pointwise_scale(self, alpha: float) -> float:
+        """Give q that |w|^2 exceeds at one time with probability alpha."""
+
+    @abstractmethod
+    def exceedance(self, scale: float) -> float:
+        """Give the probability that |w|^2 exceeds q at one time."""
+
+    @abstractmethod
+    def exit_rate(self, scale: float) -> float:
+        """Give the expected number of rises of |w|^2 through q, per unit of standardised length."""
+
+    def largest_root_exceedance(self, scale: float, regressors: int) -> float | None:
+        """Give the probability that the largest root for p regressors exceeds q; None if it is unknown."""
+        return None
+
+
+@dataclass(frozen=True)
+class NormalErrors(ErrorLaw):
+    """w(t) is standard normal: the noise covariance is known."""
+
+    def pointwise_scale(self, alpha: float) -> float:
+        """Give the chi-square quantile with 2 degrees of freedom, -2 log(alpha)."""
+        return -2.0 * math.log(alpha)
+
+    def exceedance(self, scale: float) -> float:
+        """Give exp(-q / 2)."""
+        return math.exp(-0.5 * scale)
+
+    def exit_rate(self, scale: float) -> float:
+        """Give sqrt(q / 2 pi) exp(-q / 2): Rice's formula for the length of a standard normal vector."""
+        return math.sqrt(scale) / _ROOT_TWO_PI * math.exp(-0.5 * scale)
+
+    def largest_root_exceedance(self, scale: float, regressors: int) -> float:
+        """Give the probability that the larger eigenvalue of a Wishart(I_2, p) matrix exceeds q.
+
+        The double integral over both eigenvalues reduces to incomplete gamma functions.
+        """
+        from scipy.special import gammainc, gammaincc
+
+        p, q = regressors, scale
+        if p == 1:
+            return self.exceedance(q)
+        half = 0.5 * (p - 1)
+        log_weight = math.lgamma(half) - math.lgamma(p - 1) + half * math.log(2.0 * q) - 0.5 * q
+        return float(gammaincc(p - 1, q) + 0.5 * math.exp(log_weight) * gammainc(half, 0.5 * q))
+
+
+@dataclass(frozen=True)
+class HotellingErrors(ErrorLaw):
+    """w(t) is standardised by an estimated covariance: Wishart with nu degrees of freedom, divided by nu.
+
+    Attributes
+    ----------
+    degrees_of_freedom : float
+        nu >= 2.
+    """
+
+    degrees_of_freedom: float
+
+    def __post_init__(self) -> None:
+        if not self.degrees_of_freedom >= _FEWEST_DEGREES_OF_FREEDOM:
+            raise EstimationError(
+                f"degrees of freedom: {self.degrees_of_freedom:g} leave the noise covariance unknown;"
+                f" at least {_FEWEST_DEGREES_OF_FREEDOM} are needed: more observations, a lower order or a known"
+                " covariance"
+            )
+
+    def pointwise_scale(self, alpha: float) -> float:
+        """Give the quantile of Hotelling's T^2, 2 nu / (nu - 1) F(2, nu - 1), elementary in the plane."""
+        nu = self.degrees_of_freedom
+        return nu * math.expm1(-2.0 * math.log(alpha) / (nu - 1.0))
+
+    def exceedance(self, scale: float) -> float:
+        """Give (1 + q / nu)^(-(nu - 1) / 2)."""
+        nu = self.degrees_of_freedom
+        return math.exp(-0.5 * (nu - 1.0) * math.log1p(scale / nu))
+
+    def exit_rate(self, scale: float) -> float:
+        """Give Rice's formula for the ellipse of the estimated covariance, averaged over its distribution."""
+        nu = self.degrees_of_freedom
+        gammas = math.exp(math.lgamma(0.5 * (nu + 1.0)) - math.lgamma(0.5 * nu))
+        growth = math.exp(-0.5 * nu * math.log1p(scale / nu))
+        return math.sqrt(2.0 * scale / nu) / _ROOT_TWO_PI * gammas * growth
+
+    def largest_root_exceedance(self, scale: float, regressors: int) -> float:
+        """Give the probability that nu times Roy's largest root exceeds q.
+
+        The root is the larger one of H E^-1 with H ~ Wishart(I_2, p) and E ~ Wishart(I_2, nu); the double
+        integral over both roots reduces to incomplete beta functions.
+        """
+        from scipy.special import betainc, betaincc, betaln
+
+        if regressors == 1:
+            return self.exceedance(scale)
+        a, b = 0.5 * (regressors - 1), 0.5 * (self.degrees_of_freedom - 1.0)
+        ratio = scale / self.degrees_of_freedom
+        theta, log_rest = ratio / (1.0 + ratio), -math.log1p(ratio)
+        log_weight = a * math.log(theta) + b * log_rest + betaln(a, b) - betaln(2.0 * a, 2.0 * b)
+        return float(betaincc(2.0 * a, 2.0 * b, theta) + 0.5 * math.exp(log_weight) * betainc(a, b, theta))
+
+
+@dataclass(frozen=True)
+class StudentErrors(ErrorLaw):
+    """w(t) is standard normal times one common random factor, sqrt(nu / chi2_nu): a Student process.
+
+    That is the law if the covariance is known but for one scale which is estimated, and it is the model of
+    heavy tails that fitted motion models use.
+
+    Attributes
+    ----------
+    degrees_of_freedom : float
+        nu > 0.
+    """
+
+    degrees_of_freedom: float
+
+    def __post_init__(self) -> None:
+        if not self.degrees_of_freedom > 0.0:
+            raise EstimationError(f"degrees of freedom: {self.degrees_of_freedom!r} is not a positive number")
+
+    def pointwise_scale(self, alpha: float) -> float:
+        """Give the quantile 2 F(2, nu)."""
+        nu = self.degrees_of_freedom
+        return nu * math.expm1(-2.0 * math.log(alpha) / nu)
+
+    def exceedance(self, scale: float) -> float:
+        """Give (1 + q / nu)^(-nu / 2)."""
+        nu = self.degrees_of_freedom
+        return math.exp(-0.5 * nu * math.log1p(scale / nu))
+
+    def exit_rate(self, scale: float) -> float:
+        """Give Rice's formula for the normal process, averaged over the common factor."""
+        nu = self.degrees_of_freedom
+        gammas = math.exp(math.lgamma(0.5 * (nu + 1.0)) - math.lgamma(0.5 * nu))
+        growth = math.exp(-0.5 * (nu + 1.0) * math.log1p(scale / nu))
+        return math.sqrt(2.0 * scale / nu) / _ROOT_TWO_PI * gammas * growth
 
 
 def region_scale(
@@ -52,7 +199,7 @@ def region_scale(
     start: float = -math.inf,
     stop: float = math.inf,
 ) -> float:
-    """Give q of the ellipse z' C(t)^-1 z <= q, with C(t) = ``estimate.covariance(t)``.
+    """Give q of the ellipse {z : z' C(t)^-1 z <= q}, with C(t) = ``estimate.covariance(t)``.
 
     Parameters
     ----------
@@ -63,10 +210,10 @@ def region_scale(
     estimate : MotionEstimate
         Of the obstacle that the region is for.
     obstacles : int
-        How many obstacles are *estimated* (those known exactly do not count); only ``joint`` uses it.
+        How many obstacles are *estimated* (those known exactly do not count). Only ``joint`` uses it.
     start, stop : float
-        s, the span of time over which ``per_obstacle`` and ``joint`` hold; the default is all times, which for a polynomial
-        motion costs little. A process-noise model needs a finite ``stop``.
+        s, the span of time over which ``per_obstacle`` and ``joint`` hold. A polynomial motion allows all
+        times, and a stop at infinity costs it little; a process-noise model needs both to be finite.
 
     Returns
     -------
@@ -76,144 +223,101 @@ def region_scale(
     Raises
     ------
     EstimationError
-        For an unknown level, a probability outside (0, 1), or too few degrees of freedom for any region.
+        For an unknown level, a probability outside (0, 1), or a span over which no region holds.
     """
-    if level == "per_time":
-        return pointwise_scale(probability, estimate.degrees_of_freedom)
     if level not in LEVELS:
         raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")
+    alpha = 1.0 - _checked(probability)
+    if level == "per_time":
+        return estimate.errors.pointwise_scale(alpha)
     if level == "joint":
-        probability = shared_probability(probability, obstacles)
-    length = estimate.standardised_length(start, stop)
-    return uniform_scale(probability, length, estimate.degrees_of_freedom, estimate.regressors)
+        alpha = shared_alpha(alpha, obstacles)
+    return uniform_scale(
+        alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors
+    )
 
 
-def shared_probability(probability: float, obstacles: int) -> float:
-    """Give the probability that each of ``obstacles`` needs for all of them to have ``probability`` jointly (Sidak)."""
+def shared_alpha(alpha: float, obstacles: int) -> float:
+    """Give the alpha of each of m obstacles that makes it ``alpha`` for all of them jointly (Sidak)."""
     if obstacles < 1:
         raise EstimationError(f"obstacles: {obstacles} is not a positive number")
-    # not probability ** (1 / m): for probabilities near 1 that loses the digits of the small remainder
-    return 1.0 + math.expm1(math.log(_checked(probability)) / obstacles)
+    # 1 - (1 - alpha)^(1 / m), without losing the digits of a small alpha
+    return -math.expm1(math.log1p(-alpha) / obstacles)
 
 
-@lru_cache(maxsize=1024)
-def pointwise_scale(probability: float, degrees_of_freedom: int | None = None) -> float:
-    """Give q of a region that holds at one time.
-
-    The chi-square quantile with 2 degrees of freedom is -2 log(alpha); Hotelling's, 2 nu / (nu - 1) F(2, nu - 1), is
-    nu (alpha^(-2 / (nu - 1)) - 1). With ``order`` + 1 = 3 regressors nu = n - 3.
-    """
-    log_alpha = math.log1p(-_checked(probability))
-    if degrees_of_freedom is None:
-        return -2.0 * log_alpha
-    nu = _checked_degrees(degrees_of_freedom)
-    return nu * math.expm1(-2.0 * log_alpha / (nu - 1))
-
-
-def uniform_scale(
-    probability: float, length: float, degrees_of_freedom: int | None = None, regressors: int | None = None
-) -> float:
-    """Give q of a region that holds over a whole span of time.
+@lru_cache(maxsize=4096)
+def uniform_scale(alpha: float, length: float, errors: ErrorLaw, regressors: int | None = None) -> float:
+    """Give q that |w|^2 exceeds anywhere in a span of time with probability at most alpha.
 
     Parameters
     ----------
-    probability : float
-        That the true centre is inside at all times of the span.
+    alpha : float
     length : float
-        The standardised length of the error over the span, ``MotionEstimate.standardised_length``.
-    degrees_of_freedom : int or None
-        Of the estimated noise covariance; None if it is known.
+        The standardised length of the error over the span.
+    errors : ErrorLaw
     regressors : int or None
-        p of the regression whose error is a p-vector times the square root of one covariance; None if the error has no such
-        form. Bounds q by the largest root.
+        p, if the error is that of a regression on p functions of time with one covariance for all
+        observations; then the largest root bounds q.
     """
-    alpha = -math.expm1(math.log(_checked(probability)))
     if not length >= 0.0:
         raise EstimationError(f"standardised length: {length!r} is not a number >= 0")
-    floor = pointwise_scale(probability, degrees_of_freedom)
+    floor = errors.pointwise_scale(alpha)
     if length == 0.0:
         return floor
-    caps = [] if math.isinf(length) else [_root(lambda q: excursion_tail(q, length, degrees_of_freedom), alpha, floor)]
-    if regressors is not None:
-        caps.append(_largest_root_scale(alpha, floor, regressors, degrees_of_freedom))
-    if not caps:
-        raise EstimationError("the span of time is unbounded, and over it no region of this motion model holds: give a finite stop")
-    return min(caps)
-
-
-def excursion_tail(scale: float, length: float, degrees_of_freedom: int | None = None) -> float:
-    """Bound the probability that the standardised error leaves the region of scale q somewhere in a span.
-
-    P(outside at the first moment) + expected number of exits. With an exit rate per unit of standardised length of
-    sqrt(q / 2 pi) exp(-q / 2) for a known covariance. For an estimated one, averaged over the Wishart distribution of the estimate,
-    sqrt(2 q / nu) / sqrt(2 pi) Gamma((nu + 1) / 2) / Gamma(nu / 2) (1 + q / nu)^(-nu / 2).
-    """
-    if degrees_of_freedom is None:
-        return math.exp(-0.5 * scale) * (1.0 + length * math.sqrt(scale) / _ROOT_TWO_PI)
-    nu = _checked_degrees(degrees_of_freedom)
-    log_growth = math.log1p(scale / nu)
-    gamma_ratio = math.exp(math.lgamma(0.5 * (nu + 1)) - math.lgamma(0.5 * nu))
-    rate = math.sqrt(2.0 * scale / nu) / _ROOT_TWO_PI * gamma_ratio * math.exp(-0.5 * nu * log_growth)
-    return math.exp(-0.5 * (nu - 1) * log_growth) + length * rate
-
-
-def largest_root_tail(scale: float, regressors: int, degrees_of_freedom: int | None = None) -> float:
-    """Give the exact probability that the largest root exceeds q.
-
-    Known covariance: the larger eigenvalue of a Wishart(I_2, p). Estimated: nu times the larger root of H E^-1 with
-    H ~ Wishart(I_2, p), E ~ Wishart(I_2, nu) (Roy). Both are double integrals over the two roots which in the plane reduce to
-    incomplete gamma and beta functions.
-    """
-    from scipy import special
-
-    p, q = regressors, scale
-    if degrees_of_freedom is None:
-        if p == 1:
-            return math.exp(-0.5 * q)
-        half = 0.5 * (p - 1)
-        lower = special.gammainc(half, 0.5 * q) * math.exp(
-            math.lgamma(half) - math.lgamma(p - 1) + half * math.log(2.0 * q) - 0.5 * q
+    bounds = []
+    if math.isfinite(length):
+        bounds.append(_solve(lambda q: excursion_bound(q, length, errors), alpha, floor))
+    if regressors is not None and errors.largest_root_exceedance(floor, regressors) is not None:
+        bounds.append(_largest_root_scale(alpha, floor, errors, regressors))
+    if not bounds:
+        raise EstimationError(
+            "span of time: it is unbounded, and over it no region of this motion model holds"
         )
-        return float(special.gammaincc(p - 1, q) + 0.5 * lower)
-    nu = _checked_degrees(degrees_of_freedom)
-    if p == 1:
-        return math.exp(-0.5 * (nu - 1) * math.log1p(q / nu))
-    a, b, c = 0.5 * (p - 1), 0.5 * (nu - 1), q / nu
-    theta, rest = c / (1.0 + c), 1.0 / (1.0 + c)
-    log_weight = a * math.log(theta) + b * math.log(rest) + special.betaln(a, b) - special.betaln(2 * a, 2 * b)
-    return float(special.betaincc(2 * a, 2 * b, theta) + 0.5 * math.exp(log_weight) * special.betainc(a, b, theta))
+    return min(bounds)
+
+
+def excursion_bound(scale: float, length: float, errors: ErrorLaw) -> float:
+    """Bound the probability that |w|^2 exceeds q anywhere in a span of the given standardised length."""
+    return errors.exceedance(scale) + length * errors.exit_rate(scale)
 
 
 @lru_cache(maxsize=1024)
-def _largest_root_scale(alpha: float, floor: float, regressors: int, degrees_of_freedom: int | None) -> float:
-    return _root(lambda q: largest_root_tail(q, regressors, degrees_of_freedom), alpha, floor)
+def _largest_root_scale(alpha: float, floor: float, errors: ErrorLaw, regressors: int) -> float:
+    return _solve(lambda q: errors.largest_root_exceedance(q, regressors) or 0.0, alpha, floor)
 
 
-def _root(tail: Callable[[float], float], alpha: float, floor: float) -> float:
-    """Solve tail(q) = alpha for q >= floor: the tails fall there; regula falsi in log q and log tail (Illinois)."""
+def _solve(tail: Callable[[float], float], alpha: float, floor: float) -> float:
+    """Solve tail(q) = alpha for q >= floor, where tails fall: the Illinois method in log q and log tail."""
     target = math.log(alpha)
-    low, high = math.log(floor), math.log(floor) + 0.5
-    f_low, f_high = math.log(tail(floor)) - target, math.log(tail(math.exp(high))) - target
+
+    def excess(log_scale: float) -> float:
+        return math.log(tail(math.exp(log_scale))) - target
+
+    low = math.log(floor)
+    high = low + 0.1
+    f_low, f_high = excess(low), excess(high)
     if f_low <= 0.0:
         return floor
     while f_high > 0.0:
         low, f_low = high, f_high
-        high += 1.0
-        f_high = math.log(tail(math.exp(high))) - target
-    for _ in range(200):
-        if high - low <= _SCALE_TOLERANCE:
-            break
+        high += 0.5
+        f_high = excess(high)
+    side = 0
+    while high - low > _SCALE_TOLERANCE:
         middle = high - f_high * (high - low) / (f_high - f_low)
-        f_middle = math.log(tail(math.exp(middle))) - target
-        if f_middle == 0.0:
-            return math.exp(middle)
-        if f_middle * f_high < 0.0:
-            low, f_low = high, f_high
+        if not low < middle < high:
+            break
+        f_middle = excess(middle)
+        # an end that stays twice has its value halved: plain regula falsi would creep
+        if f_middle > 0.0:
+            low, f_low = middle, f_middle
+            f_high *= 0.5 if side > 0 else 1.0
+            side = 1
         else:
-            f_low *= 0.5
-        done = abs(middle - high) <= _SCALE_TOLERANCE
-        high, f_high = middle, f_middle
-        if done:
+            high, f_high = middle, f_middle
+            f_low *= 0.5 if side < 0 else 1.0
+            side = -1
+        if f_middle == 0.0:
             break
     return math.exp(high)
 
@@ -222,12 +326,3 @@ def _checked(probability: float) -> float:
     if not 0.0 < probability < 1.0:
         raise EstimationError(f"probability: {probability!r} is not between 0 and 1")
     return probability
-
-
-def _checked_degrees(degrees_of_freedom: int) -> int:
-    if degrees_of_freedom < _MINIMUM_DEGREES_OF_FREEDOM:
-        raise EstimationError(
-            f"degrees of freedom: {degrees_of_freedom} leaves the noise covariance unknown; "
-            f"at least {_MINIMUM_DEGREES_OF_FREEDOM} are needed: more observations, a lower order or a known covariance"
-        )
-    return degrees_of_freedom
