@@ -7,8 +7,7 @@ n = T turned by +90 degrees the normal, T' = k n and n' = -k T with k the signed
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, hypot, sin
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,41 +53,54 @@ class Guide(Protocol):
         """Return the moving frame at arc lengths ``stations``, (n,) m."""
         ...
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        ...
+
 
 @dataclass(frozen=True)
 class StraightGuide:
-    """The straight line from a point along a heading.
+    """The x axis of the planning frame, from the start at 0 to the goal.
 
     Attributes
     ----------
-    origin : (x, y) in m
-    heading : float
-        rad.
     length : float
         m.
     """
 
-    origin: tuple[float, float]
-    heading: float
     length: float
 
     straight = True
 
-    @classmethod
-    def between(cls, start: tuple[float, float], goal: tuple[float, float]) -> StraightGuide:
-        """Return the straight guide from one point to another, in m."""
-        dx, dy = goal[0] - start[0], goal[1] - start[1]
-        return cls(start, float(np.arctan2(dy, dx)), hypot(dx, dy))
-
     def frame(self, stations: Array) -> GuideFrame:
         """Return the moving frame at arc lengths ``stations``, (n,) m."""
-        tangent = np.array([cos(self.heading), sin(self.heading)])
-        normal = np.array([-tangent[1], tangent[0]])
         zeros = np.zeros_like(stations)
+        ones = np.ones_like(stations)
         return GuideFrame(
-            np.asarray(self.origin) + stations[:, None] * tangent,
-            np.broadcast_to(tangent, (*stations.shape, 2)),
-            np.broadcast_to(normal, (*stations.shape, 2)),
+            np.stack([stations, zeros], axis=-1),
+            np.stack([ones, zeros], axis=-1),
+            np.stack([zeros, ones], axis=-1),
             zeros,
             zeros,
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        return {"kind": "straight", "length": self.length}
+
+
+def guide_from_dict(data: dict[str, Any]) -> Guide:
+    """Return the guide of a plan file.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If the dictionary does not describe a guide.
+    """
+    kind = data["kind"]
+    if kind == "straight":
+        length = float(data["length"])
+        if not (0.0 < length < float("inf")):
+            raise ValueError(f"length {length!r} is not a positive number")
+        return StraightGuide(length)
+    raise ValueError(f"kind {kind!r} is none of straight")

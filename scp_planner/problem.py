@@ -145,7 +145,7 @@ def build_problem(scenario: Scenario, zones: tuple[ThreatZone, ...], settings: S
     """
     start, goal = scenario.start, scenario.goal
     frame = PlanningFrame.between(start.position, goal.position, start.time)
-    guide: Guide = StraightGuide.between((0.0, 0.0), (float(np.hypot(*np.subtract(goal.position, start.position))), 0.0))
+    guide: Guide = StraightGuide(float(np.hypot(*np.subtract(goal.position, start.position))))
     limits = Limits.of(scenario, settings.limit_margin)
     time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
     space = TripSpace(

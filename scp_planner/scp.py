@@ -20,6 +20,9 @@ from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+import os
+LSTRIDE=int(os.environ.get('LSTRIDE','4'))
+LFRAC=float(os.environ.get('LFRAC','0'))
 FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflated by more, relative for limits
 
 
@@ -164,13 +167,15 @@ class ScpLoop:
             (np.abs(current.bend.curvature), problem.limits.curvature, curvature_rows, group + 1),
         ):
             index, _ = local_minima(-values[:, None], -0.5 * limit)
+            stride = np.append(np.arange(0, len(values) - 1, LSTRIDE), len(values) - 1)
+            index = np.union1d(index, stride[values[stride] >= LFRAC * limit])
             if len(index):
                 parts.append(build(problem, trajectory, trajectory.at(problem.samples.take(index)), number))
         rows = Rows.stack(parts)
         count = self.problem.ends.free.stop - self.problem.ends.free.start
         absolute = np.abs(rows.matrix)
         reach = (
-            trust.theta * absolute[:, :count].sum(axis=1)
+            trust.theta * (absolute[:, :count] @ problem.space.tables.leverage[problem.ends.free])
             + trust.beta * absolute[:, count:-1].sum(axis=1)
             + trust.rho * absolute[:, -1]
         )

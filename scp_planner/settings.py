@@ -39,9 +39,9 @@ class Settings:
     """
 
     solver: str = "daqp"
-    path_degree: int = 5
+    path_degree: int = 3
     path_span: float = 1.5
-    acceleration_degree: int = 1
+    acceleration_degree: int = 0
     acceleration_spans: int = 20
     samples: int = 160
     clearance_margin: float = 1e-3

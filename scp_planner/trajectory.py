@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.guide import Guide
+from scp_planner.intervals import Interval
 from scp_planner.splines import (
     PiecewiseBasis,
     antiderivative_control_points,
@@ -34,6 +35,7 @@ Index = NDArray[np.intp]
 
 QUADRATURE_ORDER = 5  # Gauss nodes a cell; the arc length is a polynomial of this degree inside a cell
 CELLS_PER_SPAN = 3
+MAX_BISECTIONS = 60
 NEWTON_STEPS = 3  # from a linear guess inside a cell, where the speed |r'| varies by a few per cent
 
 
@@ -159,6 +161,7 @@ class _Tables:
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)
         self.node_slopes = self.path.derivative.rows(self.node_parameters)
+        self.leverage = _leverage(path_degree, path_spans)
         self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
         self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
 
@@ -172,6 +175,17 @@ class _Tables:
             speed.rows_at(span, x),
             speed.antiderivative.rows_at(span, x),
         )
+
+
+def _leverage(degree: int, spans: int) -> Array:
+    """Distance between neighbouring Greville abscissae, relative to the inner ones.
+
+    Near the clamped ends control points lie closer together, so that a step of one turns the path more.
+    """
+    knots = np.concatenate([np.zeros(degree), np.arange(spans + 1), np.full(degree, spans)])
+    greville = np.array([knots[k + 1 : k + degree + 1].mean() for k in range(spans + degree)])
+    gaps = np.diff(greville)
+    return np.minimum(np.concatenate([gaps[:1], gaps]), np.concatenate([gaps, gaps[-1:]]))
 
 
 @lru_cache(maxsize=32)
@@ -222,6 +236,14 @@ class PathBend:
     value: Array
     slope: Array
     bend: Array
+
+
+@dataclass(frozen=True)
+class BendEnclosure:
+    """Ranges on intervals of the station: |r'|, and d curvature / ds in 1/m^2."""
+
+    speed: Interval
+    curvature_rate: Interval
 
 
 class Path:
@@ -369,6 +391,60 @@ class Path:
         slope = (-tangential + 2.0 * k * q) / cubed - 3.0 * curvature * q / squared
         return PathBend(curvature, value, slope, p / cubed)
 
+    def bend_enclosure(self, points: PathPoints, width: Array) -> BendEnclosure:
+        """Enclose |r'| and the rate of the curvature on intervals of the station around points of the path.
+
+        Parameters
+        ----------
+        points : PathPoints
+            Middles of the intervals.
+        width : (n,) array
+            Half widths in m of station; no interval may cross a breakpoint of the offset.
+
+        Returns
+        -------
+        BendEnclosure
+        """
+        f, q, bend, third = self._offset_ranges(points, width)
+        zero = Interval(np.zeros_like(width), np.zeros_like(width))
+        one = Interval(np.ones_like(width), np.ones_like(width))
+        if self.space.frame is None:
+            k = rate = second = zero
+        else:
+            k, rate, second = self.space.guide.curvature_ranges(points.station, width)
+        p = one - k * f
+        p_rate = -(rate * f) - k * q
+        along = -(rate * f) - (k * q).scaled(2.0)
+        across = bend + k * p
+        along_rate = -(second * f) - (rate * q).scaled(3.0) - (k * bend).scaled(2.0)
+        across_rate = third + rate * p + k * p_rate
+        squared = p.squared() + q.squared()
+        squared = Interval(np.maximum(squared.lower, 1e-12), np.maximum(squared.upper, 1e-12))
+        numerator = p * across - q * along
+        numerator_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
+        speed = Interval(np.sqrt(squared.lower), np.sqrt(squared.upper))
+        curvature_rate = numerator_rate * speed.power(-3.0) - (
+            numerator * speed.power(-5.0) * (p * p_rate + q * bend)
+        ).scaled(3.0)
+        return BendEnclosure(speed, curvature_rate)
+
+    def _offset_ranges(self, points: PathPoints, width: Array) -> list[Interval]:
+        """Ranges of the offset and its first three derivatives on intervals of the station, by Taylor's polynomial."""
+        basis, scale = self.space.path, 1.0
+        derivatives = []
+        for _ in range(basis.coefficients.shape[1]):
+            derivatives.append(evaluate(basis.combine(self.theta) * scale, points.span, points.local))
+            basis, scale = basis.derivative, scale / self.space.length
+        ranges = []
+        for order in range(4):
+            radius, factor = np.zeros_like(width), 1.0
+            for further, derivative in enumerate(derivatives[order + 1 :], start=1):
+                factor *= further
+                radius += np.abs(derivative) * width**further / factor
+            middle = derivatives[order] if order < len(derivatives) else np.zeros_like(width)
+            ranges.append(Interval.around(middle, radius))
+        return ranges
+
 
 _UP = np.array([[0.0, 1.0]])
 
@@ -428,6 +504,28 @@ class Trajectory:
     def speed_control_points(self) -> Array:
         """Control points of the speed, (K2 + 1,) m/s: its bounds for all times."""
         return self.space.start_speed + self.travel_time * (self.space.tables.speed_control @ self.beta)
+
+    def sigma_at(self, distance: Array) -> Array:
+        """Normalised times at which the distance driven equals ``distance``, (n,) m; the first ones where it stands."""
+        tau, v0, tables = self.travel_time, self.space.start_speed, self.space.tables
+        edges = tables.time_table(self.space.acceleration.breakpoints)
+        driven = v0 * tau * edges.sigma + tau * tau * (edges.distance @ self.beta)
+        span = np.clip(np.searchsorted(driven, distance, "left") - 1, 0, len(driven) - 2)
+        low, high = edges.sigma[span], edges.sigma[span + 1]
+        # Bisection with Newton steps inside the bracket: the distance never decreases.
+        sigma = low + (high - low) * np.clip(
+            (distance - driven[span]) / np.maximum(driven[span + 1] - driven[span], 1e-300), 0.0, 1.0
+        )
+        for _ in range(MAX_BISECTIONS):
+            table = tables.time_table(sigma)
+            excess = v0 * tau * sigma + tau * tau * (table.distance @ self.beta) - distance
+            low, high = np.where(excess <= 0.0, sigma, low), np.where(excess >= 0.0, sigma, high)
+            if np.all(np.abs(excess) <= 1e-13 * max(self.path.arc_length, 1.0)):
+                break
+            rate = tau * (v0 + tau * (table.speed @ self.beta))
+            newton = sigma - excess / np.where(rate > 0.0, rate, np.inf)
+            sigma = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        return sigma
 
     def at(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table."""

@@ -12,19 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.ellipse import ellipse_contact, support
+from scp_planner.intervals import Interval
 from scp_planner.polynomials import PiecewisePolynomials
+from scp_planner.scenario import Disc, Ellipse, Obstacle, Rectangle, Scenario
 
 if TYPE_CHECKING:
     from scp_planner.frames import PlanningFrame
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+HORIZON = 120.0  # s; longest trip that estimated zones are made for
 
 
 @dataclass(frozen=True)
@@ -244,6 +249,67 @@ class ZoneBatch:
                 rate[rows] = -np.einsum("ij,ij->i", exact.normal, velocity) - growth
         return ZoneContacts(distance - self.radius[index], normal, rate)
 
+    def acceleration_bound(self, index: Index, times: Array, half: Array) -> Array:
+        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+        """
+        return _magnitude_bound(self.velocities.derivative, index, times, half)
+
+    def growth_bend_bound(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
+        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
+
+        With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.
+        """
+        bound = np.zeros(len(index))
+        if self.covariances is None:
+            return bound
+        rows = np.flatnonzero(self.slot[index] >= 0)
+        if len(rows):
+            slot, x, y = self.slot[index[rows]], normal[rows, 0], normal[rows, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            rate = self.covariances.derivative
+            value = _directed_range(self.covariances, slot, times[rows], half[rows], weights)
+            second = _directed_range(rate.derivative, slot, times[rows], half[rows], weights)
+            bound[rows] = np.where(
+                value.lower > 0.0,
+                np.maximum(second.upper, 0.0) / (2.0 * np.sqrt(np.maximum(value.lower, 1e-300))),
+                np.where(second.upper > 0.0, np.inf, 0.0),
+            )
+        return bound
+
+
+def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> list[Array]:
+    """Taylor coefficients, (n, d) each, of chosen polynomials about their times."""
+    terms, factor = [], 1.0
+    for order in range(polynomials.coefficients.shape[2]):
+        terms.append(polynomials.at(index, times) / factor)
+        polynomials = polynomials.derivative
+        factor *= order + 1
+    return terms
+
+
+def _magnitude_bound(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> Array:
+    terms = _taylor(polynomials, index, times)
+    bound = np.zeros(len(index))
+    for order, term in enumerate(terms):
+        bound += np.hypot(term[:, 0], term[:, 1]) * half**order
+    return bound
+
+
+def _directed_range(
+    polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array, weights: Array
+) -> Interval:
+    terms = [np.einsum("ij,ij->i", weights, term) for term in _taylor(polynomials, index, times)]
+    radius = np.zeros(len(index))
+    for order, term in enumerate(terms[1:], start=1):
+        radius += np.abs(term) * half**order
+    return Interval.around(terms[0], radius)
+
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
     """Time derivative of sqrt(nu' C nu) at a fixed nu."""
@@ -252,3 +318,63 @@ def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> A
         covariance_rate[:, 0] * x * x + 2.0 * covariance_rate[:, 1] * x * y + covariance_rate[:, 2] * y * y
     )
     return quadratic_rate / np.maximum(2.0 * support(covariance, normal), 1e-300)
+
+
+def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
+    """Return the threat zone of every obstacle of a scenario, in order.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its ``confidence`` names the level that the zones of estimated obstacles hold from ``start.time`` on.
+
+    Returns
+    -------
+    tuple of ThreatZone
+
+    Raises
+    ------
+    ScenarioError
+        If an obstacle's motion cannot be estimated, or its shape is not supported.
+    """
+    estimated = sum(obstacle.observations is not None for obstacle in scenario.obstacles)
+    return tuple(_zone(obstacle, scenario, estimated) for obstacle in scenario.obstacles)
+
+
+def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
+    radius = _covering_radius(obstacle) + obstacle.margin
+    if obstacle.motion is not None:
+        motion = obstacle.motion
+        half = (0.5 * motion.acceleration[0], 0.5 * motion.acceleration[1])
+        return ThreatZone(
+            obstacle.id,
+            radius,
+            PiecewisePolynomials.single(0.0, np.array([motion.position, motion.velocity, half])),
+        )
+    from scp_planner.confidence import region_scale
+    from scp_planner.estimation import estimate_obstacle
+
+    estimate = estimate_obstacle(obstacle)
+    start = scenario.start.time
+    scale = region_scale(
+        str(scenario.confidence.level), scenario.confidence.probability, estimate, obstacles=estimated, start=start
+    )
+    pieces = estimate.polynomials(start, start + HORIZON)
+    return ThreatZone(
+        obstacle.id,
+        radius,
+        PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
+        PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
+    )
+
+
+def _covering_radius(obstacle: Obstacle) -> float:
+    """Radius of the disc around an obstacle's centre that covers its shape, m."""
+    shape = obstacle.shape
+    if isinstance(shape, Disc):
+        return shape.disc
+    if isinstance(shape, Rectangle):
+        return 0.5 * hypot(*shape.rectangle)
+    if isinstance(shape, Ellipse):
+        return max(shape.ellipse)
+    return max(hypot(*vertex) for vertex in shape.polygon)

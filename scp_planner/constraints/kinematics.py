@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.constraints import Rows
 from scp_planner.constraints.clearance import join_blocks
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, Trajectory, TripPoints
+from scp_planner.trajectory import Array, PathBend, Trajectory, TripPoints
 
 
 class KinematicRows:
@@ -80,50 +80,51 @@ class KinematicRows:
 
 
 def curvature_rows(problem: Problem, trajectory: Trajectory, points: TripPoints, group: int) -> Rows:
-    """Return the rows of |curvature| <= limit at points of a trip, relative to the limit."""
-    bend = trajectory.path.bend(points.path)
-    sign = np.sign(bend.curvature)
+    """Return the rows of -limit <= curvature <= limit at points of a trip, relative to the limit.
+
+    Both sides are rows wherever a step could reach them: the curvature may change its sign in one step.
+    """
     limit = problem.limits.curvature
-    theta = (sign / limit)[:, None] * _curvature_gradient(problem, trajectory, points)
-    zeros = np.zeros((len(sign), problem.space.acceleration_size + 1))
-    return Rows(
-        np.concatenate([theta, zeros], axis=1),
-        1.0 - sign * bend.curvature / limit,
-        np.full(len(sign), group, dtype=np.intp),
-    )
+    bend = trajectory.path.bend(points.path)
+    theta = _curvature_gradient(problem, trajectory, points, bend) / limit
+    zeros = np.zeros((len(theta), problem.space.acceleration_size + 1))
+    return _both_sides(np.concatenate([theta, zeros], axis=1), bend.curvature / limit, group)
 
 
 def lateral_rows(problem: Problem, trajectory: Trajectory, points: TripPoints, group: int) -> Rows:
-    """Return the rows of v^2 |curvature| <= limit at fixed stations of a trip, relative to the limit.
+    """Return the rows of -limit <= v^2 curvature <= limit at fixed stations of a trip, relative to the limit.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
     d(v^2) = 2 v (C1 db / tau - (v - v0) dtau / tau) + 2 a (dS - C2 db - v0 sigma dtau), regular also at v = 0.
     """
     limit = problem.limits.lateral_acceleration
     bend = trajectory.path.bend(points.path)
-    sign = np.sign(bend.curvature)
-    curvature = sign * bend.curvature
+    curvature = bend.curvature / limit
     tau, v0 = trajectory.travel_time, problem.space.start_speed
     v, a, table = points.speed, points.acceleration, points.table
     squared = v * v
     stations = trajectory.path.arc_length_gradient(points.parameter)[:, problem.ends.free]
-    theta = (sign * squared)[:, None] * _curvature_gradient(problem, trajectory, points)
+    theta = (squared / limit)[:, None] * _curvature_gradient(problem, trajectory, points, bend)
     theta += (curvature * 2.0 * a)[:, None] * stations
     beta = curvature[:, None] * (
         (2.0 * tau * v)[:, None] * table.speed - (2.0 * tau * tau * a)[:, None] * table.distance
     )
     rho = -2.0 * curvature * (v * (v - v0) + a * v0 * tau * table.sigma)
+    return _both_sides(join_blocks(theta, beta, rho), curvature * squared, group)
+
+
+def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
+    """Rows of -1 <= value + gradient z <= 1."""
     return Rows(
-        join_blocks(theta, beta, rho) / limit,
-        1.0 - curvature * squared / limit,
-        np.full(len(v), group, dtype=np.intp),
+        np.concatenate([gradient, -gradient]),
+        np.concatenate([1.0 - value, 1.0 + value]),
+        np.full(2 * len(value), group, dtype=np.intp),
     )
 
 
-def _curvature_gradient(problem: Problem, trajectory: Trajectory, points: TripPoints) -> Array:
+def _curvature_gradient(problem: Problem, trajectory: Trajectory, points: TripPoints, bend: PathBend) -> Array:
     """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
     space, path = problem.space, points.path
-    bend = trajectory.path.bend(path)
     basis = space.path
     gradient = (bend.slope / space.length)[:, None] * basis.derivative.rows_at(path.span, path.local)
     gradient += (bend.bend / space.length**2)[:, None] * basis.derivative.derivative.rows_at(path.span, path.local)

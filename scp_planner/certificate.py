@@ -1,0 +1,394 @@
+"""The certificate: does a plan keep every limit and every clearance at *all* times, not only at samples?
+
+It is independent of the code that made the plan: it uses the trip and the zones, and nothing of the optimisation.
+
+Time is divided where a spline has a knot, so that on each interval [m - h, m + h] the offset f and the acceleration are one polynomial
+each. Then, with interval enclosures of their derivatives on the interval:
+
+- Clearance. For *any* fixed unit vector nu, l(t) = nu . (r(t) - eta(t)) - h_E(nu, t) - R is a lower bound of the
+  signed distance. With nu taken at m,  l(m + d) >= l(m) - |l'(m)| h - K h^2 / 2, where K bounds |r''| + |eta''| + growth'' on the interval.
+- Curvature and lateral acceleration by the mean value form q(m) + [q'] h, q' enclosed by interval arithmetic.
+- Speed and acceleration by the control points of their splines (convex hull).
+
+Intervals whose bound does not decide are halved, until all hold, a violation is found at a midpoint, or the intervals get too short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.intervals import Interval
+from scp_planner.plan import Clearance, LimitUse, Plan, Trip
+from scp_planner.problem import Limits
+from scp_planner.scenario import Scenario
+from scp_planner.trajectory import Trajectory, TripPoints
+from scp_planner.zones import ThreatZone, ZoneBatch, zones
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+MAX_HALVINGS = 22
+INTERVALS = 192  # at the first level, besides those between knots
+RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
+END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
+CLEARANCE_TOLERANCE = 1e-9  # m
+REPORT_PRECISION = 1e-3  # m; the reported least clearance is a lower bound at most this far below the true one
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Something that a plan does not keep.
+
+    Attributes
+    ----------
+    what : str
+        ``clearance``, a limit's name, or an end condition.
+    value : float
+        The value found, SI.
+    allowed : float
+        What is allowed, SI.
+    time : float
+        Absolute time, s.
+    obstacle : str or None
+        Id, for clearance.
+    """
+
+    what: str
+    value: float
+    allowed: float
+    time: float
+    obstacle: str | None = None
+
+    def __str__(self) -> str:
+        whom = f" to {self.obstacle}" if self.obstacle is not None else ""
+        return f"{self.what}{whom} {self.value:.6g} at t = {self.time:.3f} s, allowed {self.allowed:.6g}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The outcome of a check in continuous time.
+
+    Attributes
+    ----------
+    holds : bool
+        Whether every limit and clearance is kept at all times.
+    clearance : Clearance
+        Least signed distance of the vehicle's disc to the zones; a lower bound if it holds.
+    limits : dict of str to LimitUse
+    violations : tuple of Violation
+    """
+
+    holds: bool
+    clearance: Clearance
+    limits: dict[str, LimitUse]
+    violations: tuple[Violation, ...] = field(default=())
+
+
+def certify(scenario: Scenario, plan: Plan, threat_zones: tuple[ThreatZone, ...] | None = None) -> Certificate:
+    """Check a plan against a scenario in continuous time, whoever made it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    plan : Plan
+    threat_zones : tuple of ThreatZone, optional
+        The scenario's zones, if they are at hand.
+
+    Returns
+    -------
+    Certificate
+    """
+    return certify_trip(scenario, plan.trip, zones(scenario) if threat_zones is None else threat_zones)
+
+
+def certify_trip(scenario: Scenario, trip: Trip, threat_zones: tuple[ThreatZone, ...]) -> Certificate:
+    """Check a trip against a scenario in continuous time. See :func:`certify`."""
+    check = _Check(scenario, trip, ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius))
+    return check.run()
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Intervals of time, none across a knot: middles and half widths in normalised time."""
+
+    middle: Array
+    half: Array
+
+    def halves(self, keep: NDArray[np.bool_]) -> _Pieces:
+        middle, half = self.middle[keep], 0.5 * self.half[keep]
+        return _Pieces(np.concatenate([middle - half, middle + half]), np.concatenate([half, half]))
+
+
+@dataclass(frozen=True)
+class _Enclosure:
+    """What holds on whole intervals.
+
+    Attributes
+    ----------
+    points : TripPoints
+        At the middles.
+    half : (n,) array
+        Half widths, s.
+    curvature, lateral : (n,) arrays
+        At the middles, signed.
+    curvature_bound, lateral_bound, acceleration_bound : (n,) arrays
+        Upper bounds of the absolute values on the whole intervals.
+    """
+
+    points: TripPoints
+    half: Array
+    curvature: Array
+    lateral: Array
+    curvature_bound: Array
+    lateral_bound: Array
+    acceleration_bound: Array
+
+
+class _Check:
+    def __init__(self, scenario: Scenario, trip: Trip, batch: ZoneBatch) -> None:
+        self.scenario = scenario
+        self.trip = trip
+        self.trajectory: Trajectory = trip.trajectory
+        self.batch = batch
+        self.limits = Limits.of(scenario)
+        self.violations: list[Violation] = []
+        self.accelerations = batch.centers.derivative.derivative
+
+    def run(self) -> Certificate:
+        ends = self._ends()
+        self.violations.extend(ends)
+        limits = self._speed_and_acceleration()
+        pieces = self._first_pieces()
+        enclosure = self._enclose(pieces)
+        limits["curvature"] = self._bend_limit("curvature", pieces, enclosure)
+        limits["lateral_acceleration"] = self._bend_limit("lateral_acceleration", pieces, enclosure)
+        clearance = self._clearance(pieces, enclosure)
+        self._inside_bounds(pieces, enclosure)
+        return Certificate(not self.violations, clearance, limits, tuple(self.violations))
+
+    def _absolute(self, sigma: float) -> float:
+        return self.trip.frame.time + self.trajectory.travel_time * float(sigma)
+
+    def _ends(self) -> list[Violation]:
+        scenario, trajectory = self.scenario, self.trajectory
+        points = trajectory.at(trajectory.space.time_table(np.array([0.0, 1.0])))
+        position = self.trip.frame.to_world(points.path.position)
+        direction = self.trip.frame.vectors_to_world(points.path.direction)
+        start, goal = scenario.start, scenario.goal
+        times = (self._absolute(0.0), self._absolute(1.0))
+        found = [
+            ("start time", abs(times[0] - start.time), 0.0, times[0]),
+            ("distance from the start", float(np.hypot(*(position[0] - start.position))), 0.0, times[0]),
+            ("distance from the goal", float(np.hypot(*(position[1] - goal.position))), goal.radius, times[1]),
+            ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
+        ]
+        if goal.speed is not None:
+            found.append(("goal speed", abs(float(points.speed[1]) - goal.speed), 0.0, times[1]))
+        for name, wanted, vector, time in (
+            ("start heading", start.heading, direction[0], times[0]),
+            ("goal heading", goal.heading, direction[1], times[1]),
+        ):
+            if wanted is not None:
+                turn = np.arctan2(vector[1], vector[0]) - wanted
+                found.append((name, abs(float(np.arctan2(np.sin(turn), np.cos(turn)))), 0.0, time))
+        return [
+            Violation(name, value, allowed, time)
+            for name, value, allowed, time in found
+            if not value <= allowed + END_TOLERANCE
+        ]
+
+    def _speed_and_acceleration(self) -> dict[str, LimitUse]:
+        trajectory, limits = self.trajectory, self.limits
+        speeds = trajectory.speed_control_points()
+        degree = trajectory.space.acceleration.coefficients.shape[1] - 1
+        speed_sites = _greville(trajectory.space.acceleration.breakpoints, degree + 1)
+        sites = _greville(trajectory.space.acceleration.breakpoints, degree)
+        fastest, slowest = int(np.argmax(speeds)), int(np.argmin(speeds))
+        # Driving faster than allowed at the start is the scenario's business, not the plan's.
+        top = max(limits.speed, self.scenario.start.speed)
+        self._note("speed", float(speeds[fastest]), top, speed_sites[fastest], float(speeds[fastest]) > top * (1 + RELATIVE_TOLERANCE))
+        self._note("speed", float(speeds[slowest]), 0.0, speed_sites[slowest], float(speeds[slowest]) < -RELATIVE_TOLERANCE * top)
+        beta = trajectory.beta
+        use = np.maximum(beta / limits.acceleration, -beta / limits.deceleration)
+        worst = int(np.argmax(use))
+        allowed = limits.acceleration if beta[worst] > 0 else -limits.deceleration
+        self._note("acceleration", float(beta[worst]), allowed, sites[worst], float(use[worst]) > 1 + RELATIVE_TOLERANCE)
+        return {
+            "speed": LimitUse(float(speeds[fastest]), limits.speed, self._absolute(speed_sites[fastest])),
+            "acceleration": LimitUse(float(beta[worst]), allowed, self._absolute(sites[worst])),
+        }
+
+    def _note(self, what: str, value: float, allowed: float, sigma: float, broken: bool, obstacle: str | None = None) -> None:
+        if broken:
+            self.violations.append(Violation(what, value, allowed, self._absolute(sigma), obstacle))
+
+    def _first_pieces(self) -> _Pieces:
+        trajectory = self.trajectory
+        space = trajectory.space
+        knots = trajectory.path.arc_length_at(space.path.breakpoints[1:-1])
+        grid = np.linspace(0.0, 1.0, INTERVALS + 1)
+        edges = np.unique(
+            np.concatenate([grid, space.acceleration.breakpoints, trajectory.sigma_at(knots)])
+        )
+        return _Pieces(0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges))
+
+    def _enclose(self, pieces: _Pieces) -> _Enclosure:
+        trajectory = self.trajectory
+        space = trajectory.space
+        points = trajectory.at(space.time_table(pieces.middle))
+        half = pieces.half * trajectory.travel_time
+        speed_basis = space.tables.time_table
+        edges = speed_basis(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
+        ends = trajectory.at(edges)
+        # Inside one span the acceleration is one polynomial of degree <= 2: linear ones are bounded by their ends.
+        middle = points.acceleration
+        count = len(middle)
+        slope = self._jerk_bound(pieces)
+        acceleration = np.abs(middle) + slope * half
+        low, high = ends.parameter[:count], ends.parameter[count:]
+        width = np.maximum(high - points.parameter, points.parameter - low) * (1.0 + 1e-9) + 1e-12
+        fastest = points.speed + acceleration * half
+        slowest = np.maximum(points.speed - acceleration * half, 0.0)
+        bend = trajectory.path.bend_enclosure(points.path, width * space.length)
+        # s(t): ds/dt = v / |r'|
+        speed = Interval(slowest, fastest)
+        curvature = trajectory.path.bend(points.path).curvature
+        curvature_bound = np.abs(curvature) + bend.curvature_rate.magnitude() * width * space.length
+        lateral = points.speed**2 * curvature
+        rate = (
+            Interval(-curvature_bound, curvature_bound) * speed * Interval(-acceleration, acceleration)
+        ).scaled(2.0) + speed.squared() * bend.curvature_rate * speed * bend.speed.power(-1.0)
+        lateral_bound = np.abs(lateral) + rate.magnitude() * half
+        return _Enclosure(points, half, curvature, lateral, curvature_bound, lateral_bound, acceleration)
+
+    def _jerk_bound(self, pieces: _Pieces) -> Array:
+        """Largest |da/dt| on each interval."""
+        basis = self.trajectory.space.acceleration.derivative
+        coefficients = basis.combine(self.trajectory.beta) / self.trajectory.travel_time
+        span, _ = basis.locate(pieces.middle)
+        return np.abs(coefficients[span]).sum(axis=1)
+
+    def _bend_limit(self, name: str, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
+        """Curvature or lateral acceleration, by halving."""
+        limit = self.limits.curvature if name == "curvature" else self.limits.lateral_acceleration
+        allowed = limit * (1.0 + RELATIVE_TOLERANCE)
+        best, best_sigma = -1.0, 0.0
+        for _ in range(MAX_HALVINGS):
+            value = enclosure.curvature if name == "curvature" else enclosure.lateral
+            bound = enclosure.curvature_bound if name == "curvature" else enclosure.lateral_bound
+            worst = int(np.argmax(np.abs(value)))
+            if abs(value[worst]) > best:
+                best, best_sigma = float(abs(value[worst])), float(pieces.middle[worst])
+            if best > allowed:
+                self._note(name, best, limit, best_sigma, True)
+                break
+            undecided = bound > allowed
+            if not undecided.any():
+                break
+            pieces = pieces.halves(undecided)
+            enclosure = self._enclose(pieces)
+        else:
+            self._note(name, best, limit, best_sigma, True)
+        return LimitUse(best, float(limit) if np.isfinite(limit) else None, self._absolute(best_sigma))
+
+    def _clearance(self, pieces: _Pieces, enclosure: _Enclosure) -> Clearance:
+        batch = self.batch
+        if batch.size == 0:
+            return Clearance(float("inf"))
+        points = enclosure.points
+        distance = batch.distances(points.time, points.path.position)
+        interval, zone = np.divmod(np.arange(distance.size), batch.size)
+        least = float(distance.min())
+        at = int(np.argmin(distance))
+        where = (float(pieces.middle[interval[at]]), int(zone[at]))
+        certified = np.inf
+        for _ in range(MAX_HALVINGS):
+            bound = self._clearance_bound(pieces, enclosure, interval, zone)
+            value = bound.value
+            worst = int(np.argmin(value))
+            if value[worst] < least:
+                least, where = float(value[worst]), (float(pieces.middle[interval[worst]]), int(zone[worst]))
+            if least < -CLEARANCE_TOLERANCE:
+                certified = least
+                break
+            # Good enough: certainly outside, and not far below the least value found.
+            done = (bound.lower >= 0.0) & (bound.lower >= least - REPORT_PRECISION)
+            if done.any():
+                certified = min(certified, float(bound.lower[done].min()))
+            if done.all():
+                break
+            open_pieces, inverse = np.unique(interval[~done], return_inverse=True)
+            keep = np.zeros(len(pieces.middle), dtype=bool)
+            keep[open_pieces] = True
+            pieces = pieces.halves(keep)
+            interval = np.concatenate([inverse, inverse + len(open_pieces)])
+            zone = np.concatenate([zone[~done], zone[~done]])
+            enclosure = self._enclose(pieces)
+        else:
+            certified = -np.inf
+        sigma, index = where
+        if certified < 0.0:
+            self._note("clearance", least, 0.0, sigma, True, batch.ids[index])
+            return Clearance(least, batch.ids[index], self._absolute(sigma))
+        return Clearance(max(certified, 0.0), batch.ids[index], self._absolute(sigma))
+
+    def _clearance_bound(self, pieces: _Pieces, enclosure: _Enclosure, interval: Index, zone: Index) -> _Bound:
+        batch, points = self.batch, enclosure.points
+        times = points.time[interval]
+        contacts = batch.contacts(zone, times, points.path.position[interval])
+        unit = points.path.direction / points.path.speed[:, None]
+        velocity = (points.speed[:, None] * unit)[interval]
+        half = enclosure.half[interval]
+        slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+        own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)[interval]
+        bend = own + batch.acceleration_bound(zone, times, half) + batch.growth_bend_bound(
+            zone, times, half, contacts.normal
+        )
+        return _Bound(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
+
+    def _inside_bounds(self, pieces: _Pieces, enclosure: _Enclosure) -> None:
+        """The vehicle's disc stays inside the workspace box, by the same bound as for clearance."""
+        box = self.scenario.bounds
+        if box is None:
+            return
+        frame = self.trip.frame
+        radius = self.scenario.vehicle.radius
+        normals = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
+        for _ in range(MAX_HALVINGS):
+            points = enclosure.points
+            position = frame.to_world(points.path.position)
+            unit = frame.vectors_to_world(points.path.direction / points.path.speed[:, None])
+            inside = position @ normals.T - offsets
+            slope = np.abs((points.speed[:, None] * unit) @ normals.T)
+            own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)[:, None]
+            half = enclosure.half[:, None]
+            lower = inside - slope * half - 0.5 * own * half * half
+            worst = np.unravel_index(np.argmin(inside), inside.shape)
+            if inside[worst] < -END_TOLERANCE:
+                self._note("workspace bounds", float(inside[worst]), 0.0, float(pieces.middle[worst[0]]), True)
+                return
+            undecided = (lower < -END_TOLERANCE).any(axis=1)
+            if not undecided.any():
+                return
+            pieces = pieces.halves(undecided)
+            enclosure = self._enclose(pieces)
+        self._note("workspace bounds", float(inside[worst]), 0.0, float(pieces.middle[0]), True)
+
+
+@dataclass(frozen=True)
+class _Bound:
+    value: Array
+    lower: Array
+
+
+def _greville(breakpoints: Array, degree: int) -> Array:
+    """Sites in normalised time that the control points of a clamped spline belong to."""
+    if degree == 0:
+        return 0.5 * (breakpoints[1:] + breakpoints[:-1])
+    knots = np.concatenate([np.full(degree, breakpoints[0]), breakpoints, np.full(degree, breakpoints[-1])])
+    count = len(knots) - degree - 1
+    return np.array([knots[k + 1 : k + degree + 1].mean() for k in range(count)])

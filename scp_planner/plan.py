@@ -1,0 +1,414 @@
+"""What comes out: a plan, callable at any time, saved and loaded."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cached_property
+from math import isfinite
+from os import PathLike
+from pathlib import Path as FilePath
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import write_text
+from scp_planner.frames import PlanningFrame
+from scp_planner.guide import Guide, guide_from_dict
+from scp_planner.splines import clamped_knots
+from scp_planner.trajectory import Path, Trajectory, TripPoints, TripSpace
+
+Array = NDArray[np.float64]
+
+
+class PlanStatus(StrEnum):
+    """How far a plan can be trusted.
+
+    ``certified``: the continuous-time certificate holds. ``feasible``: all sampled constraints hold, the certificate does not.
+    ``infeasible``: some constraint is violated. ``failed``: no trip came out at all but the start of the search.
+    """
+
+    CERTIFIED = "certified"
+    FEASIBLE = "feasible"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Least signed distance between the vehicle's disc and the zones.
+
+    Attributes
+    ----------
+    minimum : float
+        m; a certified lower bound if the plan is certified; inf without obstacles.
+    obstacle : str or None
+        Id of the obstacle.
+    time : float or None
+        Absolute time, s.
+    """
+
+    minimum: float
+    obstacle: str | None = None
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """The worst value of a limited quantity over a trip.
+
+    Attributes
+    ----------
+    worst : float
+        In the quantity's SI unit.
+    limit : float or None
+        None: unbounded.
+    time : float
+        Absolute time of the worst value, s.
+    """
+
+    worst: float
+    limit: float | None
+    time: float
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A trip in world coordinates and absolute time.
+
+    Attributes
+    ----------
+    frame : PlanningFrame
+    trajectory : Trajectory
+        In the planning frame.
+    """
+
+    frame: PlanningFrame
+    trajectory: Trajectory
+
+    def at(self, t: ArrayLike) -> tuple[TripPoints, tuple[int, ...]]:
+        """Return the trip at absolute times, clamped to the trip, and the shape of ``t``."""
+        times = np.asarray(t, dtype=float)
+        tau = self.trajectory.travel_time
+        sigma = np.clip((times.ravel() - self.frame.time) / tau, 0.0, 1.0)
+        return self.trajectory.at(self.trajectory.space.time_table(sigma)), times.shape
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned trip. Times are absolute, s; positions in world coordinates, m.
+
+    Attributes
+    ----------
+    scenario : str
+        Name of the scenario.
+    status : PlanStatus
+    reason : str or None
+        Why there is no certificate.
+    trip : Trip
+    method, solver : str
+    iterations : int
+        Of all runs together.
+    wall_time : float
+        s.
+    clearance : Clearance
+    limits : dict of str to LimitUse
+        ``speed``, ``acceleration``, ``lateral_acceleration``, ``curvature``.
+    lower_bound : float
+        No trip of this scenario is shorter than this, s.
+    timings : dict of str to float
+        Wall time of each stage, s; not saved.
+    """
+
+    scenario: str
+    status: PlanStatus
+    reason: str | None
+    trip: Trip
+    method: str
+    solver: str
+    iterations: int
+    wall_time: float
+    clearance: Clearance
+    limits: dict[str, LimitUse]
+    lower_bound: float = 0.0
+    timings: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the continuous-time certificate holds."""
+        return self.status is PlanStatus.CERTIFIED
+
+    @property
+    def start_time(self) -> float:
+        """Absolute time of the start, s."""
+        return self.trip.frame.time
+
+    @property
+    def travel_time(self) -> float:
+        """Duration of the trip, s."""
+        return self.trip.trajectory.travel_time
+
+    @property
+    def arrival_time(self) -> float:
+        """Absolute time of arrival, s."""
+        return self.start_time + self.travel_time
+
+    def position(self, t: ArrayLike) -> Array:
+        """Position at absolute times, (...) s to (..., 2) m; at the ends of the trip outside it."""
+        points, shape = self.trip.at(t)
+        return self.trip.frame.to_world(points.path.position).reshape(*shape, 2)
+
+    def velocity(self, t: ArrayLike) -> Array:
+        """Velocity vector at absolute times, (...) s to (..., 2) m/s."""
+        points, shape = self.trip.at(t)
+        unit = points.path.direction / points.path.speed[:, None]
+        return self.trip.frame.vectors_to_world(points.speed[:, None] * unit).reshape(*shape, 2)
+
+    def speed(self, t: ArrayLike) -> Array:
+        """Speed along the path at absolute times, (...) s to (...) m/s."""
+        points, shape = self.trip.at(t)
+        return points.speed.reshape(shape)
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        """Acceleration along the path at absolute times, (...) s to (...) m/s^2."""
+        points, shape = self.trip.at(t)
+        return points.acceleration.reshape(shape)
+
+    def heading(self, t: ArrayLike) -> Array:
+        """Direction of the path at absolute times, (...) s to (...) rad in (-pi, pi]."""
+        points, shape = self.trip.at(t)
+        vector = self.trip.frame.vectors_to_world(points.path.direction)
+        return np.arctan2(vector[:, 1], vector[:, 0]).reshape(shape)
+
+    def curvature(self, t: ArrayLike) -> Array:
+        """Signed curvature of the path at absolute times, (...) s to (...) 1/m, positive to the left."""
+        points, shape = self.trip.at(t)
+        return self.trip.trajectory.path.bend(points.path).curvature.reshape(shape)
+
+    def samples(self, count: int = 200) -> dict[str, list[Any]]:
+        """Equidistant samples of the trip as plain lists, keyed as in the plan file."""
+        times = np.linspace(self.start_time, self.arrival_time, count)
+        return {
+            "time": times.tolist(),
+            "position": self.position(times).tolist(),
+            "velocity": self.velocity(times).tolist(),
+            "heading": self.heading(times).tolist(),
+            "speed": self.speed(times).tolist(),
+            "acceleration": self.acceleration(times).tolist(),
+            "curvature": self.curvature(times).tolist(),
+        }
+
+    def to_dict(self, samples: int = 200) -> dict[str, Any]:
+        """Return the contents of the plan file."""
+        trajectory, frame = self.trip.trajectory, self.trip.frame
+        space = trajectory.space
+        return {
+            "schema": 1,
+            "scenario": self.scenario,
+            "status": str(self.status),
+            "reason": self.reason,
+            "start_time": self.start_time,
+            "arrival_time": self.arrival_time,
+            "travel_time": self.travel_time,
+            "lower_bound": self.lower_bound,
+            "method": self.method,
+            "solver": self.solver,
+            "iterations": self.iterations,
+            "wall_time": self.wall_time,
+            "path": {
+                "degree": space.path.coefficients.shape[1] - 1,
+                "knots": (clamped_knots(space.path.coefficients.shape[1] - 1, space.path.breakpoints) * space.length).tolist(),
+                "offsets": trajectory.theta.tolist(),
+                "guide": {
+                    "origin": list(frame.origin),
+                    "heading": frame.heading,
+                    **space.guide.to_dict(),
+                },
+            },
+            "acceleration": {
+                "degree": space.acceleration.coefficients.shape[1] - 1,
+                "knots": clamped_knots(
+                    space.acceleration.coefficients.shape[1] - 1, space.acceleration.breakpoints
+                ).tolist(),
+                "coefficients": trajectory.beta.tolist(),
+                "start_speed": space.start_speed,
+            },
+            "clearance": {
+                "minimum": self.clearance.minimum if isfinite(self.clearance.minimum) else None,
+                "obstacle": self.clearance.obstacle,
+                "time": self.clearance.time,
+            },
+            "limits": {
+                name: {"worst": use.worst, "limit": use.limit, "time": use.time}
+                for name, use in self.limits.items()
+            },
+            "samples": self.samples(samples),
+        }
+
+    def save(self, path: str | PathLike[str], samples: int = 200) -> None:
+        """Write the plan file, JSON; a file that stood there is replaced only by a whole one.
+
+        Parameters
+        ----------
+        path : path
+        samples : int
+            Number of equidistant samples in the file, at least 2.
+        """
+        text = json.dumps(self.to_dict(samples), allow_nan=False)
+        write_text(path, text + "\n")
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a plan file.
+
+        Raises
+        ------
+        PlanError
+            Naming the file, the key and the value.
+        """
+        name = str(path)
+        try:
+            data = json.loads(FilePath(path).read_text(encoding="utf-8"))
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+        if not isinstance(data, dict):
+            raise PlanError(name, [Fault("", data, "expected a JSON object")])
+        return cls._from_dict(data, name)
+
+    @classmethod
+    def _from_dict(cls, data: dict[str, Any], name: str) -> Self:
+        reader = _Reader(data, name)
+        if reader.get("schema") != 1:
+            raise reader.fault("schema", reader.get("schema"), "1")
+        path, drive = reader.part("path"), reader.part("acceleration")
+        guide_data = path.part("guide")
+        origin = guide_data.vector("origin", 2)
+        frame = PlanningFrame(
+            (float(origin[0]), float(origin[1])), guide_data.number("heading"), reader.number("start_time")
+        )
+        try:
+            guide: Guide = guide_from_dict(guide_data.data)
+        except (KeyError, TypeError, ValueError) as error:
+            raise guide_data.fault("", guide_data.data, f"a guide ({error})") from None
+        path_degree, drive_degree = path.integer("degree", 1, 5), drive.integer("degree", 0, 2)
+        path_breaks = path.breakpoints("knots", path_degree)
+        drive_breaks = drive.breakpoints("knots", drive_degree)
+        if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:
+            raise path.fault("knots", [path_breaks[0], path_breaks[-1]], f"from 0 to the guide's length {guide.length!r}")
+        equal = np.linspace(0.0, guide.length, len(path_breaks))
+        if np.abs(path_breaks - equal).max() > 1e-9 * guide.length:
+            raise path.fault("knots", path_breaks.tolist(), "equidistant")
+        if drive_breaks[0] != 0.0 or drive_breaks[-1] != 1.0:
+            raise drive.fault("knots", [drive_breaks[0], drive_breaks[-1]], "from 0 to 1")
+        speed = drive.number("start_speed")
+        if speed < 0.0:
+            raise drive.fault("start_speed", speed, "at least 0")
+        space = TripSpace(
+            guide, speed, path_degree, len(path_breaks) - 1, drive_degree, tuple(float(b) for b in drive_breaks)
+        )
+        theta = path.vector("offsets", space.path_size)
+        beta = drive.vector("coefficients", space.acceleration_size)
+        trajectory = space.trajectory(theta, beta)
+        travel_time = reader.number("travel_time")
+        if not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
+            raise reader.fault(
+                "travel_time", travel_time, f"{trajectory.travel_time!r}, which is what path and acceleration give"
+            )
+        trajectory = Trajectory(Path(space, theta), beta, trajectory.travel_time)
+        clearance = reader.part("clearance")
+        limits = reader.part("limits")
+        minimum = clearance.get("minimum")
+        try:
+            status = PlanStatus(reader.get("status"))
+        except ValueError:
+            raise reader.fault("status", reader.get("status"), "one of " + ", ".join(PlanStatus)) from None
+        return cls(
+            scenario=str(reader.get("scenario")),
+            status=status,
+            reason=reader.get("reason"),
+            trip=Trip(frame, trajectory),
+            method=str(reader.get("method")),
+            solver=str(reader.get("solver")),
+            iterations=reader.integer("iterations", 0, None),
+            wall_time=reader.number("wall_time"),
+            clearance=Clearance(
+                float("inf") if minimum is None else clearance.number("minimum"),
+                clearance.get("obstacle"),
+                clearance.get("time"),
+            ),
+            limits={
+                key: LimitUse(part.number("worst"), part.get("limit"), part.number("time"))
+                for key in limits.data
+                for part in (limits.part(key),)
+            },
+            lower_bound=float(data.get("lower_bound", 0.0)),
+        )
+
+    def with_status(self, status: PlanStatus, reason: str | None) -> Plan:
+        """Return the same plan with another verdict."""
+        return replace(self, status=status, reason=reason)
+
+    @cached_property
+    def knot_times(self) -> Array:
+        """Absolute times at which the acceleration's pieces begin and end, s."""
+        trajectory = self.trip.trajectory
+        times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
+        return times
+
+
+class _Reader:
+    """Reads keys of a plan file with errors that name the file, the key and the value."""
+
+    def __init__(self, data: dict[str, Any], file: str, path: str = "") -> None:
+        self.data = data
+        self._file = file
+        self._path = path
+
+    def fault(self, key: str, value: object, allowed: str) -> PlanError:
+        """Return the error that names the file, the key's path, the value and what is allowed."""
+        return PlanError(self._file, [Fault(self._where(key), value, f"expected {allowed}")])
+
+    def _where(self, key: str) -> str:
+        return ".".join(part for part in (self._path, key) if part)
+
+    def get(self, key: str) -> Any:
+        if key not in self.data:
+            raise self.fault(key, MISSING, "a value")
+        return self.data[key]
+
+    def part(self, key: str) -> _Reader:
+        value = self.get(key)
+        if not isinstance(value, dict):
+            raise self.fault(key, value, "an object")
+        return _Reader(value, self._file, self._where(key))
+
+    def number(self, key: str) -> float:
+        value = self.get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+            raise self.fault(key, value, "a finite number")
+        return float(value)
+
+    def integer(self, key: str, least: int, most: int | None) -> int:
+        value = self.get(key)
+        if isinstance(value, bool) or not isinstance(value, int) or value < least or (most is not None and value > most):
+            raise self.fault(key, value, f"an integer from {least} to {most}" if most is not None else f"an integer >= {least}")
+        return value
+
+    def vector(self, key: str, size: int | None) -> Array:
+        value = self.get(key)
+        good = isinstance(value, list) and all(
+            not isinstance(v, bool) and isinstance(v, int | float) and isfinite(v) for v in value
+        )
+        if not good or (size is not None and len(value) != size):
+            raise self.fault(key, value, "finite numbers" if size is None else f"{size} finite numbers")
+        return np.array(value, dtype=float)
+
+    def breakpoints(self, key: str, degree: int) -> Array:
+        knots = self.vector(key, None)
+        breaks = knots[degree : len(knots) - degree]
+        if len(breaks) < 2 or np.any(np.diff(breaks) <= 0.0) or np.any(clamped_knots(degree, breaks) != knots):
+            raise self.fault(key, knots.tolist(), f"the clamped knots of degree {degree}, increasing inside")
+        return breaks
