@@ -1,7 +1,8 @@
 """Random scenarios, family by family, as plain dicts in the scenario format.
 
-All draw from the generator they are given, so that a seed names a scenario. The reference families are drawn to
-resemble the recorded ones in the number, size, speed and place of their obstacles; the others try what those do not.
+All draw from the generator they are given, so that a seed names a scenario. The reference families are drawn
+to resemble the recorded ones in the number, size, speed and place of their obstacles; the others try what
+those do not.
 
 ========================  ==============================================================================
 family                    what it tries
@@ -141,7 +142,7 @@ def walls(rng: np.random.Generator) -> Scenario:
 
 
 def convoy(rng: np.random.Generator) -> Scenario:
-    """Eight discs in a column that crosses the line, 0.2 to 0.4 m between them: no way through, only round."""
+    """Eight discs in a column across the line, 0.2 to 0.4 m between them: no way through, only round."""
     speed = rng.uniform(0.8, 2.0)
     side = rng.choice([-1.0, 1.0])
     radius = rng.uniform(0.5, 0.8)
@@ -161,7 +162,7 @@ def convoy(rng: np.random.Generator) -> Scenario:
 def far(rng: np.random.Generator, count: int, near: int = NEAR_OBSTACLES) -> Scenario:
     """A crowd of ``near`` discs, and ``count - near`` more that stay hundreds of metres away.
 
-    With the same generator state the near ones are the same for every ``count``, and so are the first far ones.
+    With the same generator state the near ones are the same for every ``count``, as are the first far ones.
     """
     data = crowd(rng, min(near, count))
     for number in range(near, count):
