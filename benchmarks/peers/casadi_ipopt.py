@@ -1,18 +1,18 @@
 """CasADi + IPOPT: direct multiple shooting on the vehicle's kinematics, free final time.
 
 States x, y, heading, speed; controls acceleration and curvature, constant over each of the equal intervals.
-Over such an interval the path is an arc, and the shooting map is written down instead of integrated: with s the
-distance driven and q = curvature s / 2, the chord is s sinc(q) in the direction heading + q. The series of sinc
-to q^4 is exact to 1e-7 m here, cheaper than Runge-Kutta, and has no singular point.
+Over such an interval the path is an arc, and the shooting map is written down instead of integrated: with s
+the distance driven and q = curvature s / 2, the chord is s sinc(q) in the direction heading + q. The series
+of sinc to q^4 is exact to 1e-7 m here, cheaper than Runge-Kutta, and has no singular point.
 
 Obstacles are parameters, so that a family is built once. The clearance holds at points close enough, and with
 a margin large enough, for nearly every answer to pass the check in between.
 
-What was tried on the reference scenarios, and kept because it was faster or succeeded more often: the distance
-instead of its square as constraint (half the iterations); a monotone barrier that starts small, with the primal
-warm start (a fifth of the time of the adaptive one); an elastic clearance, one slack an obstacle with an exact
-penalty (a seventh of the time at 20 obstacles, where the restoration phase took over without it); 40 intervals
-for 20 m rather than 50 (two thirds of the time for 1e-4 more travel time).
+What was tried on the reference scenarios, and kept because it was faster or succeeded more often: the
+distance instead of its square as constraint (half the iterations); a monotone barrier that starts small,
+with the primal warm start (a fifth of the time of the adaptive one); an elastic clearance, one slack an
+obstacle with an exact penalty (a seventh of the time at 20 obstacles, where the restoration phase took over
+without it); 40 intervals for 20 m rather than 50 (two thirds of the time for 1e-4 more travel time).
 """
 
 from __future__ import annotations
