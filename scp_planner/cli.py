@@ -60,12 +60,29 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+
+def _at_least(least: int) -> Callable[[int], int]:
+    """Make the check of an option; unlike the parser's own, its message has the value."""
+
+    def check(value: int) -> int:
+        if value < least:
+            raise typer.BadParameter(f"{value}: must be at least {least}")
+        return value
+
+    return check
+
+
 ScenarioFile = Annotated[
     str, typer.Argument(metavar="SCENARIO", help=f"Scenario file (YAML or JSON), or {BUILT_IN}NAME.")
 ]
 MethodName = Annotated[Method, typer.Option("--method", help="How to plan.")]
 SolverName = Annotated[str | None, typer.Option("--solver", help="daqp (default), clarabel, osqp or cvxpy.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts; same seed, same plan.")]
+Seed = Annotated[
+    int,
+    typer.Option(
+        "--seed", callback=_at_least(0), help="Seed of the starts, 0 or more; same seed, same plan."
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print nothing but errors and what --json asks for.")
@@ -128,7 +145,9 @@ def plan_command(
     time_limit: Annotated[
         float | None, typer.Option("--time-limit", metavar="S", help="Seconds to plan in; default: no limit.")
     ] = None,
-    samples: Annotated[int, typer.Option("--samples", min=2, help="Samples in the plan file.")] = 200,
+    samples: Annotated[
+        int, typer.Option("--samples", callback=_at_least(2), help="Samples in the plan file.")
+    ] = 200,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -320,6 +339,7 @@ _UNITS = {
     "time_of_least_clearance": "s",
     "wall_time": "s",
 }
+_TOLD_AT_THE_END = ("reason", "violations")
 
 
 def _report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
@@ -329,9 +349,18 @@ def _report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
         typer.echo(json.dumps(finite, indent=1, allow_nan=False))
     elif not quiet:
         for key, value in summary.items():
-            if value is not None and value != []:
-                shown = f"{value:.4f}" if isinstance(value, float) else str(value)
-                typer.echo(f"{key.replace('_', ' ') + ':':<25}{shown} {_UNITS.get(key, '')}".rstrip())
+            if value is not None and key not in _TOLD_AT_THE_END:
+                typer.echo(f"{key.replace('_', ' ') + ':':<25}{_shown(value)} {_UNITS.get(key, '')}".rstrip())
+
+
+def _shown(value: object) -> str:
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.4f}"
+        case _:
+            return str(value)
 
 
 def _finite(value: Any) -> Any:

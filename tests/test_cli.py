@@ -1,0 +1,291 @@
+"""The command line: exit codes, what is written, and what goes to stdout and stderr."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+from scp_planner import builtin
+from scp_planner.cli import app
+from scp_planner.plan import Plan
+from scp_planner.scenario import Scenario
+
+PLAN_KEYS = {
+    "schema",
+    "scenario",
+    "status",
+    "reason",
+    "start_time",
+    "arrival_time",
+    "travel_time",
+    "method",
+    "solver",
+    "iterations",
+    "wall_time",
+    "path",
+    "acceleration",
+    "clearance",
+    "limits",
+    "samples",
+}
+
+
+def run(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def easy(scenario_data: dict[str, Any], tmp_path: Path) -> Path:
+    """A scenario whose one obstacle stays out of the way."""
+    scenario_data |= {
+        "name": "easy",
+        "guide": None,
+        "bounds": None,
+        "obstacles": [{"id": "far", "shape": {"disc": 1.0}, "motion": {"position": [10, 50]}}],
+    }
+    file = tmp_path / "easy.yaml"
+    file.write_text(yaml.safe_dump(scenario_data))
+    return file
+
+
+@pytest.fixture
+def hopeless(easy: Path, scenario_data: dict[str, Any], tmp_path: Path) -> Path:
+    """A scenario whose goal lies under an obstacle that never moves."""
+    scenario_data["name"] = "hopeless"
+    scenario_data["obstacles"] = [
+        {"id": "on-goal", "shape": {"disc": 2.0}, "motion": {"position": [20, 0.5]}}
+    ]
+    file = tmp_path / "hopeless.yaml"
+    file.write_text(yaml.safe_dump(scenario_data))
+    return file
+
+
+# plan
+
+
+def test_plan_writes_a_certified_plan(easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "-o", tmp_path / "plan.json", "--samples", "50")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    assert "status:                  certified" in result.stdout
+    data = json.loads((tmp_path / "plan.json").read_text())
+    assert set(data) >= PLAN_KEYS
+    assert (data["schema"], data["scenario"], data["status"], data["reason"]) == (
+        1,
+        "easy",
+        "certified",
+        None,
+    )
+    assert data["clearance"]["obstacle"] == "far"
+    assert {len(values) for values in data["samples"].values()} == {50}
+    assert f"travel time:             {data['travel_time']:.4f} s" in result.stdout
+
+
+def test_plan_summary_as_json(easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "-o", tmp_path / "plan.json", "--json")
+    summary, plan = json.loads(result.stdout), Plan.load(tmp_path / "plan.json")
+    assert result.exit_code == 0
+    assert summary["certified"] is True
+    assert summary["scenario"] == "easy"
+    assert summary["arrival_time"] == pytest.approx(plan.arrival_time)
+    assert summary["least_clearance"] == pytest.approx(plan.clearance.minimum)
+
+
+def test_plan_without_obstacles_has_a_summary_in_json(easy: Path) -> None:
+    """An infinite clearance has no number in JSON."""
+    easy.write_text(yaml.safe_dump(yaml.safe_load(easy.read_text()) | {"obstacles": []}))
+    result = run("plan", easy, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["least_clearance"] is None
+
+
+def test_quiet_prints_nothing(easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "-o", tmp_path / "plan.json", "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+    assert Plan.load(tmp_path / "plan.json").certified
+
+
+@pytest.mark.parametrize("solver", ["daqp", "clarabel", "osqp", "cvxpy"])
+def test_plan_with_each_solver(solver: str, easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "-o", tmp_path / "plan.json", "--solver", solver, "--seed", "3")
+    assert result.exit_code == 0, result.output
+    assert json.loads((tmp_path / "plan.json").read_text())["solver"] == solver
+
+
+def test_a_plan_that_is_not_certified_is_written_with_its_reason(hopeless: Path, tmp_path: Path) -> None:
+    result = run("plan", hopeless, "-o", tmp_path / "plan.json")
+    assert result.exit_code == 3
+    assert f"{hopeless}: not certified: " in result.stderr
+    data = json.loads((tmp_path / "plan.json").read_text())
+    assert data["status"] != "certified"
+    assert "on-goal" in data["reason"]
+    assert data["reason"] in result.stderr
+
+
+def test_plan_draws_a_figure(easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "--plot", tmp_path / "plan.png")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_built_in_scenario_is_planned_by_name(tmp_path: Path) -> None:
+    result = run("plan", "builtin:crossing", "-o", tmp_path / "plan.json")
+    assert result.exit_code == 0, result.output
+    assert Plan.load(tmp_path / "plan.json").scenario == "crossing"
+
+
+def test_an_interrupted_plan_exits_with_130(
+    easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("scp_planner.planner.plan", interrupt)
+    result = run("plan", easy, "-o", tmp_path / "plan.json")
+    assert (result.exit_code, result.stdout, result.stderr) == (130, "", "interrupted\n")
+    assert not (tmp_path / "plan.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--solver", "gurobi"], ["--solver", "gurobi", "daqp, "]),
+        (["--method", "magic"], ["--method", "magic", "scp"]),
+        (["--time-limit", "0"], ["--time-limit", "0", "greater than 0"]),
+        (["--time-limit", "nan"], ["--time-limit", "nan", "finite"]),
+        (["--time-limit", "soon"], ["--time-limit", "number"]),
+        (["--seed", "-1"], ["--seed", "-1: must be at least 0"]),
+        (["--samples", "1"], ["--samples", "1: must be at least 2"]),
+        (["-o", "no/such/folder/plan.json"], ["--output", "no/such/folder/plan.json", "must exist"]),
+        (["-o", "."], ["--output", ".", "must not be a folder"]),
+        (["-o", "easy.yaml"], ["--output", "easy.yaml", "must not be the scenario file"]),
+        (["--plot", "plan.doc"], ["--plot", "plan.doc", ".png"]),
+        (["--plot", "no/such/plan.png"], ["--plot", "no/such/plan.png", "must exist"]),
+        (["--colour"], ["--colour"]),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_bad_options_are_refused_before_planning(
+    options: list[str], said: list[str], easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = easy.read_bytes()
+    result = run("plan", easy.name, "-o", "plan.json", *options)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    for words in said:
+        assert words in result.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["easy.yaml"]
+    assert easy.read_bytes() == before
+
+
+def test_an_unknown_built_in_scenario_is_refused() -> None:
+    result = run("plan", "builtin:crosing")
+    assert result.exit_code == 2
+    assert "'crosing'" in result.stderr
+    assert "'crossing'" in result.stderr
+
+
+# check
+
+
+def test_check_certifies_a_plan(easy: Path, tmp_path: Path) -> None:
+    run("plan", easy, "-o", tmp_path / "plan.json")
+    result = run("check", easy, tmp_path / "plan.json")
+    assert result.exit_code == 0, result.output
+    assert "certified:               yes" in result.stdout
+    assert run("check", easy, tmp_path / "plan.json", "--quiet").output == ""
+
+
+def test_check_refuses_a_plan_that_meets_an_obstacle(
+    easy: Path, scenario_data: dict[str, Any], tmp_path: Path
+) -> None:
+    """The plan says of itself that it is certified; that was for another scenario."""
+    run("plan", easy, "-o", tmp_path / "plan.json")
+    scenario_data["obstacles"][0]["motion"]["position"] = [10, 0]
+    easy.write_text(yaml.safe_dump(scenario_data))
+    result = run("check", easy, tmp_path / "plan.json", "--json")
+    assert result.exit_code == 3
+    assert "not certified: clearance to far" in result.stderr
+    summary = json.loads(result.stdout)
+    assert summary["certified"] is False
+    assert summary["least_clearance"] < 0
+    assert summary["nearest_obstacle"] == "far"
+    assert any("clearance to far" in violation for violation in summary["violations"])
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": 2}', "{nonsense"])
+def test_check_refuses_what_is_no_plan(text: str, easy: Path, tmp_path: Path) -> None:
+    (tmp_path / "plan.json").write_text(text)
+    result = run("check", easy, tmp_path / "plan.json")
+    assert result.exit_code == 2
+    assert str(tmp_path / "plan.json") in result.stderr
+    assert result.stdout == ""
+
+
+def test_check_names_a_plan_that_is_missing(easy: Path, tmp_path: Path) -> None:
+    result = run("check", easy, tmp_path / "none.json")
+    assert result.exit_code == 2
+    assert f"{tmp_path / 'none.json'}: No such file or directory" in result.stderr
+
+
+# schema, demo, and the program as a whole
+
+
+def test_schema_prints_the_json_schema() -> None:
+    result = run("schema")
+    assert result.exit_code == 0
+    schema = json.loads(result.stdout)
+    assert schema == Scenario.json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run("demo")
+    assert result.exit_code == 0, result.output
+    for words in ("status:", "arrival time:", "least clearance:", "iterations:", "wall time:"):
+        assert words in result.stdout
+    assert {file.name for file in (tmp_path / "demo").iterdir()} >= {"scenario.yaml", "plan.json", "plan.png"}
+    scenario = Scenario.load(tmp_path / "demo" / "scenario.yaml")
+    assert scenario == builtin.load(scenario.name)
+    assert Plan.load(tmp_path / "demo" / "plan.json").certified
+
+
+def test_demo_runs_twice_into_the_same_folder(tmp_path: Path) -> None:
+    for _ in range(2):
+        result = run("demo", "headon", "-o", tmp_path / "demo", "--quiet")
+        assert (result.exit_code, result.output) == (0, "")
+
+
+def test_demo_refuses_a_file_for_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "demo").write_text("mine")
+    result = run("demo", "-o", tmp_path / "demo")
+    assert result.exit_code == 2
+    assert "must be a folder" in result.stderr
+    assert (tmp_path / "demo").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", builtin.names())
+def test_every_built_in_scenario_has_a_certified_plan(name: str) -> None:
+    result = run("plan", f"builtin:{name}")
+    assert result.exit_code == 0, result.output
+
+
+def test_the_module_runs_as_a_program() -> None:
+    command = [sys.executable, "-m", "scp_planner"]
+    version = subprocess.run([*command, "--version"], capture_output=True, text=True, check=True)
+    assert version.stdout.strip() == __import__("scp_planner").__version__
+    refused = subprocess.run([*command, "plan", "none.yaml"], capture_output=True, text=True, check=False)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr == "none.yaml: No such file or directory\n"
+    unfinished = subprocess.run([*command, "plan"], capture_output=True, text=True, check=False)
+    assert unfinished.returncode == 2

@@ -1,0 +1,125 @@
+"""The package as a whole: its public names, how quickly it is imported, and its metadata."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import scp_planner
+
+ROOT = Path(__file__).resolve().parent.parent
+SLOW_PACKAGES = ("numpy", "scipy", "cvxpy", "matplotlib", "clarabel", "osqp", "tqdm", "yaml", "pydantic")
+
+
+def in_a_new_interpreter(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", scp_planner.__all__)
+def test_every_public_name_is_there(name: str) -> None:
+    assert getattr(scp_planner, name) is not None
+    assert name in dir(scp_planner)
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'plann'"):
+        scp_planner.plann  # noqa: B018
+
+
+def test_functions_keep_the_names_that_modules_have_too() -> None:
+    """`scp_planner.plan` is the function, in whatever order the modules are imported."""
+    code = """
+import scp_planner.plan, scp_planner.zones, scp_planner.planner
+import scp_planner as sp
+from scp_planner.plan import Plan
+from scp_planner import plan
+assert callable(sp.plan) and callable(sp.zones) and sp.plan is plan
+assert sp.Plan is Plan
+assert sp.plan is sp.planner.plan
+"""
+    in_a_new_interpreter(code)
+
+
+def test_import_loads_nothing_slow() -> None:
+    code = "import sys, json, scp_planner; print(json.dumps(sorted(sys.modules)))"
+    loaded = set(json.loads(in_a_new_interpreter(code)))
+    assert not loaded.intersection(SLOW_PACKAGES)
+
+
+def test_import_takes_less_than_a_fifth_of_a_second() -> None:
+    code = "import time; t = time.perf_counter(); import scp_planner; print(time.perf_counter() - t)"
+    assert min(float(in_a_new_interpreter(code)) for _ in range(3)) < 0.2
+
+
+def test_planning_imports_neither_cvxpy_nor_matplotlib() -> None:
+    code = """
+import sys
+import scp_planner as sp
+sp.plan, sp.Scenario, sp.certify, sp.estimate_motion, sp.zones
+print([name for name in ("cvxpy", "matplotlib") if name in sys.modules])
+"""
+    assert in_a_new_interpreter(code).strip() == "[]"
+
+
+def test_no_module_prints_but_the_command_line() -> None:
+    """Results go to the caller, messages to logging."""
+    printing = []
+    for file in sorted((ROOT / "scp_planner").rglob("*.py")):
+        calls = (node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call))
+        if any(isinstance(call.func, ast.Name) and call.func.id == "print" for call in calls):
+            printing.append(file.name)
+    assert printing == []
+
+
+def test_the_lock_pins_every_dependency_with_hashes_and_no_address() -> None:
+    lock = (ROOT / "requirements-lock.txt").read_text()
+    assert "://" not in lock
+    pinned = {line.split("==")[0] for line in lock.splitlines() if "==" in line}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extras["plot"], *extras["dev"]]
+    assert {name.split(">=")[0] for name in wanted} <= pinned
+    blocks = lock.replace("\\\n", " ").splitlines()
+    assert all("--hash=sha256:" in line for line in blocks if "==" in line)
+
+
+def test_every_module_imports_by_itself() -> None:
+    """No cycle hides behind the order in which the tests import modules."""
+    names = [
+        ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for file in sorted((ROOT / "scp_planner").rglob("*.py"))
+        if file.name != "__main__.py"
+    ]
+    assert len(names) > 15
+    code = f"""
+import sys, importlib
+for name in {names!r}:
+    for loaded in [m for m in sys.modules if m.split(".")[0] == "scp_planner"]:
+        del sys.modules[loaded]
+    importlib.import_module(name)
+"""
+    in_a_new_interpreter(code)
+    assert importlib.import_module("scp_planner.cli").app is not None
+
+
+def test_the_readme_shows_code_that_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```(python|yaml)\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    code = next(text for language, text in blocks if language == "python")
+    text = next(text for language, text in blocks if language == "yaml")
+    names: dict[str, Any] = {}
+    exec(code, names)
+    assert names["plan"].certified
+    assert scp_planner.Plan.load("plan.json").certified
+    Path("readme.yaml").write_text(text)
+    assert scp_planner.Scenario.load("readme.yaml").obstacles == names["scenario"].obstacles
