@@ -114,9 +114,9 @@ class HotellingErrors(ErrorLaw):
     def __post_init__(self) -> None:
         if not self.degrees_of_freedom >= _FEWEST_DEGREES_OF_FREEDOM:
             raise EstimationError(
-                f"degrees of freedom: {self.degrees_of_freedom:g} leave the noise covariance unknown;"
-                f" at least {_FEWEST_DEGREES_OF_FREEDOM} are needed: more observations, a lower order or a known"
-                " covariance"
+                f"degrees of freedom: {self.degrees_of_freedom:g} leave the noise covariance"
+                f" unknown; at least {_FEWEST_DEGREES_OF_FREEDOM} are needed: more observations, a lower"
+                " order or a known covariance"
             )
 
     def pointwise_scale(self, alpha: float) -> float:

@@ -1,4 +1,4 @@
-"""Least squares behind `scp_planner.estimation`: polynomials in scaled time, weighted, with or without prior."""
+"""Least squares behind `scp_planner.estimation`: polynomials in scaled time, with weights and a prior."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class Noise(StrEnum):
     GENERAL = "general"
     """Nothing: any covariance."""
     ISOTROPIC = "isotropic"
-    """It is a multiple of the identity. One number is estimated from 2 (n - p) residuals: few observations give
-    much smaller regions."""
+    """It is a multiple of the identity. One number is estimated from 2 (n - p) residuals: few observations
+    give much smaller regions."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def fit_motion(problem: MotionProblem, seen: CheckedObservations, weights: Array
     """Fit with given weights; those of forgetting if none are given."""
     t, z = seen.times, seen.positions
     _check_enough(problem, seen)
-    if weights is None:
+    if weights is None and problem.forgetting < 1.0:
         weights = problem.forgetting ** np.arange(len(t) - 1, -1, -1.0)
     center = float(t[0] + np.mean(t - t[0]))
     scale = float(np.max(np.abs(t - center))) or 1.0
@@ -111,11 +111,13 @@ def fit_motion(problem: MotionProblem, seen: CheckedObservations, weights: Array
     sigma = seen.covariance
     errors: ErrorLaw = NormalErrors()
     regressors: int | None = p
-    prior = _prior_rows(problem.prior, (t[-1] - center) / scale, scale, p)
+    prior = prior_rows(problem.prior, (t[-1] - center) / scale, scale, p)
     if sigma is None or (sigma.ndim == 2 and prior is None):
         coefficients, spread, residuals, moments = _common_fit(rows, z - origin, weights)
         if sigma is None:
-            sigma, errors = _estimated_noise(residuals, weights, moments, problem.noise)
+            weighted = residuals if weights is None else weights[:, None] * residuals
+            scatter = residuals.T @ weighted
+            sigma, errors = estimated_noise(scatter, moments, problem.noise)
         covariance = np.einsum("jk,ab->jakb", spread, sigma)
     if sigma.ndim == 3 or prior is not None:
         regressors = None
@@ -137,7 +139,7 @@ def _check_enough(problem: MotionProblem, seen: CheckedObservations) -> None:
         raise EstimationError(
             f"observations: {n} are too few for order {problem.order} and {why}; at least {least} are needed"
         )
-    distinct = len(np.unique(seen.times))
+    distinct = 1 + int(np.count_nonzero(np.diff(seen.times)))
     if distinct < p and (problem.prior is None or seen.covariance is None):
         raise EstimationError(
             f"observations.time: {distinct} different times are too few for order {problem.order}; "
@@ -146,49 +148,54 @@ def _check_enough(problem: MotionProblem, seen: CheckedObservations) -> None:
 
 
 @dataclass(frozen=True)
-class _Moments:
+class Moments:
     """Traces that say how much the weighted residuals tell of the noise covariance."""
 
     expected: float  # E[residuals' W residuals] = expected * Sigma
     degrees_of_freedom: float
 
 
-def _common_fit(rows: Array, z: Array, weights: Array) -> tuple[Array, Array, Array, _Moments]:
+def _common_fit(rows: Array, z: Array, weights: Array | None) -> tuple[Array, Array, Array, Moments]:
     """Fit with one covariance for all: coefficients, their covariance in units of it, residuals, moments."""
+    if weights is None:
+        q, r = np.linalg.qr(rows)
+        inverse = np.linalg.inv(r)
+        coefficients = inverse @ (q.T @ z)
+        degrees = float(rows.shape[0] - rows.shape[1])
+        return coefficients, inverse @ inverse.T, z - rows @ coefficients, Moments(degrees, degrees)
     q, r = np.linalg.qr(np.sqrt(weights)[:, None] * rows)
     inverse = np.linalg.inv(r)
     coefficients = inverse @ (q.T @ (np.sqrt(weights)[:, None] * z))
-    second = q.T @ (weights[:, None] * q)  # the identity if all weights are 1
+    second = q.T @ (weights[:, None] * q)
     spread = inverse @ second @ inverse.T
     third = q.T @ (weights[:, None] ** 2 * q)
     expected = float(weights.sum() - np.trace(second))
     square = float((weights**2).sum() - 2.0 * np.trace(third) + np.sum(second * second))
-    return coefficients, spread, z - rows @ coefficients, _Moments(expected, expected**2 / square)
+    return coefficients, spread, z - rows @ coefficients, Moments(expected, expected**2 / square)
 
 
-def _estimated_noise(
-    residuals: Array, weights: Array, moments: _Moments, noise: Noise
-) -> tuple[Array, HotellingErrors | StudentErrors]:
-    scatter = residuals.T @ (weights[:, None] * residuals) / moments.expected
+def estimated_noise(scatter: Array, moments: Moments, noise: Noise) -> tuple[Array, ErrorLaw]:
+    """Estimate the noise covariance from E'WE, the scatter of the residuals; tell the law of the errors."""
+    sigma = scatter / moments.expected
     if noise is Noise.ISOTROPIC:
-        scatter = 0.5 * np.trace(scatter) * np.eye(2)
-    if not np.linalg.det(scatter) > 0.0:
+        sigma = 0.5 * np.trace(sigma) * np.eye(2)
+    if not np.linalg.det(sigma) > 0.0:
         raise EstimationError(
-            "observations.position: they lie exactly on a motion or their residuals on a line, so their covariance"
-            " cannot be estimated; give it"
+            "observations.position: they lie exactly on a motion, or their residuals on a line, so that their"
+            " covariance cannot be estimated; give it"
         )
     if noise is Noise.ISOTROPIC:
-        return scatter, StudentErrors(2.0 * moments.degrees_of_freedom)
-    return scatter, HotellingErrors(moments.degrees_of_freedom)
+        return sigma, StudentErrors(2.0 * moments.degrees_of_freedom)
+    return sigma, HotellingErrors(moments.degrees_of_freedom)
 
 
 def _general_fit(
-    rows: Array, z: Array, sigma: Array, weights: Array, prior: tuple[Array, Array] | None
+    rows: Array, z: Array, sigma: Array, weights: Array | None, prior: tuple[Array, Array] | None
 ) -> tuple[Array, Array]:
     """Fit all 2 p coefficients together: each observation whitened by its covariance, the prior appended."""
     n, p = rows.shape
     whiten = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(sigma, (n, 2, 2))))
-    root = np.repeat(np.sqrt(weights), 2)
+    root = np.ones(2 * n) if weights is None else np.repeat(np.sqrt(weights), 2)
     design = root[:, None] * np.einsum("nj,nab->najb", rows, whiten).reshape(2 * n, 2 * p)
     target = root * np.einsum("nab,nb->na", whiten, z).reshape(2 * n)
     if prior is not None:
@@ -205,7 +212,7 @@ def _general_fit(
     return (inverse @ (q.T @ target)).reshape(p, 2), covariance.reshape(p, 2, p, 2)
 
 
-def _prior_rows(prior: MotionPrior | None, last: float, scale: float, p: int) -> tuple[Array, Array] | None:
+def prior_rows(prior: MotionPrior | None, last: float, scale: float, p: int) -> tuple[Array, Array] | None:
     """Give the prior as whitened observations of the coefficients; ``last`` is s at the last observation."""
     if prior is None:
         return None

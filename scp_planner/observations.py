@@ -117,7 +117,7 @@ def check_observations(
     order = np.argsort(t, kind="stable")  # NaN last
     kept = order[_present(t, z, screening)[order]]
     kept = kept[_first_of_its_kind(t[kept], z[kept], kept, screening)]
-    rejected = tuple(int(i) for i in np.setdiff1d(np.arange(len(t)), kept))
+    rejected = () if len(kept) == len(t) else tuple(np.setdiff1d(np.arange(len(t)), kept).tolist())
     if sigma is not None and sigma.ndim == 3:
         sigma = sigma[kept]
     return CheckedObservations(t[kept], z[kept], sigma, kept, rejected)
@@ -164,7 +164,7 @@ def _present(t: Array, z: Array, screening: Screening) -> NDArray[np.bool_]:
 
 def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> NDArray[np.bool_]:
     first = np.ones(len(t), dtype=bool)
-    for i in np.flatnonzero(np.diff(t) == 0.0) + 1:
+    for i in np.flatnonzero(t[1:] == t[:-1]) + 1:
         group = np.flatnonzero((t[:i] == t[i]) & first[:i])
         same = group[(z[group] == z[i]).all(axis=1)]
         if len(same) and screening.repeated is Faulty.REFUSE:
