@@ -7,7 +7,7 @@ one of them is faulty. Here each part has *rules*, generators of faults, which r
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
@@ -203,9 +203,9 @@ def _meaning(description: str | None) -> str:
     return f" ({description})" if description else ""
 
 
-def nearest(key: object, known: Mapping[str, object]) -> str | None:
+def nearest(key: object, known: Iterable[str]) -> str | None:
     """Find the known key that `key` may be a misspelling of."""
-    near = difflib.get_close_matches(str(key).lower(), known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(str(key).lower(), list(known), n=1)
     return near[0] if near else None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from importlib.resources import as_file, files
 from typing import TYPE_CHECKING
 
@@ -34,10 +33,11 @@ def load(name: str) -> Scenario:
         If there is no scenario of that name.
     """
     from scp_planner.scenario import Scenario
+    from scp_planner.validation import nearest
 
     if name not in names():
-        near = difflib.get_close_matches(name, names(), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        near = nearest(name, names())
+        hint = f"; did you mean {near!r}?" if near else ""
         fault = Fault("name", name, f"must be one of {', '.join(names())}{hint}")
         raise ScenarioError("built-in scenarios", [fault])
     with as_file(files(__name__) / f"{name}{_SUFFIX}") as path:
