@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints.kinematics import BendSites, bend_sites
 from scp_planner.problem import Problem
-from scp_planner.trajectory import PathBend, TimeTable, Trajectory, TripPoints
+from scp_planner.trajectory import Trajectory, TripPoints
 from scp_planner.zones import ZoneContacts
 
 Array = NDArray[np.float64]
@@ -50,9 +51,15 @@ class Evaluation:
     points : TripPoints
         At the problem's samples.
     clearance : (N, L) array
-        Signed distances to the inflated zones, m.
-    zone_index, contact_points, contacts
-        Refined minima of clearance and samples near zones, one row each.
+        Signed distances to the inflated zones at the samples, m.
+    minima : TripPoints
+        At the refined minima of the clearances over time.
+    minima_zone : (m,) array of int
+        Which zone each of them is about.
+    minima_contacts : ZoneContacts
+        The contacts there.
+    sites : BendSites
+        Curvature and lateral acceleration.
     zone_violation : (L,) array
         Deepest entry into each zone, m, 0 where there is none.
     limit_violation : (3,) array
@@ -61,12 +68,11 @@ class Evaluation:
 
     trajectory: Trajectory
     points: TripPoints
-    bend: PathBend
     clearance: Array
-    minima: TimeTable
-    zone_index: Index
-    minima_points: TripPoints
-    contacts: ZoneContacts
+    minima: TripPoints
+    minima_zone: Index
+    minima_contacts: ZoneContacts
+    sites: BendSites
     zone_violation: Array
     limit_violation: Array
 
@@ -98,27 +104,27 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
     samples = problem.samples
     points = trajectory.at(samples)
     clearance = problem.zones.distances(points.time, points.path.position, near)
-    bend = trajectory.path.bend(points.path)
-    sample, zone = local_minima(clearance, near)
-    sigma = refine_minima(samples.sigma, clearance, sample, zone)
-    minima = problem.space.time_table(sigma)
-    minima_points = trajectory.at(minima)
-    contacts = problem.zones.contacts(zone, minima_points.time, minima_points.path.position)
+    equidistant = clearance[: problem.grid]
+    sample, zone = local_minima(equidistant, near)
+    minima = trajectory.at(
+        problem.space.time_table(refine_minima(samples.sigma[: problem.grid], equidistant, sample, zone))
+    )
+    contacts = problem.zones.contacts(zone, minima.time, minima.path.position)
     violation = np.zeros(problem.zones.size)
     if problem.zones.size:
         np.maximum(-clearance.min(axis=0), 0.0, out=violation)
         np.maximum.at(violation, zone, -contacts.distance)
+    sites = bend_sites(problem, trajectory, points.take(np.arange(problem.grid, len(samples.sigma))))
     return Evaluation(
         trajectory,
         points,
-        bend,
         clearance,
         minima,
         zone,
-        minima_points,
         contacts,
+        sites,
         violation,
-        _limit_violation(problem, trajectory, points, bend),
+        _limit_violation(problem, trajectory, sites),
     )
 
 
@@ -141,9 +147,12 @@ def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Arra
     return grid[inner] + shift * (grid[1] - grid[0])
 
 
-def _limit_violation(problem: Problem, trajectory: Trajectory, points: TripPoints, bend: PathBend) -> Array:
-    limits = problem.limits
-    curvature = np.abs(bend.curvature)
-    lateral = float((points.speed**2 * curvature).max()) / limits.lateral_acceleration - 1.0
-    speed = float(trajectory.speed_control_points()[1:].max()) / limits.speed - 1.0
-    return np.maximum([lateral, float(curvature.max()) / limits.curvature - 1.0, speed], 0.0)
+def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites) -> Array:
+    return np.maximum(
+        [
+            float(np.abs(sites.lateral).max()) - 1.0,
+            float(np.abs(sites.curvature).max()) - 1.0,
+            float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
+        ],
+        0.0,
+    )

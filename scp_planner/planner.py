@@ -56,7 +56,9 @@ def plan(
     built = perf_counter()
     best: tuple[Run, Certificate] | None = None
     iterations, scp_time, check_time = 0, 0.0, 0.0
-    for start in starts(problem):
+    for way, start in starts(problem):
+        if best is not None and best[1].holds and way.travel_time > best[0].evaluation.trajectory.travel_time + 0.1:
+            continue
         clock = perf_counter()
         run = loop.run(start, settings.max_iterations)
         iterations += len(run.record)

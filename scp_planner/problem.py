@@ -88,7 +88,9 @@ class Problem:
     zones : ZoneBatch
         Inflated by the vehicle's radius and the planner's margin.
     samples : TimeTable
-        Times at which constraints are looked at.
+        Times at which constraints are looked at: equidistant ones, then the breakpoints of the acceleration.
+    grid : int
+        How many of them are equidistant.
     """
 
     scenario: Scenario
@@ -99,6 +101,7 @@ class Problem:
     limits: Limits
     zones: ZoneBatch
     samples: TimeTable
+    grid: int
 
 
 def straight_travel_time(
@@ -165,7 +168,10 @@ def build_problem(scenario: Scenario, zones: tuple[ThreatZone, ...], settings: S
         _end_conditions(scenario, frame, space),
         limits,
         ZoneBatch(zones, frame, inflation),
-        space.time_table(np.linspace(0.0, 1.0, settings.samples + 1)),
+        space.time_table(
+            np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
+        ),
+        settings.samples + 1,
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scp_planner.constraints import Rows
 from scp_planner.constraints.clearance import clearance_rows
 from scp_planner.constraints.kinematics import KinematicRows, curvature_rows, lateral_rows
-from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip, local_minima
+from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
 from scp_planner.problem import Problem
 from scp_planner.solvers.interface import QpSolver, SolverStatus
 from scp_planner.subproblem import TrustRegion, build_subproblem
@@ -20,9 +20,8 @@ from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-import os
-LSTRIDE=int(os.environ.get('LSTRIDE','4'))
-LFRAC=float(os.environ.get('LFRAC','0'))
+STRIDE = 3  # of the samples that become rows besides the minima
+LIMIT_REACH = 1.0  # relative distance to a limit from which on a site becomes a row
 FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflated by more, relative for limits
 
 
@@ -73,6 +72,8 @@ class ScpLoop:
         self.solver = solver
         self.kinematics = KinematicRows(problem)
         self.zone_count = problem.zones.size
+        self.skipped = np.ones(len(problem.samples.sigma), dtype=bool)
+        self.skipped[: problem.grid : STRIDE] = False
 
     def run(self, start: Trajectory, max_iterations: int) -> Run:
         problem, settings = self.problem, self.problem.settings
@@ -147,33 +148,23 @@ class ScpLoop:
         return problem.space.trajectory(theta, beta)
 
     def linearise(self, current: Evaluation, trust: TrustRegion, near: float) -> Rows:
+        """Rows of everything that a step inside the trust region could violate."""
         problem, trajectory = self.problem, current.trajectory
-        parts = [clearance_rows(problem, trajectory, current.zone_index, current.minima_points, current.contacts)]
-        # samples around
-        c = current.clearance
-        low = c < near
-        stride = np.zeros(len(c), dtype=bool)
-        stride[::3] = True
-        low &= stride[:, None]
+        low = current.clearance < near
+        low[self.skipped] = False
         sample, zone = np.nonzero(low)
-        table = problem.samples.take(sample)
-        points = trajectory.at(table)
+        points = current.points.take(sample)
         contacts = problem.zones.contacts(zone, points.time, points.path.position)
-        parts.append(clearance_rows(problem, trajectory, zone, points, contacts))
-        group = self.zone_count
-        lateral = current.points.speed**2 * np.abs(current.bend.curvature)
-        for values, limit, build, number in (
-            (lateral, problem.limits.lateral_acceleration, lateral_rows, group),
-            (np.abs(current.bend.curvature), problem.limits.curvature, curvature_rows, group + 1),
-        ):
-            index, _ = local_minima(-values[:, None], -0.5 * limit)
-            stride = np.append(np.arange(0, len(values) - 1, LSTRIDE), len(values) - 1)
-            index = np.union1d(index, stride[values[stride] >= LFRAC * limit])
-            if len(index):
-                parts.append(build(problem, trajectory, trajectory.at(problem.samples.take(index)), number))
-        rows = Rows.stack(parts)
-        count = self.problem.ends.free.stop - self.problem.ends.free.start
+        rows = Rows.stack(
+            [
+                clearance_rows(problem, trajectory, current.minima_zone, current.minima, current.minima_contacts),
+                clearance_rows(problem, trajectory, zone, points, contacts),
+                lateral_rows(problem, trajectory, current.sites, LIMIT_REACH, self.zone_count),
+                curvature_rows(problem, current.sites, LIMIT_REACH, self.zone_count + 1),
+            ]
+        )
         absolute = np.abs(rows.matrix)
+        count = problem.ends.free.stop - problem.ends.free.start
         reach = (
             trust.theta * (absolute[:, :count] @ problem.space.tables.leverage[problem.ends.free])
             + trust.beta * absolute[:, count:-1].sum(axis=1)

@@ -1,22 +1,268 @@
-"""Starts for the loop."""
+"""The best way round: a search over (station, offset, delay) that returns several different ways, roughly driven.
+
+A trip among moving obstacles has many local minima: in front of, behind, left, right, wait. On a grid of stations and
+offsets, and of delays behind the fastest profile, the obstacles block cells; dynamic programming finds the cheapest
+path of free cells in one sweep over the stations. At any station and delay an obstacle blocks one interval of offsets, and a way passes it
+above or below: in front, behind, left and right are all of this kind. Other ways are found by closing the side that
+the last one used.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scp_planner.problem import Problem
+from scp_planner.problem import Problem, straight_travel_time
 from scp_planner.trajectory import Trajectory
 
+Array = NDArray[np.float64]
 
-def starts(problem: Problem) -> Iterator[Trajectory]:
-    """Bows to both sides with a fast speed profile."""
-    space, ends = problem.space, problem.ends
-    x = np.linspace(0.0, 1.0, space.path_size)
-    for bow in (0.0, 1.5, -1.5, 3.0, -3.0):
+STATION_STEP = 0.5  # m
+OFFSET_STEP = 0.25  # m
+OFFSETS = 16  # to each side
+DELAYS = 80
+DELAY_STEP = 0.05  # s
+DELAY_MOVES = (0, 1, 2, 4)  # of the delay, from one station to the next
+OFFSET_MOVES = 1  # of the offset, from one station to the next
+CLEARANCE = 0.05  # m, kept from every obstacle by the search
+SIDEWAYS_COST = 0.01  # s for each step of the offset, besides the longer way
+BLOCKED = 1e9
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way round, roughly.
+
+    Attributes
+    ----------
+    travel_time : float
+        Estimate, s.
+    stations, offsets, times : (n,) arrays
+        m, m and s.
+    sides : tuple of (zone, +1 or -1)
+        Which obstacles are met, and whether they are passed above or below.
+    """
+
+    travel_time: float
+    stations: Array
+    offsets: Array
+    times: Array
+    sides: tuple[tuple[int, int], ...] = field(default=())
+
+
+class WaySearch:
+    """The grid of a problem, and searches on it.
+
+    Parameters
+    ----------
+    problem : Problem
+    """
+
+    def __init__(self, problem: Problem, delay_step: float = DELAY_STEP) -> None:
+        self.problem = problem
+        space, limits = problem.space, problem.limits
+        count = max(8, round(space.length / STATION_STEP))
+        self.stations = np.linspace(0.0, space.length, count + 1)
+        self.offsets = OFFSET_STEP * np.arange(-OFFSETS, OFFSETS + 1)
+        self.delay_step = delay_step
+        self.delays = delay_step * np.arange(DELAYS)
+        self.fastest = _fastest_times(self.stations, space.start_speed, limits.speed, limits.acceleration)
+        step = space.length / count
+        slower = np.hypot(step, OFFSET_STEP * np.arange(OFFSET_MOVES + 1)) - step
+        self.move_cost = slower / limits.speed + SIDEWAYS_COST * np.arange(OFFSET_MOVES + 1)
+        self._block()
+
+    def _block(self) -> None:
+        """Find the offsets that each obstacle blocks at each station and delay."""
+        problem = self.problem
+        times = (self.fastest[:, None] + self.delays).ravel()
+        centers = problem.zones.centers.grid(times)
+        radius = problem.zones.reach(times) + CLEARANCE
+        station = np.repeat(self.stations, DELAYS)
+        ahead = station[:, None] - centers[:, :, 0]
+        half = radius * radius - ahead * ahead
+        cell, zone = np.nonzero(half > 0.0)
+        half = np.sqrt(half[cell, zone])
+        middle = centers[cell, zone, 1]
+        first = np.ceil((middle - half - self.offsets[0]) / OFFSET_STEP).astype(np.intp)
+        last = np.floor((middle + half - self.offsets[0]) / OFFSET_STEP).astype(np.intp)
+        size = len(self.offsets)
+        self.first, self.last = np.clip(first, 0, size), np.clip(last, -1, size - 1)
+        self.cell, self.zone, self.middle = cell, zone, middle
+
+    def best(self, closed: tuple[tuple[int, int], ...] = ()) -> Way | None:
+        """Return the cheapest way, without passing some obstacles on some sides.
+
+        Parameters
+        ----------
+        closed : tuple of (zone, side)
+            Sides that are closed: +1 above, -1 below.
+
+        Returns
+        -------
+        Way or None
+            None if there is no way on the grid.
+        """
+        size = len(self.offsets)
+        first, last = self.first.copy(), self.last.copy()
+        for zone, side in closed:
+            mine = self.zone == zone
+            if side > 0:
+                last[mine] = size - 1
+                first[mine] = np.minimum(first[mine], size)
+            else:
+                first[mine] = 0
+        covers = last >= first
+        edges = np.zeros((len(self.stations) * DELAYS, size + 1), dtype=np.int32)
+        np.add.at(edges, (self.cell[covers], first[covers]), 1)
+        np.add.at(edges, (self.cell[covers], last[covers] + 1), -1)
+        blocked = np.cumsum(edges, axis=1)[:, :size] > 0
+        penalty = np.where(blocked, BLOCKED, 0.0).reshape(len(self.stations), DELAYS, size)
+        penalty = np.ascontiguousarray(penalty.transpose(0, 2, 1))
+        costs = self._sweep(penalty)
+        goal = size // 2
+        final = costs[-1, goal] + self.delays
+        end = int(np.argmin(final))
+        if final[end] >= BLOCKED:
+            return None
+        return self._trace(costs, penalty, goal, end, float(final[end]))
+
+    def _sweep(self, penalty: Array) -> Array:
+        """Cheapest cost to every free cell, station by station, (n, offsets, delays)."""
+        count, size, delays = penalty.shape
+        costs = np.full((count, size, delays), BLOCKED)
+        costs[0, size // 2, 0] = 0.0
+        padded = np.full((size + 2 * OFFSET_MOVES, delays), BLOCKED)
+        inner = padded[OFFSET_MOVES : OFFSET_MOVES + size]
+        work = np.empty((size, delays))
+        for i in range(1, count):
+            before = costs[i - 1]
+            inner[:] = before
+            for move in DELAY_MOVES[1:]:
+                np.minimum(inner[:, move:], before[:, :-move], out=inner[:, move:])
+            here = costs[i]
+            np.add(inner, self.move_cost[0], out=here)
+            for move in range(1, OFFSET_MOVES + 1):
+                for shift in (-move, move):
+                    np.add(
+                        padded[OFFSET_MOVES + shift : OFFSET_MOVES + shift + size], self.move_cost[move], out=work
+                    )
+                    np.minimum(here, work, out=here)
+            here += penalty[i]
+        return costs
+
+    def _trace(self, costs: Array, penalty: Array, offset: int, delay: int, total: float) -> Way:
+        """Follow the cheapest path back."""
+        count, size = len(self.stations), len(self.offsets)
+        path = np.empty((count, 2), dtype=np.intp)
+        path[-1] = offset, delay
+        for i in range(count - 1, 0, -1):
+            best, choice = np.inf, (offset, delay)
+            for shift in range(-OFFSET_MOVES, OFFSET_MOVES + 1):
+                j = offset + shift
+                if not 0 <= j < size:
+                    continue
+                for move in DELAY_MOVES:
+                    d = delay - move
+                    if d >= 0:
+                        cost = costs[i - 1, j, d] + self.move_cost[abs(shift)]
+                        if cost < best:
+                            best, choice = cost, (j, d)
+            offset, delay = choice
+            path[i - 1] = choice
+        offsets = self.offsets[path[:, 0]]
+        times = self.fastest + self.delays[path[:, 1]]
+        return Way(
+            float(self.fastest[-1] + total), self.stations, offsets, times, self._sides(path)
+        )
+
+    def _sides(self, path: NDArray[np.intp]) -> tuple[tuple[int, int], ...]:
+        """Obstacles that a way meets, the closest first, and the sides it passes them on."""
+        cells = np.arange(len(self.stations)) * DELAYS + path[:, 1]
+        position = np.full(len(self.stations) * DELAYS, np.nan)
+        position[cells] = self.offsets[path[:, 0]]
+        gap = position[self.cell] - self.middle
+        met = np.flatnonzero(~np.isnan(gap))
+        found: dict[int, tuple[float, int]] = {}
+        for entry in met:
+            zone, distance = int(self.zone[entry]), float(gap[entry])
+            if zone not in found or abs(distance) < found[zone][0]:
+                found[zone] = (abs(distance), 1 if distance > 0 else -1)
+        order = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
+        return tuple((zone, side) for zone, (_, side) in order)
+
+    def start(self, way: Way) -> Trajectory:
+        """Fit a trip to a way."""
+        problem, space, ends = self.problem, self.problem.space, self.problem.ends
         theta = ends.theta.copy()
-        theta[ends.free] = (bow * np.sin(np.pi * x))[ends.free]
-        beta = np.zeros(space.acceleration_size)
-        beta[: max(1, space.acceleration_size // 5)] = 0.6 * problem.limits.acceleration
-        yield space.trajectory(theta, beta)
+        rows = space.path.rows(way.stations / space.length)
+        smooth = space.tables.station_bends * (SMOOTHING / space.length**2)
+        free = ends.free
+        matrix = np.concatenate([rows[:, free], smooth[:, free]])
+        target = np.concatenate([way.offsets - rows @ theta, -smooth @ theta])
+        theta[free] = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        return space.trajectory(theta, self._drive(way))
+
+    def _drive(self, way: Way) -> Array:
+        """Accelerations that follow a way's times: mean speeds between the breakpoints, within the limits."""
+        space, limits = self.problem.space, self.problem.limits
+        breaks = space.acceleration.breakpoints
+        tau = way.times[-1]
+        degree = space.acceleration.coefficients.shape[1] - 1
+        driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way.stations), np.diff(way.offsets)))])
+        sites = breaks if degree else 0.5 * (breaks[1:] + breaks[:-1])
+        times = tau * breaks
+        speeds = np.empty(len(breaks))
+        speeds[0] = space.start_speed
+        distance = 0.0
+        for k in range(1, len(breaks)):
+            width = times[k] - times[k - 1]
+            wanted = float(np.interp(times[min(k + LOOKAHEAD, len(breaks) - 1)], way.times, driven))
+            span = times[min(k + LOOKAHEAD, len(breaks) - 1)] - times[k - 1]
+            mean = (wanted - distance) / span
+            speed = np.clip(
+                2.0 * mean - speeds[k - 1] if LOOKAHEAD == 0 else mean + (mean - speeds[k - 1]) * 0.5,
+                max(speeds[k - 1] - limits.deceleration * width, 0.0),
+                min(speeds[k - 1] + limits.acceleration * width, limits.speed),
+            )
+            speeds[k] = speed
+            distance += 0.5 * (speeds[k] + speeds[k - 1]) * width
+        beta = np.diff(speeds) / np.diff(times)
+        if degree == 0:
+            return beta
+        middle = 0.5 * (times[1:] + times[:-1]) / tau
+        knots = np.linspace(0.0, 1.0, space.acceleration_size) if degree > 1 else sites
+        return np.interp(knots, middle, beta)
+
+
+SMOOTHING = 2.0  # m^2: weight of bending against offsets, in fitting a path to a way
+LOOKAHEAD = 2  # spans
+
+
+def _fastest_times(stations: Array, start_speed: float, top: float, acceleration: float) -> Array:
+    """Earliest time at each station without obstacles, s."""
+    top = max(top, start_speed)
+    ramp = (top * top - start_speed * start_speed) / (2.0 * acceleration)
+    rising = 2.0 * stations / (
+        start_speed + np.sqrt(start_speed * start_speed + 2.0 * acceleration * stations) + 1e-300
+    )
+    cruising = (top - start_speed) / acceleration + (stations - ramp) / top
+    return np.where(stations <= ramp, rising, cruising)
+
+
+def starts(problem: Problem, count: int = 4) -> list[tuple[Way, Trajectory]]:
+    """Return different ways round, the fastest first, each with a trip to start the loop from."""
+    search = WaySearch(problem)
+    best = search.best()
+    if best is None:
+        return []
+    ways = {best.sides: best}
+    queue = [(side,) for side in best.sides[:count]]
+    for closed in queue:
+        way = search.best(closed)
+        if way is not None and way.sides not in ways:
+            ways[way.sides] = way
+    ordered = sorted(ways.values(), key=lambda way: way.travel_time)
+    return [(way, search.start(way)) for way in ordered[:count]]

@@ -21,7 +21,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.guide import Guide
+from scp_planner.guide import Guide, GuideFrame
 from scp_planner.intervals import Interval
 from scp_planner.splines import (
     PiecewiseBasis,
@@ -33,8 +33,8 @@ from scp_planner.splines import (
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-QUADRATURE_ORDER = 5  # Gauss nodes a cell; the arc length is a polynomial of this degree inside a cell
-CELLS_PER_SPAN = 3
+QUADRATURE_ORDER = 4  # Gauss nodes a cell; the arc length is a polynomial of this degree inside a cell
+CELLS_PER_SPAN = 5  # the ends of cells are the stations at which curvature is limited
 MAX_BISECTIONS = 60
 NEWTON_STEPS = 3  # from a linear guess inside a cell, where the speed |r'| varies by a few per cent
 
@@ -107,6 +107,7 @@ class TripSpace:
         self.path = self.tables.path
         self.acceleration = self.tables.acceleration
         self.frame = None if guide.straight else guide.frame(self.tables.node_parameters * self.length)
+        self.station_frame = None if guide.straight else guide.frame(self.tables.station_parameters * self.length)
 
     @property
     def path_size(self) -> int:
@@ -161,6 +162,11 @@ class _Tables:
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)
         self.node_slopes = self.path.derivative.rows(self.node_parameters)
+        self.station_parameters = np.linspace(0.0, 1.0, self.cells + 1)
+        self.station_rows = self.path.rows(self.station_parameters)
+        self.station_slopes = self.path.derivative.rows(self.station_parameters)
+        self.station_bends = self.path.derivative.derivative.rows(self.station_parameters)
+        self.breaks = self.time_table(self.acceleration.breakpoints)
         self.leverage = _leverage(path_degree, path_spans)
         self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
         self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
@@ -175,6 +181,15 @@ class _Tables:
             speed.rows_at(span, x),
             speed.antiderivative.rows_at(span, x),
         )
+
+
+def _horner(coefficients: Array, x: Array) -> Array:
+    """Values of n polynomials, (n, P) ascending coefficients, each at its own x."""
+    value = coefficients[:, -1].copy()
+    for power in range(coefficients.shape[1] - 2, -1, -1):
+        value *= x
+        value += coefficients[:, power]
+    return value
 
 
 def _leverage(degree: int, spans: int) -> Array:
@@ -225,11 +240,34 @@ class PathPoints:
     speed: Array
 
 
+    def take(self, index: Index) -> PathPoints:
+        """Return some of the points."""
+        return PathPoints(
+            self.span[index],
+            self.local[index],
+            self.station[index],
+            self.offset[index],
+            self.slope[index],
+            self.stretch[index],
+            self.position[index],
+            self.direction[index],
+            self.normal if len(self.normal) == 1 else self.normal[index],
+            self.speed[index],
+        )
+
+
 @dataclass(frozen=True)
 class PathBend:
     """Curvature of a path at n stations and how it depends on the offset.
 
     ``d curvature = value d f + slope d f' + bend d f''`` at a fixed station.
+
+    Attributes
+    ----------
+    curvature : (n,) array
+        1/m, positive to the left.
+    value, slope, bend : (n,) arrays
+        Partial derivatives with respect to f, f' and f''.
     """
 
     curvature: Array
@@ -374,22 +412,38 @@ class Path:
     def bend(self, points: PathPoints) -> PathBend:
         """Return the curvature at points of the path, with its derivatives."""
         bend = evaluate(self._offset_bend, points.span, points.local)
-        p, q, speed = points.stretch, points.slope, points.speed
-        cubed = speed**3
-        if self.space.frame is None:
-            curvature = bend / cubed
-            return PathBend(
-                curvature, np.zeros_like(curvature), -3.0 * curvature * q / speed**2, 1.0 / cubed
-            )
-        frame = self.space.guide.frame(points.station)
-        k, rate = frame.curvature, frame.curvature_rate
-        tangential = -(rate * points.offset + 2.0 * k * q)
-        normal = bend + k * p
-        curvature = (p * normal - q * tangential) / cubed
-        squared = speed**2
-        value = (-k * normal - k * k * p + rate * q) / cubed + 3.0 * curvature * k * p / squared
-        slope = (-tangential + 2.0 * k * q) / cubed - 3.0 * curvature * q / squared
-        return PathBend(curvature, value, slope, p / cubed)
+        frame = None if self.space.frame is None else self.space.guide.frame(points.station)
+        return _curvature(frame, points.offset, points.slope, bend, points.speed)
+
+    def curvature_rate(self, points: PathPoints) -> Array:
+        """Rate of the curvature along the station at points of the path, (n,) 1/m^2; to the right at breakpoints."""
+        enclosure = self.bend_enclosure(points, np.zeros_like(points.station))
+        return enclosure.curvature_rate.lower
+
+    @cached_property
+    def station_bend(self) -> PathBend:
+        """Curvature at the fixed stations, with its derivatives."""
+        space, tables = self.space, self.space.tables
+        offset = tables.station_rows @ self.theta
+        slope = tables.station_slopes @ self.theta
+        slope /= space.length
+        bend = tables.station_bends @ self.theta
+        bend /= space.length**2
+        if space.station_frame is None:
+            speed = np.sqrt(1.0 + slope * slope)
+        else:
+            speed = np.hypot(1.0 - space.station_frame.curvature * offset, slope)
+        return _curvature(space.station_frame, offset, slope, bend, speed)
+
+    @property
+    def station_arc_lengths(self) -> Array:
+        """Arc length up to the fixed stations, m."""
+        return self._until
+
+    @property
+    def station_gradients(self) -> Array:
+        """Derivative of the arc length up to the fixed stations with respect to theta, (M, K1)."""
+        return self._gradients[0]
 
     def bend_enclosure(self, points: PathPoints, width: Array) -> BendEnclosure:
         """Enclose |r'| and the rate of the curvature on intervals of the station around points of the path.
@@ -446,6 +500,28 @@ class Path:
         return ranges
 
 
+def _curvature(frame: GuideFrame | None, offset: Array, slope: Array, bend: Array, speed: Array) -> PathBend:
+    """Curvature of g + f n from f, f', f'' and |r'|, with its derivatives."""
+    squared = speed * speed
+    cubed = squared * speed
+    if frame is None:
+        inverse = 1.0 / cubed
+        curvature = bend * inverse
+        return PathBend(curvature, _ZERO, -3.0 * curvature * slope / squared, inverse)
+    k, rate = frame.curvature, frame.curvature_rate
+    p = 1.0 - k * offset
+    tangential = -(rate * offset + 2.0 * k * slope)
+    normal = bend + k * p
+    curvature = (p * normal - slope * tangential) / cubed
+    return PathBend(
+        curvature,
+        (-k * normal - k * k * p + rate * slope) / cubed + 3.0 * curvature * k * p / squared,
+        (-tangential + 2.0 * k * slope) / cubed - 3.0 * curvature * slope / squared,
+        p / cubed,
+    )
+
+
+_ZERO = np.zeros(1)
 _UP = np.array([[0.0, 1.0]])
 
 
@@ -472,6 +548,18 @@ class TripPoints:
     acceleration: Array
     parameter: Array
     path: PathPoints
+
+    def take(self, index: Index) -> TripPoints:
+        """Return some of the points."""
+        return TripPoints(
+            self.table.take(index),
+            self.time[index],
+            self.distance[index],
+            self.speed[index],
+            self.acceleration[index],
+            self.parameter[index],
+            self.path.take(index),
+        )
 
 
 class Trajectory:
@@ -505,27 +593,51 @@ class Trajectory:
         """Control points of the speed, (K2 + 1,) m/s: its bounds for all times."""
         return self.space.start_speed + self.travel_time * (self.space.tables.speed_control @ self.beta)
 
+    @cached_property
+    def _distance(self) -> Array:
+        """Local power coefficients of the distance as a function of normalised time, without v0 tau sigma."""
+        basis = self.space.acceleration.antiderivative.antiderivative
+        return basis.combine(self.travel_time**2 * self.beta)
+
+    @cached_property
+    def _speed(self) -> Array:
+        """Local power coefficients of the speed less v0."""
+        return self.space.acceleration.antiderivative.combine(self.travel_time * self.beta)
+
+    def speed_at(self, sigma: Array) -> Array:
+        """Speed at normalised times, (n,), in m/s."""
+        span, x = self.space.acceleration.locate(sigma)
+        return self.space.start_speed + evaluate(self._speed, span, x)
+
     def sigma_at(self, distance: Array) -> Array:
-        """Normalised times at which the distance driven equals ``distance``, (n,) m; the first ones where it stands."""
-        tau, v0, tables = self.travel_time, self.space.start_speed, self.space.tables
-        edges = tables.time_table(self.space.acceleration.breakpoints)
-        driven = v0 * tau * edges.sigma + tau * tau * (edges.distance @ self.beta)
-        span = np.clip(np.searchsorted(driven, distance, "left") - 1, 0, len(driven) - 2)
-        low, high = edges.sigma[span], edges.sigma[span + 1]
-        # Bisection with Newton steps inside the bracket: the distance never decreases.
-        sigma = low + (high - low) * np.clip(
-            (distance - driven[span]) / np.maximum(driven[span + 1] - driven[span], 1e-300), 0.0, 1.0
-        )
-        for _ in range(MAX_BISECTIONS):
-            table = tables.time_table(sigma)
-            excess = v0 * tau * sigma + tau * tau * (table.distance @ self.beta) - distance
-            low, high = np.where(excess <= 0.0, sigma, low), np.where(excess >= 0.0, sigma, high)
-            if np.all(np.abs(excess) <= 1e-13 * max(self.path.arc_length, 1.0)):
-                break
-            rate = tau * (v0 + tau * (table.speed @ self.beta))
-            newton = sigma - excess / np.where(rate > 0.0, rate, np.inf)
-            sigma = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
-        return sigma
+        """Normalised times at which the distance driven equals ``distance``, (n,) m; one of them where it stands."""
+        tau, v0 = self.travel_time, self.space.start_speed
+        breaks = self.space.tables.breaks
+        driven = (v0 * tau) * breaks.sigma + (tau * tau) * (breaks.distance @ self.beta)
+        last = len(driven) - 2
+        span = np.minimum(np.maximum(np.searchsorted(driven, distance, "right") - 1, 0), last)
+        width = self.space.acceleration.widths[span]
+        local = self._distance[span]
+        slope = self._speed[span]
+        # A span at constant acceleration, and exact there: D = v w tau x + a (w tau x)^2 / 2 from the span's start
+        speed = (slope[:, 0] + v0) * (tau * width)
+        bend = 2.0 * local[:, 2]
+        target = np.maximum(distance - driven[span], 0.0)
+        x = 2.0 * target / np.maximum(speed + np.sqrt(np.maximum(speed * speed + 2.0 * bend * target, 0.0)), 1e-300)
+        x = np.minimum(x, 1.0)
+        if local.shape[1] > 3:
+            low, high = np.zeros_like(x), np.ones_like(x)
+            base = self.space.acceleration.breakpoints[span]
+            for _ in range(MAX_BISECTIONS):
+                sigma = base + width * x
+                excess = _horner(local, x) + (v0 * tau) * sigma - distance
+                if np.all(np.abs(excess) <= 1e-13 * max(self.path.arc_length, 1.0)):
+                    break
+                low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
+                rate = (tau * width) * (_horner(slope, x) + v0)
+                newton = x - excess / np.where(rate > 0.0, rate, np.inf)
+                x = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        return self.space.acceleration.breakpoints[span] + width * x
 
     def at(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table."""

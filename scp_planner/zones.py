@@ -218,6 +218,18 @@ class ZoneBatch:
         distance -= self.radius
         return distance
 
+    def reach(self, times: Array) -> Array:
+        """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
+        radius = np.broadcast_to(self.radius, (len(times), self.size))
+        if self.covariances is None:
+            return radius
+        covariance = self.covariances.grid(times)
+        mean = 0.5 * (covariance[..., 0] + covariance[..., 2])
+        spread = np.hypot(0.5 * (covariance[..., 0] - covariance[..., 2]), covariance[..., 1])
+        radius = radius.copy()
+        radius[:, self.uncertain] += np.sqrt(np.maximum(mean + spread, 0.0))
+        return radius
+
     def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
         """Exact contacts of points with chosen zones.
 

@@ -6,12 +6,14 @@ that tau^2 in the acceleration's bounds is replaced by its tangent 2 tau_k tau -
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.constraints import Rows
 from scp_planner.constraints.clearance import join_blocks
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, PathBend, Trajectory, TripPoints
+from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoints
 
 
 class KinematicRows:
@@ -79,38 +81,151 @@ class KinematicRows:
         return matrix, bound
 
 
-def curvature_rows(problem: Problem, trajectory: Trajectory, points: TripPoints, group: int) -> Rows:
-    """Return the rows of -limit <= curvature <= limit at points of a trip, relative to the limit.
+@dataclass(frozen=True)
+class BendSites:
+    """Where curvature and lateral acceleration of a trip are limited: fixed stations, and the times at which the
+    acceleration jumps (there the speed peaks, wherever the vehicle then is).
 
-    Both sides are rows wherever a step could reach them: the curvature may change its sign in one step.
+    Attributes
+    ----------
+    bend : PathBend
+        At the M fixed stations.
+    squared : (M,) array
+        v^2 there, m^2/s^2.
+    sigma : (M,) array
+        When the vehicle is there, normalised.
+    jumps : TripPoints
+        The trip at the J times.
+    jump_bend : PathBend
+        Curvature there.
+    curvature : (M,) array
+        Relative to the limit, signed.
+    lateral : (M + J,) array
+        Lateral acceleration relative to its limit, signed.
     """
-    limit = problem.limits.curvature
-    bend = trajectory.path.bend(points.path)
-    theta = _curvature_gradient(problem, trajectory, points, bend) / limit
-    zeros = np.zeros((len(theta), problem.space.acceleration_size + 1))
-    return _both_sides(np.concatenate([theta, zeros], axis=1), bend.curvature / limit, group)
+
+    bend: PathBend
+    speed: Array
+    sigma: Array
+    jumps: TripPoints
+    jump_bend: PathBend
+    curvature: Array
+    lateral: Array
 
 
-def lateral_rows(problem: Problem, trajectory: Trajectory, points: TripPoints, group: int) -> Rows:
-    """Return the rows of -limit <= v^2 curvature <= limit at fixed stations of a trip, relative to the limit.
+def bend_sites(problem: Problem, trajectory: Trajectory, jumps: TripPoints) -> BendSites:
+    """Return curvature and lateral acceleration of a trip where they are limited."""
+    path = trajectory.path
+    bend = path.station_bend
+    sigma = trajectory.sigma_at(path.station_arc_lengths)
+    speed = trajectory.speed_at(sigma)
+    jump_bend = path.bend(jumps.path)
+    lateral = np.concatenate([speed * speed * bend.curvature, jumps.speed * jumps.speed * jump_bend.curvature])
+    return BendSites(
+        bend,
+        speed,
+        sigma,
+        jumps,
+        jump_bend,
+        bend.curvature / problem.limits.curvature,
+        lateral / problem.limits.lateral_acceleration,
+    )
+
+
+def curvature_rows(problem: Problem, sites: BendSites, reach: float, group: int) -> Rows:
+    """Return the rows of -limit <= curvature <= limit at fixed stations, relative to the limit.
+
+    Both sides are rows: the curvature may change its sign in one step.
+
+    Parameters
+    ----------
+    problem : Problem
+    sites : BendSites
+    reach : float
+        Only stations nearer to the limit than this, relative.
+    group : int
+        Index of the violation in the merit.
+    """
+    index = np.flatnonzero(np.abs(sites.curvature) > 1.0 - reach)
+    theta = _station_gradient(problem, sites.bend, index) / problem.limits.curvature
+    zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
+    return _both_sides(np.concatenate([theta, zeros], axis=1), sites.curvature[index], group)
+
+
+def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, reach: float, group: int) -> Rows:
+    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
     d(v^2) = 2 v (C1 db / tau - (v - v0) dtau / tau) + 2 a (dS - C2 db - v0 sigma dtau), regular also at v = 0.
+    At a fixed time the station moves: d(v^2 k) = 2 v k dv + v^2 (dk/dtheta dtheta + k' ds),
+    ds = (dD - dS) / |r'|.
+
+    Parameters
+    ----------
+    problem, trajectory, sites, group
+        As in :func:`curvature_rows`.
+    reach : float
+        Only sites nearer to the limit than this, relative.
     """
-    limit = problem.limits.lateral_acceleration
-    bend = trajectory.path.bend(points.path)
-    curvature = bend.curvature / limit
-    tau, v0 = trajectory.travel_time, problem.space.start_speed
-    v, a, table = points.speed, points.acceleration, points.table
-    squared = v * v
-    stations = trajectory.path.arc_length_gradient(points.parameter)[:, problem.ends.free]
-    theta = (squared / limit)[:, None] * _curvature_gradient(problem, trajectory, points, bend)
-    theta += (curvature * 2.0 * a)[:, None] * stations
-    beta = curvature[:, None] * (
-        (2.0 * tau * v)[:, None] * table.speed - (2.0 * tau * tau * a)[:, None] * table.distance
-    )
+    count = len(sites.speed)
+    near = np.abs(sites.lateral) > 1.0 - reach
+    stations, jumps = np.flatnonzero(near[:count]), np.flatnonzero(near[count:])
+    parts = [
+        _lateral_at_stations(problem, trajectory, sites, stations, group),
+        _lateral_at_jumps(problem, trajectory, sites, jumps, group),
+    ]
+    return Rows.stack(parts)
+
+
+def _lateral_at_stations(
+    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int
+) -> Rows:
+    limit, space, free = problem.limits.lateral_acceleration, problem.space, problem.ends.free
+    tau, v0 = trajectory.travel_time, space.start_speed
+    table = space.time_table(sites.sigma[index])
+    v, a = sites.speed[index], table.acceleration @ trajectory.beta
+    curvature = sites.bend.curvature[index] / limit
+    theta = (v * v / limit)[:, None] * _station_gradient(problem, sites.bend, index)
+    theta += (2.0 * curvature * a)[:, None] * trajectory.path.station_gradients[index][:, free]
+    beta = (2.0 * curvature * tau * v)[:, None] * table.speed
+    beta -= (2.0 * curvature * tau * tau * a)[:, None] * table.distance
     rho = -2.0 * curvature * (v * (v - v0) + a * v0 * tau * table.sigma)
-    return _both_sides(join_blocks(theta, beta, rho), curvature * squared, group)
+    return _both_sides(join_blocks(theta, beta, rho), sites.lateral[index], group)
+
+
+def _lateral_at_jumps(
+    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int
+) -> Rows:
+    limit, space, free = problem.limits.lateral_acceleration, problem.space, problem.ends.free
+    tau, v0 = trajectory.travel_time, space.start_speed
+    points = sites.jumps.take(index)
+    path, table, v = points.path, points.table, points.speed
+    bend = sites.jump_bend
+    curvature = bend.curvature[index]
+    basis = space.path
+    gradient = (bend.slope[index] / space.length)[:, None] * basis.derivative.rows_at(path.span, path.local)
+    gradient += (bend.bend[index] / space.length**2)[:, None] * basis.derivative.derivative.rows_at(
+        path.span, path.local
+    )
+    if not space.guide.straight:
+        gradient += bend.value[index][:, None] * basis.rows_at(path.span, path.local)
+    shift = v * v * trajectory.path.curvature_rate(path) / path.speed
+    theta = (v * v)[:, None] * gradient - shift[:, None] * trajectory.path.arc_length_gradient(points.parameter)
+    beta = (2.0 * v * curvature * tau)[:, None] * table.speed + (shift * tau * tau)[:, None] * table.distance
+    rho = -2.0 * v * curvature * (v - v0) + shift * v0 * tau * table.sigma
+    return _both_sides(
+        join_blocks(theta[:, free], beta, rho) / limit, sites.lateral[len(sites.speed) + index], group
+    )
+
+
+def _station_gradient(problem: Problem, bend: PathBend, index: Index) -> Array:
+    """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
+    space, tables = problem.space, problem.space.tables
+    gradient = (bend.slope[index] / space.length)[:, None] * tables.station_slopes[index]
+    gradient += (bend.bend[index] / space.length**2)[:, None] * tables.station_bends[index]
+    if not space.guide.straight:
+        gradient += bend.value[index][:, None] * tables.station_rows[index]
+    return gradient[:, problem.ends.free]
 
 
 def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
@@ -120,14 +235,3 @@ def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
         np.concatenate([1.0 - value, 1.0 + value]),
         np.full(2 * len(value), group, dtype=np.intp),
     )
-
-
-def _curvature_gradient(problem: Problem, trajectory: Trajectory, points: TripPoints, bend: PathBend) -> Array:
-    """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
-    space, path = problem.space, points.path
-    basis = space.path
-    gradient = (bend.slope / space.length)[:, None] * basis.derivative.rows_at(path.span, path.local)
-    gradient += (bend.bend / space.length**2)[:, None] * basis.derivative.derivative.rows_at(path.span, path.local)
-    if not space.guide.straight:
-        gradient += bend.value[:, None] * basis.rows_at(path.span, path.local)
-    return gradient[:, problem.ends.free]
