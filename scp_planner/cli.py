@@ -110,6 +110,9 @@ def _with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
             _tell(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         except KeyboardInterrupt:
             _tell("interrupted")
+            # An interrupt while an extension module is imported leaves a mark in CPython, which then ends the
+            # process by the signal, whatever its exit code. Running a string takes the mark away.
+            exec("")
             raise typer.Exit(ExitCode.INTERRUPTED) from None
         raise typer.Exit(ExitCode.BAD_INPUT)
 
