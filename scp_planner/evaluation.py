@@ -151,7 +151,7 @@ def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites)
     return np.maximum(
         [
             float(np.abs(sites.lateral).max()) - 1.0,
-            float(np.abs(sites.curvature).max()) - 1.0,
+            float(np.abs(sites.curvature).max()) / problem.limits.curvature - 1.0,
             float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
         ],
         0.0,

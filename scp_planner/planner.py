@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from time import perf_counter
 
@@ -13,7 +14,7 @@ from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop
-from scp_planner.seeds import starts
+from scp_planner.seeds import WaySearch, _ways
 from scp_planner.settings import Settings
 from scp_planner.solvers import solver_named
 from scp_planner.zones import ThreatZone, zones
@@ -55,22 +56,33 @@ def plan(
     loop = ScpLoop(problem, solver_named(settings.solver))
     built = perf_counter()
     best: tuple[Run, Certificate] | None = None
-    iterations, scp_time, check_time = 0, 0.0, 0.0
-    for way, start in starts(problem):
-        if best is not None and best[1].holds and way.travel_time > best[0].evaluation.trajectory.travel_time + 0.1:
-            continue
+    timings = {"build": built - began, "search": 0.0, "scp": 0.0, "certificate": 0.0}
+    iterations, first = 0, 0.0
+    clock = perf_counter()
+    search = WaySearch(problem)
+    for way in _ways(search, 12):
+        start = search.start(way)
+        timings["search"] += perf_counter() - clock
+        if best is not None and best[1].holds:
+            if way.travel_time - first > best[0].evaluation.trajectory.travel_time - lowest + 0.05:
+                break
+        else:
+            first = way.travel_time
         clock = perf_counter()
         run = loop.run(start, settings.max_iterations)
+        timings["scp"] += perf_counter() - clock
+        if best is None: lowest = run.evaluation.trajectory.travel_time
         iterations += len(run.record)
-        scp_time += perf_counter() - clock
+        if os.environ.get("DBG"): print("   ", round(way.travel_time, 3), run.status.name, len(run.record), round(run.evaluation.trajectory.travel_time, 4), run.feasible, way.sides[:5])
         if best is None or _better(run, best[0], best[1]):
             clock = perf_counter()
             certificate = certify_trip(scenario, Trip(problem.frame, run.evaluation.trajectory), threat_zones)
-            check_time += perf_counter() - clock
+            timings["certificate"] += perf_counter() - clock
             if best is None or certificate.holds or not best[1].holds:
                 best = (run, certificate)
         if time_limit is not None and perf_counter() - began > time_limit:
             break
+        clock = perf_counter()
     assert best is not None
     run, certificate = best
     status, reason = _verdict(run, certificate)
@@ -86,7 +98,7 @@ def plan(
         clearance=certificate.clearance,
         limits=certificate.limits,
         lower_bound=lower_bound(problem),
-        timings={"build": built - began, "scp": scp_time, "certificate": check_time},
+        timings=timings,
     )
 
 

@@ -160,7 +160,7 @@ class ScpLoop:
                 clearance_rows(problem, trajectory, current.minima_zone, current.minima, current.minima_contacts),
                 clearance_rows(problem, trajectory, zone, points, contacts),
                 lateral_rows(problem, trajectory, current.sites, LIMIT_REACH, self.zone_count),
-                curvature_rows(problem, current.sites, LIMIT_REACH, self.zone_count + 1),
+                curvature_rows(problem, trajectory, current.sites, LIMIT_REACH, self.zone_count + 1),
             ]
         )
         absolute = np.abs(rows.matrix)

@@ -9,7 +9,10 @@ the last one used.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +22,20 @@ from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-STATION_STEP = 0.5  # m
+STATION_STEP = 1.0  # m
+BETWEEN = 2  # cells of the same column, between stations, that are joined in it
 OFFSET_STEP = 0.25  # m
-OFFSETS = 16  # to each side
-DELAYS = 80
+REACH = 4.0  # m to each side
+DELAYS = 64
 DELAY_STEP = 0.05  # s
-DELAY_MOVES = (0, 1, 2, 4)  # of the delay, from one station to the next
-OFFSET_MOVES = 1  # of the offset, from one station to the next
+DELAY_MOVES = (0, 1, 2, 4, 8)  # of the delay, from one station to the next
+OFFSET_MOVES = 2  # of the offset, from one station to the next
 CLEARANCE = 0.05  # m, kept from every obstacle by the search
-SIDEWAYS_COST = 0.01  # s for each step of the offset, besides the longer way
+SIDEWAYS_COST = 0.004  # s for each step of the offset, besides the longer way
 BLOCKED = 1e9
+BRANCHES = 4  # obstacles of a way, the closest first, whose other side is tried
+SMOOTHING = 2.0  # m^2: weight of bending against offsets, in fitting a path to a way
+LOOKAHEAD = 2  # spans of the acceleration
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,11 @@ class Way:
     times: Array
     sides: tuple[tuple[int, int], ...] = field(default=())
 
+    @property
+    def sides_set(self) -> frozenset[tuple[int, int]]:
+        """The sides in no order: what makes two ways the same."""
+        return frozenset(self.sides)
+
 
 class WaySearch:
     """The grid of a problem, and searches on it.
@@ -58,39 +70,49 @@ class WaySearch:
     Parameters
     ----------
     problem : Problem
+    delay_step : float
+        Resolution of the delays, s.
     """
 
     def __init__(self, problem: Problem, delay_step: float = DELAY_STEP) -> None:
         self.problem = problem
         space, limits = problem.space, problem.limits
-        count = max(8, round(space.length / STATION_STEP))
-        self.stations = np.linspace(0.0, space.length, count + 1)
-        self.offsets = OFFSET_STEP * np.arange(-OFFSETS, OFFSETS + 1)
-        self.delay_step = delay_step
+        columns = max(8, round(space.length / STATION_STEP))
+        self.stations = np.linspace(0.0, space.length, columns + 1)
+        self.middle = round(REACH / OFFSET_STEP)
+        self.offsets = OFFSET_STEP * np.arange(-self.middle, self.middle + 1)
         self.delays = delay_step * np.arange(DELAYS)
-        self.fastest = _fastest_times(self.stations, space.start_speed, limits.speed, limits.acceleration)
-        step = space.length / count
+        self.speeds = (space.start_speed, limits.speed, limits.acceleration)
+        self.fastest = _fastest_times(self.stations, *self.speeds)
+        step = space.length / columns
         slower = np.hypot(step, OFFSET_STEP * np.arange(OFFSET_MOVES + 1)) - step
         self.move_cost = slower / limits.speed + SIDEWAYS_COST * np.arange(OFFSET_MOVES + 1)
         self._block()
 
     def _block(self) -> None:
         """Find the offsets that each obstacle blocks at each station and delay."""
-        problem = self.problem
-        times = (self.fastest[:, None] + self.delays).ravel()
-        centers = problem.zones.centers.grid(times)
-        radius = problem.zones.reach(times) + CLEARANCE
-        station = np.repeat(self.stations, DELAYS)
-        ahead = station[:, None] - centers[:, :, 0]
+        zones, count = self.problem.zones, len(self.stations)
+        # Each column stands for the stretch around its station.
+        step = self.stations[1] / BETWEEN
+        shifts = step * (np.arange(BETWEEN) - 0.5 * (BETWEEN - 1))
+        station = np.maximum(self.stations[:, None] + shifts, 0.0).ravel()
+        column = np.repeat(np.arange(count), BETWEEN)
+        times = (_fastest_times(station, *self.speeds)[:, None] + self.delays).ravel()
+        centers = zones.centers.grid(times)
+        radius = zones.reach(times) + CLEARANCE
+        ahead = np.repeat(station, DELAYS)[:, None] - centers[:, :, 0]
         half = radius * radius - ahead * ahead
-        cell, zone = np.nonzero(half > 0.0)
-        half = np.sqrt(half[cell, zone])
-        middle = centers[cell, zone, 1]
-        first = np.ceil((middle - half - self.offsets[0]) / OFFSET_STEP).astype(np.intp)
-        last = np.floor((middle + half - self.offsets[0]) / OFFSET_STEP).astype(np.intp)
+        entry, zone = np.nonzero(half > 0.0)
+        half = np.sqrt(half[entry, zone])
+        middle = centers[entry, zone, 1]
         size = len(self.offsets)
-        self.first, self.last = np.clip(first, 0, size), np.clip(last, -1, size - 1)
-        self.cell, self.zone, self.middle = cell, zone, middle
+        first = np.ceil((middle - half - self.offsets[0]) / OFFSET_STEP)
+        last = np.floor((middle + half - self.offsets[0]) / OFFSET_STEP)
+        met = (first < size) & (last >= 0)
+        self.first = np.maximum(first[met], 0).astype(np.intp)
+        self.last = np.minimum(last[met], size - 1).astype(np.intp)
+        self.cell = (column[entry // DELAYS] * DELAYS + entry % DELAYS)[met]
+        self.zone, self.center = zone[met], middle[met]
 
     def best(self, closed: tuple[tuple[int, int], ...] = ()) -> Way | None:
         """Return the cheapest way, without passing some obstacles on some sides.
@@ -106,34 +128,30 @@ class WaySearch:
             None if there is no way on the grid.
         """
         size = len(self.offsets)
-        first, last = self.first.copy(), self.last.copy()
+        first, last = self.first, self.last
         for zone, side in closed:
             mine = self.zone == zone
             if side > 0:
-                last[mine] = size - 1
-                first[mine] = np.minimum(first[mine], size)
+                last = np.where(mine, size - 1, last)
             else:
-                first[mine] = 0
-        covers = last >= first
+                first = np.where(mine, 0, first)
         edges = np.zeros((len(self.stations) * DELAYS, size + 1), dtype=np.int32)
-        np.add.at(edges, (self.cell[covers], first[covers]), 1)
-        np.add.at(edges, (self.cell[covers], last[covers] + 1), -1)
+        np.add.at(edges, (self.cell, first), 1)
+        np.subtract.at(edges, (self.cell, last + 1), 1)
         blocked = np.cumsum(edges, axis=1)[:, :size] > 0
-        penalty = np.where(blocked, BLOCKED, 0.0).reshape(len(self.stations), DELAYS, size)
-        penalty = np.ascontiguousarray(penalty.transpose(0, 2, 1))
-        costs = self._sweep(penalty)
-        goal = size // 2
-        final = costs[-1, goal] + self.delays
+        penalty = np.where(blocked.reshape(len(self.stations), DELAYS, size), BLOCKED, 0.0)
+        costs = self._sweep(np.ascontiguousarray(penalty.transpose(0, 2, 1)))
+        final = costs[-1, self.middle] + self.delays
         end = int(np.argmin(final))
         if final[end] >= BLOCKED:
             return None
-        return self._trace(costs, penalty, goal, end, float(final[end]))
+        return self._trace(costs, end, float(final[end]))
 
     def _sweep(self, penalty: Array) -> Array:
         """Cheapest cost to every free cell, station by station, (n, offsets, delays)."""
         count, size, delays = penalty.shape
         costs = np.full((count, size, delays), BLOCKED)
-        costs[0, size // 2, 0] = 0.0
+        costs[0, self.middle, 0] = 0.0
         padded = np.full((size + 2 * OFFSET_MOVES, delays), BLOCKED)
         inner = padded[OFFSET_MOVES : OFFSET_MOVES + size]
         work = np.empty((size, delays))
@@ -153,8 +171,9 @@ class WaySearch:
             here += penalty[i]
         return costs
 
-    def _trace(self, costs: Array, penalty: Array, offset: int, delay: int, total: float) -> Way:
+    def _trace(self, costs: Array, delay: int, total: float) -> Way:
         """Follow the cheapest path back."""
+        offset = self.middle
         count, size = len(self.stations), len(self.offsets)
         path = np.empty((count, 2), dtype=np.intp)
         path[-1] = offset, delay
@@ -183,7 +202,7 @@ class WaySearch:
         cells = np.arange(len(self.stations)) * DELAYS + path[:, 1]
         position = np.full(len(self.stations) * DELAYS, np.nan)
         position[cells] = self.offsets[path[:, 0]]
-        gap = position[self.cell] - self.middle
+        gap = position[self.cell] - self.center
         met = np.flatnonzero(~np.isnan(gap))
         found: dict[int, tuple[float, int]] = {}
         for entry in met:
@@ -237,10 +256,6 @@ class WaySearch:
         return np.interp(knots, middle, beta)
 
 
-SMOOTHING = 2.0  # m^2: weight of bending against offsets, in fitting a path to a way
-LOOKAHEAD = 2  # spans
-
-
 def _fastest_times(stations: Array, start_speed: float, top: float, acceleration: float) -> Array:
     """Earliest time at each station without obstacles, s."""
     top = max(top, start_speed)
@@ -252,17 +267,37 @@ def _fastest_times(stations: Array, start_speed: float, top: float, acceleration
     return np.where(stations <= ramp, rising, cruising)
 
 
-def starts(problem: Problem, count: int = 4) -> list[tuple[Way, Trajectory]]:
-    """Return different ways round, the fastest first, each with a trip to start the loop from."""
-    search = WaySearch(problem)
+def ways(problem: Problem, most: int) -> Iterator[Way]:
+    """Yield different ways round, the fastest estimate first, found as they are asked for.
+
+    Parameters
+    ----------
+    problem : Problem
+    most : int
+        Searches at most.
+    """
+    return _ways(WaySearch(problem), most)
+
+
+def _ways(search: WaySearch, most: int) -> Iterator[Way]:
     best = search.best()
     if best is None:
-        return []
-    ways = {best.sides: best}
-    queue = [(side,) for side in best.sides[:count]]
-    for closed in queue:
-        way = search.best(closed)
-        if way is not None and way.sides not in ways:
-            ways[way.sides] = way
-    ordered = sorted(ways.values(), key=lambda way: way.travel_time)
-    return [(way, search.start(way)) for way in ordered[:count]]
+        return
+    order = count()
+    heap = [(best.travel_time, next(order), best, frozenset[tuple[int, int]]())]
+    seen = {best.sides_set}
+    tried: set[frozenset[tuple[int, int]]] = {frozenset()}
+    searches = 1
+    while heap:
+        _, _, way, closed = heappop(heap)
+        yield way
+        for side in way.sides[:BRANCHES]:
+            child = closed | {side}
+            if searches >= most or child in tried:
+                continue
+            tried.add(child)
+            searches += 1
+            found = search.best(tuple(sorted(child)))
+            if found is not None and found.sides_set not in seen:
+                seen.add(found.sides_set)
+                heappush(heap, (found.travel_time, next(order), found, child))

@@ -16,6 +16,9 @@ from scp_planner.problem import Problem
 from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoints
 
 
+PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
+
+
 class KinematicRows:
     """Arrival, speed and acceleration rows: linear in (b, tau), made once and scaled at each iterate.
 
@@ -83,73 +86,123 @@ class KinematicRows:
 
 @dataclass(frozen=True)
 class BendSites:
-    """Where curvature and lateral acceleration of a trip are limited: fixed stations, and the times at which the
-    acceleration jumps (there the speed peaks, wherever the vehicle then is).
+    """Where curvature and lateral acceleration of a trip are limited.
+
+    These are the fixed stations; the peaks of the lateral acceleration between them; and the times at which the
+    acceleration jumps, where the speed peaks wherever the vehicle then is.
 
     Attributes
     ----------
-    bend : PathBend
-        At the M fixed stations.
-    squared : (M,) array
-        v^2 there, m^2/s^2.
-    sigma : (M,) array
-        When the vehicle is there, normalised.
+    stations : StationSites
+        The M fixed stations.
+    peaks : StationSites
+        P stations between them.
     jumps : TripPoints
         The trip at the J times.
     jump_bend : PathBend
         Curvature there.
-    curvature : (M,) array
-        Relative to the limit, signed.
-    lateral : (M + J,) array
+    lateral : (M + P + J,) array
         Lateral acceleration relative to its limit, signed.
     """
 
-    bend: PathBend
-    speed: Array
-    sigma: Array
+    stations: StationSites
+    peaks: StationSites
     jumps: TripPoints
     jump_bend: PathBend
-    curvature: Array
     lateral: Array
+
+    @property
+    def curvature(self) -> Array:
+        """Curvature at the fixed stations, (M,) 1/m: it peaks at breakpoints of a cubic offset, or hardly beside them."""
+        return self.stations.bend.curvature
+
+
+@dataclass(frozen=True)
+class StationSites:
+    """A trip at given stations.
+
+    Attributes
+    ----------
+    parameters : (n,) array
+        Normalised stations.
+    bend : PathBend
+        Curvature there.
+    sigma : (n,) array
+        When the vehicle is there, normalised.
+    speed : (n,) array
+        m/s.
+    """
+
+    parameters: Array
+    bend: PathBend
+    sigma: Array
+    speed: Array
+
+    @property
+    def lateral(self) -> Array:
+        """Lateral acceleration, (n,) m/s^2, signed."""
+        return self.speed * self.speed * self.bend.curvature
 
 
 def bend_sites(problem: Problem, trajectory: Trajectory, jumps: TripPoints) -> BendSites:
     """Return curvature and lateral acceleration of a trip where they are limited."""
-    path = trajectory.path
-    bend = path.station_bend
+    path, tables = trajectory.path, problem.space.tables
     sigma = trajectory.sigma_at(path.station_arc_lengths)
-    speed = trajectory.speed_at(sigma)
+    stations = StationSites(tables.station_parameters, path.station_bend, sigma, trajectory.speed_at(sigma))
+    peaks = _lateral_peaks(problem, trajectory, stations)
     jump_bend = path.bend(jumps.path)
-    lateral = np.concatenate([speed * speed * bend.curvature, jumps.speed * jumps.speed * jump_bend.curvature])
-    return BendSites(
-        bend,
-        speed,
-        sigma,
-        jumps,
-        jump_bend,
-        bend.curvature / problem.limits.curvature,
-        lateral / problem.limits.lateral_acceleration,
+    lateral = np.concatenate(
+        [stations.lateral, peaks.lateral, jumps.speed * jumps.speed * jump_bend.curvature]
     )
+    return BendSites(stations, peaks, jumps, jump_bend, lateral / problem.limits.lateral_acceleration)
 
 
-def curvature_rows(problem: Problem, sites: BendSites, reach: float, group: int) -> Rows:
+def _lateral_peaks(problem: Problem, trajectory: Trajectory, stations: StationSites) -> StationSites:
+    """Peaks of the lateral acceleration between stations, by parabolas through its largest values at stations."""
+    value = np.abs(stations.lateral)
+    here = value[1:-1]
+    high = (here >= value[:-2]) & (here >= value[2:]) & (here > PEAK_REACH * problem.limits.lateral_acceleration)
+    index = np.flatnonzero(high) + 1
+    before, after = value[index - 1], value[index + 1]
+    bend = before - 2.0 * value[index] + after
+    shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
+    parameters = (index + shift) / (len(value) - 1)
+    path = trajectory.path
+    points = path.points(parameters)
+    sigma = trajectory.sigma_at(path.arc_length_at(parameters))
+    return StationSites(parameters, path.bend(points), sigma, trajectory.speed_at(sigma))
+
+
+@dataclass(frozen=True)
+class _StationBasis:
+    """Rows of the offset's basis (B, B', B'') and of dS/dtheta at stations, over all control points."""
+
+    rows: Array
+    slopes: Array
+    bends: Array
+    arc_length: Array
+
+
+def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, reach: float, group: int) -> Rows:
     """Return the rows of -limit <= curvature <= limit at fixed stations, relative to the limit.
 
     Both sides are rows: the curvature may change its sign in one step.
 
     Parameters
     ----------
-    problem : Problem
+    problem, trajectory : Problem, Trajectory
     sites : BendSites
     reach : float
         Only stations nearer to the limit than this, relative.
     group : int
         Index of the violation in the merit.
     """
-    index = np.flatnonzero(np.abs(sites.curvature) > 1.0 - reach)
-    theta = _station_gradient(problem, sites.bend, index) / problem.limits.curvature
+    value = sites.curvature / problem.limits.curvature
+    index = np.flatnonzero(np.abs(value) > 1.0 - reach)
+    basis = _fixed_basis(problem, trajectory, index)
+    theta = _bend_gradient(problem, sites.stations.bend, index, basis) / problem.limits.curvature
     zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
-    return _both_sides(np.concatenate([theta, zeros], axis=1), sites.curvature[index], group)
+    return _both_sides(np.concatenate([theta, zeros], axis=1), value[index], group)
 
 
 def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, reach: float, group: int) -> Rows:
@@ -167,30 +220,64 @@ def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, rea
     reach : float
         Only sites nearer to the limit than this, relative.
     """
-    count = len(sites.speed)
     near = np.abs(sites.lateral) > 1.0 - reach
-    stations, jumps = np.flatnonzero(near[:count]), np.flatnonzero(near[count:])
-    parts = [
-        _lateral_at_stations(problem, trajectory, sites, stations, group),
-        _lateral_at_jumps(problem, trajectory, sites, jumps, group),
-    ]
-    return Rows.stack(parts)
+    count, more = len(sites.stations.speed), len(sites.peaks.speed)
+    stations = np.flatnonzero(near[:count])
+    peaks = np.arange(more)
+    jumps = np.flatnonzero(near[count + more :])
+    return Rows.stack(
+        [
+            _lateral_at_stations(
+                problem, trajectory, sites.stations, stations, _fixed_basis(problem, trajectory, stations), group
+            ),
+            _lateral_at_stations(
+                problem, trajectory, sites.peaks, peaks, _moving_basis(trajectory, sites.peaks.parameters), group
+            ),
+            _lateral_at_jumps(problem, trajectory, sites, jumps, group),
+        ]
+    )
+
+
+def _fixed_basis(problem: Problem, trajectory: Trajectory, index: Index) -> _StationBasis:
+    tables = problem.space.tables
+    return _StationBasis(
+        tables.station_rows[index],
+        tables.station_slopes[index],
+        tables.station_bends[index],
+        trajectory.path.station_gradients[index],
+    )
+
+
+def _moving_basis(trajectory: Trajectory, parameters: Array) -> _StationBasis:
+    basis = trajectory.space.path
+    span, local = basis.locate(parameters)
+    return _StationBasis(
+        basis.rows_at(span, local),
+        basis.derivative.rows_at(span, local),
+        basis.derivative.derivative.rows_at(span, local),
+        trajectory.path.arc_length_gradient(parameters),
+    )
 
 
 def _lateral_at_stations(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int
+    problem: Problem,
+    trajectory: Trajectory,
+    sites: StationSites,
+    index: Index,
+    basis: _StationBasis,
+    group: int,
 ) -> Rows:
     limit, space, free = problem.limits.lateral_acceleration, problem.space, problem.ends.free
     tau, v0 = trajectory.travel_time, space.start_speed
     table = space.time_table(sites.sigma[index])
     v, a = sites.speed[index], table.acceleration @ trajectory.beta
     curvature = sites.bend.curvature[index] / limit
-    theta = (v * v / limit)[:, None] * _station_gradient(problem, sites.bend, index)
-    theta += (2.0 * curvature * a)[:, None] * trajectory.path.station_gradients[index][:, free]
+    theta = (v * v / limit)[:, None] * _bend_gradient(problem, sites.bend, index, basis)
+    theta += (2.0 * curvature * a)[:, None] * basis.arc_length[:, free]
     beta = (2.0 * curvature * tau * v)[:, None] * table.speed
     beta -= (2.0 * curvature * tau * tau * a)[:, None] * table.distance
     rho = -2.0 * curvature * (v * (v - v0) + a * v0 * tau * table.sigma)
-    return _both_sides(join_blocks(theta, beta, rho), sites.lateral[index], group)
+    return _both_sides(join_blocks(theta, beta, rho), curvature * v * v, group)
 
 
 def _lateral_at_jumps(
@@ -200,32 +287,24 @@ def _lateral_at_jumps(
     tau, v0 = trajectory.travel_time, space.start_speed
     points = sites.jumps.take(index)
     path, table, v = points.path, points.table, points.speed
-    bend = sites.jump_bend
-    curvature = bend.curvature[index]
-    basis = space.path
-    gradient = (bend.slope[index] / space.length)[:, None] * basis.derivative.rows_at(path.span, path.local)
-    gradient += (bend.bend[index] / space.length**2)[:, None] * basis.derivative.derivative.rows_at(
-        path.span, path.local
-    )
-    if not space.guide.straight:
-        gradient += bend.value[index][:, None] * basis.rows_at(path.span, path.local)
+    curvature = sites.jump_bend.curvature[index]
+    basis = _moving_basis(trajectory, points.parameter)
     shift = v * v * trajectory.path.curvature_rate(path) / path.speed
-    theta = (v * v)[:, None] * gradient - shift[:, None] * trajectory.path.arc_length_gradient(points.parameter)
+    theta = (v * v)[:, None] * _bend_gradient(problem, sites.jump_bend, index, basis)
+    theta -= shift[:, None] * basis.arc_length[:, free]
     beta = (2.0 * v * curvature * tau)[:, None] * table.speed + (shift * tau * tau)[:, None] * table.distance
     rho = -2.0 * v * curvature * (v - v0) + shift * v0 * tau * table.sigma
-    return _both_sides(
-        join_blocks(theta[:, free], beta, rho) / limit, sites.lateral[len(sites.speed) + index], group
-    )
+    return _both_sides(join_blocks(theta, beta, rho) / limit, v * v * curvature / limit, group)
 
 
-def _station_gradient(problem: Problem, bend: PathBend, index: Index) -> Array:
+def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _StationBasis) -> Array:
     """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
-    space, tables = problem.space, problem.space.tables
-    gradient = (bend.slope[index] / space.length)[:, None] * tables.station_slopes[index]
-    gradient += (bend.bend[index] / space.length**2)[:, None] * tables.station_bends[index]
-    if not space.guide.straight:
-        gradient += bend.value[index][:, None] * tables.station_rows[index]
-    return gradient[:, problem.ends.free]
+    length, free = problem.space.length, problem.ends.free
+    gradient = (bend.slope[index] / length)[:, None] * basis.slopes[:, free]
+    gradient += (bend.bend[index] / length**2)[:, None] * basis.bends[:, free]
+    if not problem.space.guide.straight:
+        gradient += bend.value[index][:, None] * basis.rows[:, free]
+    return gradient
 
 
 def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
