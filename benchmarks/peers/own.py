@@ -1,0 +1,130 @@
+"""scp_planner on the same terms: the whole of ``plan()``, and one run of its loop from a given start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.families import as_scenario
+from benchmarks.peers.base import Attempt, Scenario
+from benchmarks.peers.starts import Start, first_guess
+
+Array = NDArray[np.float64]
+
+
+class WholePlan:
+    """``scp_planner.plan``: search, several runs and the certificate. It chooses its starts itself."""
+
+    name = "scp_planner.plan"
+    own_starts = True
+
+    def __init__(self, solver: str | None = None) -> None:
+        self._solver = solver
+        self._scenarios: dict[str, Any] = {}
+
+    def build(self, scenarios: Sequence[Scenario]) -> None:
+        """Validate the scenarios; plan the first one once, so that imports are not timed."""
+        import scp_planner
+
+        for scenario in scenarios:
+            self._scenarios[scenario["name"]] = as_scenario(dict(scenario))
+        scp_planner.plan(self._scenarios[scenarios[0]["name"]], solver=self._solver)
+
+    def solve(self, scenario: Scenario, start: Start) -> Attempt:
+        """Plan; the start is not used."""
+        import scp_planner
+
+        plan = scp_planner.plan(self._scenarios[scenario["name"]], solver=self._solver)
+        return Attempt(
+            success=plan.certified,
+            position=plan.position,
+            start_time=plan.start_time,
+            arrival_time=plan.arrival_time,
+            iterations=plan.iterations,
+            detail=f"{plan.status}: {plan.reason}" if plan.reason else str(plan.status),
+        )
+
+
+class OneRun:
+    """One run of the loop of scp_planner from the start that all methods share; no search, no certificate."""
+
+    name = "scp_planner one run"
+    own_starts = False
+
+    def __init__(self) -> None:
+        self._scenarios: dict[str, Any] = {}
+
+    def build(self, scenarios: Sequence[Scenario]) -> None:
+        """Validate the scenarios, and run once so that imports are not timed."""
+        for scenario in scenarios:
+            self._scenarios[scenario["name"]] = as_scenario(dict(scenario))
+        self.solve(scenarios[0], Start(0.0))
+
+    def solve(self, scenario: Scenario, start: Start) -> Attempt:
+        """Prepare the problem, fit the start, and run the loop to its end."""
+        from scp_planner.plan import Trip
+        from scp_planner.problem import build_problem
+        from scp_planner.scp import ScpLoop, Status
+        from scp_planner.settings import Settings
+        from scp_planner.solvers import solver_named
+        from scp_planner.zones import zones
+
+        model, settings = self._scenarios[scenario["name"]], Settings()
+        problem = build_problem(model, zones(model), settings)
+        loop = ScpLoop(problem, solver_named(settings.solver))
+        run = loop.run(fitted(problem, scenario, start), settings.max_iterations)
+        trajectory = run.evaluation.trajectory
+        trip, begin = Trip(problem.frame, trajectory), problem.frame.time
+
+        def position(times: Array) -> Array:
+            points, _ = trip.at(times)
+            return problem.frame.to_world(points.path.position)
+
+        return Attempt(
+            success=run.status is Status.CONVERGED,
+            position=position,
+            start_time=begin,
+            arrival_time=begin + trajectory.travel_time,
+            iterations=len(run.record),
+            detail=run.status.value,
+        )
+
+
+class PenaltyDescent:
+    """The published method's baseline, on the same objective, as scp_planner has it."""
+
+    name = "penalty descent"
+    own_starts = False
+
+    def __init__(self) -> None:
+        self._scenarios: dict[str, Any] = {}
+
+    def build(self, scenarios: Sequence[Scenario]) -> None:
+        """Validate the scenarios."""
+        for scenario in scenarios:
+            self._scenarios[scenario["name"]] = as_scenario(dict(scenario))
+
+    def solve(self, scenario: Scenario, start: Start) -> Attempt:
+        """Descend from the start."""
+        raise NotImplementedError
+
+
+def fitted(problem: Any, scenario: Scenario, start: Start) -> Any:
+    """The start as a trajectory of the problem's splines (least squares)."""
+    space, ends = problem.space, problem.ends
+    guess = first_guess(scenario, start, samples=200)
+    local = problem.frame.to_frame(guess.states[:, :2])
+    basis = np.asarray(space.path.rows(np.clip(local[:, 0] / space.length, 0.0, 1.0)))
+    theta = ends.theta.copy()
+    theta[ends.free] = 0.0
+    residual = local[:, 1] - basis @ theta
+    theta[ends.free] = np.linalg.lstsq(basis[:, ends.free], residual, rcond=None)[0]
+    breaks = np.asarray(space.acceleration.breakpoints)
+    middles = (breaks[1:] + breaks[:-1]) / 2.0
+    if space.acceleration_size != middles.size:
+        middles = np.linspace(0.0, 1.0, space.acceleration_size)
+    shares = (guess.times - guess.times[0]) / guess.duration
+    return space.trajectory(theta, np.interp(middles, shares, guess.accelerations))
