@@ -61,6 +61,7 @@ class Peer(Protocol):
     """One method of planning."""
 
     name: str
+    own_starts: bool  # it chooses its starts itself, and plans once
 
     def build(self, scenarios: Sequence[Scenario]) -> None:
         """Prepare whatever is shared by the scenarios of a family; not timed as planning."""

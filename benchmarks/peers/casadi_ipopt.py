@@ -54,6 +54,9 @@ IPOPT_OPTIONS: dict[str, Any] = {
 class CasadiIpopt:
     """Direct multiple shooting with IPOPT."""
 
+    name = "casadi-ipopt"
+    own_starts = False
+
     def __init__(
         self,
         intervals: int | None = None,
@@ -61,7 +64,7 @@ class CasadiIpopt:
         margin: float = MARGIN,
         options: dict[str, Any] | None = None,
     ) -> None:
-        self.name = "casadi-ipopt"
+
         self._intervals = intervals
         self._points = points
         self._margin = margin

@@ -63,6 +63,7 @@ class Slsqp:
     """Sequential quadratic programming with dense rows."""
 
     name = "scipy-slsqp"
+    own_starts = False
 
     def __init__(self) -> None:
         self._tables: dict[float, _Tables] = {}
