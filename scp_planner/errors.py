@@ -97,5 +97,13 @@ class PlanError(_FaultyInputError):
     """A plan file is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
 
 
+class MotionModelError(_FaultyInputError):
+    """A file of a fitted motion model is refused. `faults` holds everything that is wrong with it."""
+
+
+class TracksError(_FaultyInputError):
+    """Recorded tracks are refused. `faults` holds what is wrong, `source` the file's name."""
+
+
 class EstimationError(ScpPlannerError, ValueError):
     """Observations cannot be turned into an estimate: too few, out of order, or not finite."""

@@ -17,6 +17,7 @@ from scp_planner.errors import EstimationError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 _SYMMETRY = 1e-9  # relative difference of the off-diagonal entries of a covariance
 _DEFINITE = 1e-12  # least determinant of a covariance relative to the product of its diagonal
@@ -146,6 +147,54 @@ def check_covariance(covariance: ArrayLike, count: int) -> Array:
     return 0.5 * (sigma + np.swapaxes(sigma, -1, -2))
 
 
+def usable(
+    times: Array,
+    positions: Array,
+    seen: ArrayLike | None,
+    missing: Faulty,
+    last_times: Array,
+    last_positions: Array,
+    *,
+    in_order: bool,
+) -> Mask:
+    """Tell which new observations of K obstacles, at most one of each, can be used.
+
+    Parameters
+    ----------
+    times, positions : (K,) s and (K, 2) m
+    seen : (K,) bool, or None for all
+    missing : Faulty
+        What to do with what is not finite.
+    last_times, last_positions : (K,) s and (K, 2) m
+        Of the latest observation so far; one that is equal to it is refused.
+    in_order : bool
+        Refuse observations before the latest one.
+    """
+    finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
+    wanted = np.ones(len(times), dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
+    used: Mask = wanted & finite
+    if missing is Faulty.REFUSE and not np.array_equal(used, wanted):
+        k = int(np.argmax(wanted & ~finite))
+        raise EstimationError(
+            f"obstacle {k}: time {float(times[k])!r} or position {positions[k].tolist()} is not finite"
+        )
+    again = used & (times == last_times)
+    if again.any():
+        again &= (positions == last_positions).all(axis=1)
+        if again.any():
+            k = int(np.argmax(again))
+            raise EstimationError(f"obstacle {k}: the observation at time {float(times[k])!r} comes twice")
+    if in_order:
+        late = used & (times < last_times)
+        if late.any():
+            k = int(np.argmax(late))
+            raise EstimationError(
+                f"obstacle {k}: time {float(times[k])!r} is before {float(last_times[k])!r}, the last one;"
+                " observations must come in order"
+            )
+    return used
+
+
 def _numbers(values: ArrayLike, name: str) -> Array:
     try:
         return np.asarray(values, dtype=float)
@@ -153,7 +202,7 @@ def _numbers(values: ArrayLike, name: str) -> Array:
         raise EstimationError(f"observations.{name}: it is not an array of numbers ({error})") from None
 
 
-def _present(t: Array, z: Array, screening: Screening) -> NDArray[np.bool_]:
+def _present(t: Array, z: Array, screening: Screening) -> Mask:
     there = np.isfinite(t) & np.isfinite(z).all(axis=1)
     if screening.missing is Faulty.REFUSE and not there.all():
         i = int(np.argmin(there))
@@ -162,7 +211,7 @@ def _present(t: Array, z: Array, screening: Screening) -> NDArray[np.bool_]:
     return there
 
 
-def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> NDArray[np.bool_]:
+def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> Mask:
     first = np.ones(len(t), dtype=bool)
     for i in np.flatnonzero(t[1:] == t[:-1]) + 1:
         group = np.flatnonzero((t[:i] == t[i]) & first[:i])

@@ -22,9 +22,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation import HIGHEST_ORDER, MotionPrior, Noise, Screening, estimate_motion
 from scp_planner.least_squares import Moments, estimated_noise, prior_rows
 from scp_planner.motion_estimate import Array, PolynomialEstimate, shift_powers
-from scp_planner.observations import Faulty, check_covariance
-
-Mask = NDArray[np.bool_]
+from scp_planner.observations import Faulty, Mask, check_covariance, usable
 
 _MEMORIES = 2.0
 """Times are counted from a new origin after this many memories, each of 1 / (1 - forgetting) observations."""
@@ -91,7 +89,7 @@ class RecursiveEstimator:
         self._noise_sum = np.zeros((obstacles, 2, 2))
         self._center, self._origin = np.zeros(obstacles), np.zeros((obstacles, 2))
         self._first, self._last = np.full(obstacles, math.inf), np.full(obstacles, -math.inf)
-        self._newest = np.full((obstacles, 3), math.nan)  # time and position of what came last
+        self._newest = np.full((obstacles, 2), math.nan)  # position of what came last in time
         self._count = np.zeros(obstacles, dtype=np.intp)
         self._since_centred = np.zeros(obstacles, dtype=np.intp)
         self._rejected = np.zeros(obstacles, dtype=np.intp)
@@ -152,7 +150,8 @@ class RecursiveEstimator:
         z = np.asarray(positions, dtype=float)
         if z.shape != (count, 2):
             raise EstimationError(f"positions: their shape is {z.shape}; must be ({count}, 2)")
-        used = self._usable(t, z, None if seen is None else np.asarray(seen, dtype=bool))
+        in_order = self.forgetting < 1.0
+        used = usable(t, z, seen, self.missing, self._last, self._newest, in_order=in_order)
         if self._varying is (covariance is None):
             raise EstimationError(
                 f"covariance: it {'must' if self._varying else 'must not'} come with an observation"
@@ -184,9 +183,8 @@ class RecursiveEstimator:
         if sigma is not None:
             self._noise_sum[used] += sigma[used]
         np.minimum(self._first, t, out=self._first, where=used)
+        np.copyto(self._newest, z, where=(used & (t >= self._last))[:, None])
         np.maximum(self._last, t, out=self._last, where=used)
-        np.copyto(self._newest[:, 0], t, where=used)
-        np.copyto(self._newest[:, 1:], z, where=used[:, None])
         if self.forgetting < 1.0:
             self._since_centred += used
             self._recentre()
@@ -235,32 +233,6 @@ class RecursiveEstimator:
         return PolynomialEstimate(
             last, self.order, n, sigma, errors, regressors, middle, scale, coefficients, covariance
         )
-
-    def _usable(self, t: Array, z: Array, seen: Mask | None) -> Mask:
-        finite = np.isfinite(t) & np.isfinite(z).all(axis=1)
-        used = finite if seen is None else seen & finite
-        if self.missing is Faulty.REFUSE and not finite.all():
-            lost = ~finite if seen is None else seen & ~finite
-            if lost.any():
-                k = int(np.argmax(lost))
-                raise EstimationError(
-                    f"obstacle {k}: time {float(t[k])!r} or position {z[k].tolist()} is not finite"
-                )
-        same_time = used & (t == self._newest[:, 0])
-        if same_time.any():
-            twice = same_time & (z == self._newest[:, 1:]).all(axis=1)
-            if twice.any():
-                k = int(np.argmax(twice))
-                raise EstimationError(f"obstacle {k}: the observation at time {float(t[k])!r} comes twice")
-        if self.forgetting < 1.0:
-            late = used & (t < self._last)
-            if late.any():
-                k = int(np.argmax(late))
-                raise EstimationError(
-                    f"obstacle {k}: time {float(t[k])!r} is before {float(self._last[k])!r}, the last one seen; "
-                    "with forgetting, observations must come in order"
-                )
-        return used
 
     def _powers(self, t: Array) -> Array:
         u = t - self._center

@@ -1,0 +1,394 @@
+"""Recorded tracks: where people, cars and cyclists really went, read from files and turned into scenarios.
+
+Formats are told apart by their first line:
+
+- CSV with the header ``id,time,x,y`` (in any order, other columns are ignored), in s and m;
+- ``obsmat`` text files of pedestrians (frame, id, x, z, y, vx, vz, vy), one row of each person every 0.4 s:
+  the step in frames is detected. Data of ETH, HOTEL and UNIV: S. Pellegrini et al., ICCV 2009, and A. Lerner
+  et al., 2007;
+- CSV of the DUT data set (``id,frame,label,x_est,y_est,...``, 23.98 frames per second; D. Yang et al., 2019);
+- CSV of single cyclists of the VRU data set (``,timestamp,x,y``), one file a track.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scp_planner.errors import MISSING, EstimationError, Fault, TracksError
+from scp_planner.motion_estimate import Array
+from scp_planner.process_model import ProcessModel
+from scp_planner.scenario import Scenario
+
+OBSMAT_STEP = 0.4  # s between the rows of one person
+DUT_FRAME_RATE = 23.98  # 1/s
+
+_OBSMAT_COLUMNS = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
+_MOST_FAULTS = 20  # of a file that are listed
+_SUFFIXES = (".csv", ".txt")
+
+
+@dataclass(frozen=True)
+class Track:
+    """Positions of one obstacle in order of time.
+
+    Attributes
+    ----------
+    id : str
+    times : (n,) s, increasing
+    positions : (n, 2) m
+    """
+
+    id: str
+    times: Array
+    positions: Array
+
+    def __post_init__(self) -> None:
+        times, positions = np.asarray(self.times, dtype=float), np.asarray(self.positions, dtype=float)
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
+        if times.ndim != 1 or not len(times) or positions.shape != (len(times), 2):
+            raise EstimationError(
+                f"track {self.id!r}: shapes {times.shape}, {positions.shape}; must be (n,), (n, 2), n > 0"
+            )
+        if not (np.isfinite(times).all() and np.isfinite(positions).all()):
+            raise EstimationError(f"track {self.id!r}: it has values that are not finite")
+        if not np.all(np.diff(times) > 0.0):
+            raise EstimationError(f"track {self.id!r}: its times do not increase")
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def between(self, start: float, stop: float) -> Track | None:
+        """Cut out the positions with start <= time <= stop, s; None if there are none."""
+        first, last = np.searchsorted(self.times, start, "left"), np.searchsorted(self.times, stop, "right")
+        return Track(self.id, self.times[first:last], self.positions[first:last]) if last > first else None
+
+
+class Tracks(Sequence[Track]):
+    """Tracks of one place or several; ids are unique."""
+
+    def __init__(self, tracks: Sequence[Track], source: str = "") -> None:
+        self._tracks = tuple(tracks)
+        self.source = source
+        names: set[str] = set()
+        for track in self._tracks:
+            if track.id in names:
+                raise EstimationError(f"tracks: the id {track.id!r} is there twice")
+            names.add(track.id)
+
+    def __getitem__(self, index: Any) -> Any:
+        return Tracks(self._tracks[index], self.source) if isinstance(index, slice) else self._tracks[index]
+
+    def __len__(self) -> int:
+        return len(self._tracks)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids, in order."""
+        return tuple(track.id for track in self._tracks)
+
+    @property
+    def start(self) -> float:
+        """Time of the first position of all, s."""
+        return min(float(track.times[0]) for track in self._tracks)
+
+    @property
+    def stop(self) -> float:
+        """Time of the last position of all, s."""
+        return max(float(track.times[-1]) for track in self._tracks)
+
+    @property
+    def observations(self) -> int:
+        """How many positions there are in all."""
+        return sum(len(track) for track in self._tracks)
+
+    def of(self, name: str) -> Track:
+        """Give the track with an id."""
+        for track in self._tracks:
+            if track.id == name:
+                return track
+        raise EstimationError(f"tracks: there is none with the id {name!r}")
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Tracks:
+        """Read a file, or all .csv and .txt files of a folder and of the folders in it.
+
+        In a folder each id begins with the name of its file, as in ``eth_obsmat/12``.
+
+        Raises
+        ------
+        TracksError
+            Naming the file and, for each fault, the line and the column.
+        OSError
+            If the file cannot be read.
+        """
+        root = Path(path)
+        if not root.is_dir():
+            return cls(_read(root), str(root))
+        names = sorted(p for p in root.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
+        if not names:
+            raise TracksError(
+                str(root), [Fault("", root.name, f"must hold files ending in {' or '.join(_SUFFIXES)}")]
+            )
+        tracks = []
+        for name in names:
+            place = name.relative_to(root).with_suffix("").as_posix()
+            for track in _read(name):
+                single = track.id == name.stem
+                tracks.append(Track(place if single else f"{place}/{track.id}", track.times, track.positions))
+        return cls(tracks, str(root))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a CSV file ``id,time,x,y`` that `load` reads back exactly, whole or not at all."""
+        from scp_planner import files
+
+        lines = ["id,time,x,y"]
+        for track in self._tracks:
+            name = f'"{track.id.replace(chr(34), 2 * chr(34))}"' if set(track.id) & set(',"\n') else track.id
+            lines += [
+                f"{name},{float(t)!r},{float(x)!r},{float(y)!r}"
+                for t, (x, y) in zip(track.times, track.positions, strict=True)
+            ]
+        files.write_text(path, "\n".join(lines) + "\n")
+
+    def halves(self) -> tuple[Tracks, Tracks]:
+        """Split into every other track, by time of their first position: one half to fit, one to test."""
+        order = sorted(self._tracks, key=lambda track: (float(track.times[0]), self._tracks.index(track)))
+        return Tracks(order[0::2], self.source), Tracks(order[1::2], self.source)
+
+    def scenario_at(
+        self,
+        time: float,
+        *,
+        start: Mapping[str, Any],
+        goal: Mapping[str, Any],
+        vehicle: Mapping[str, Any],
+        window: float = 3.0,
+        stale: float = 1.0,
+        radius: float = 0.3,
+        noise: float | None = 0.05,
+        order: int = 1,
+        process: ProcessModel | None = None,
+        name: str | None = None,
+        **others: Any,
+    ) -> Scenario:
+        """Make the scenario of a vehicle that sets off at a moment, from what had been seen by then.
+
+        Parameters
+        ----------
+        time : float, s
+            The moment, on the clock of the tracks.
+        start : mapping
+            ``position``, ``heading`` and ``speed`` of the vehicle, as in `scp_planner.scenario.Start`; its
+            time is ``time``.
+        goal, vehicle : mapping
+            As in `scp_planner.scenario`.
+        window : float, s
+            How far back observations are used.
+        stale : float, s
+            Obstacles that were last seen longer ago than this have gone.
+        radius : float, m
+            Of the disc that covers an obstacle.
+        noise : float or None, m
+            Standard deviation of an observed coordinate; None: estimated from the residuals.
+        order : int
+            Of the motion. Obstacles seen too rarely for it get the highest order that they were seen often
+            enough for.
+        process : ProcessModel, optional
+            A motion with process noise instead.
+        name : str, optional
+            Of the scenario.
+        **others
+            Further fields of the scenario, such as ``bounds``, ``confidence`` and ``guide``.
+
+        Raises
+        ------
+        EstimationError
+            If an obstacle was seen too rarely for its noise to be estimated.
+        ScenarioError
+            If the vehicle, its start or its goal is faulty.
+        """
+        obstacles = []
+        for track in self._tracks:
+            seen = track.between(time - window, time)
+            if seen is None or seen.times[-1] < time - stale:
+                continue
+            highest = len(seen) - (1 if noise is not None or process is not None else 3)
+            if highest < 0:
+                raise EstimationError(
+                    f"track {track.id!r}: {len(seen)} positions are too few to estimate their noise; give it"
+                )
+            model: dict[str, Any] = {"order": min(order, highest)}
+            if process is not None:
+                model["process"] = process
+            obstacles.append(
+                {
+                    "id": track.id,
+                    "shape": {"disc": radius},
+                    "observations": {
+                        "time": seen.times.tolist(),
+                        "position": seen.positions.tolist(),
+                        "covariance": None if noise is None else [[noise**2, 0.0], [0.0, noise**2]],
+                    },
+                    "model": model,
+                }
+            )
+        return Scenario(
+            name=name or f"{Path(self.source).stem or 'tracks'} at {time:g} s",
+            vehicle=vehicle,
+            start={**start, "time": float(time)},
+            goal=goal,
+            obstacles=obstacles,
+            **others,
+        )
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One position in a file; the time is in s or, where so said, in frames."""
+
+    line: int
+    id: str
+    time: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class _Format:
+    """Which columns hold what."""
+
+    id: str | None
+    time: str
+    x: str
+    y: str
+    seconds: Callable[[Sequence[_Row]], float]  # per unit of the time column
+
+
+def _read(path: Path) -> list[Track]:
+    """Read one file."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise TracksError(str(path), [Fault("", f"byte {error.start}", "must be UTF-8 text")]) from None
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not lines:
+        raise TracksError(str(path), [Fault("", text, "must hold tracks; it is empty")])
+    faults: list[Fault] = []
+    if _is_obsmat(lines[0][1]):
+        form = _Format("id", "frame", "x", "y", partial(_obsmat_seconds, path))
+        rows = list(_rows(((i, _obsmat_fields(line)) for i, line in lines), form, faults))
+    else:
+        form = _csv_format(path, lines[0][1])
+        reader = csv.DictReader((line for _, line in lines), restkey="", restval=None)
+        numbered = zip((i for i, _ in lines[1:]), reader, strict=False)
+        rows = list(_rows(numbered, form, faults, path.stem))
+    if faults:
+        raise TracksError(str(path), faults)
+    if not rows:
+        raise TracksError(str(path), [Fault("", lines[0][1], "must have rows below its header")])
+    return _tracks(path, rows, form.seconds(rows), form.time)
+
+
+def _is_obsmat(line: str) -> bool:
+    try:
+        return len([float(word) for word in line.split()]) == len(_OBSMAT_COLUMNS)
+    except ValueError:
+        return False
+
+
+def _csv_format(path: Path, header: str) -> _Format:
+    columns = {name.strip() for name in header.split(",")}
+    if columns >= {"id", "time", "x", "y"}:
+        return _Format("id", "time", "x", "y", lambda rows: 1.0)
+    if columns >= {"id", "frame", "x_est", "y_est"}:
+        return _Format("id", "frame", "x_est", "y_est", lambda rows: 1.0 / DUT_FRAME_RATE)
+    if columns >= {"timestamp", "x", "y"}:
+        return _Format(None, "timestamp", "x", "y", lambda rows: 1.0)
+    raise TracksError(
+        str(path), [Fault("line 1", header, "must be a header with the columns id, time, x and y")]
+    )
+
+
+def _rows(
+    numbered: Iterator[tuple[int, Mapping[str, str | None]]],
+    form: _Format,
+    faults: list[Fault],
+    single: str = "",
+) -> Iterator[_Row]:
+    """Turn lines into rows; what is wrong goes to ``faults``."""
+    for number, fields in numbered:
+        values = []
+        for column in (form.time, form.x, form.y):
+            text = fields.get(column)
+            value = _number(text)
+            if value is None:
+                place = f"line {number}, column {column}"
+                faults.append(Fault(place, text if text is not None else MISSING, "must be a finite number"))
+            values.append(value)
+        name = single if form.id is None else (fields.get(form.id) or "").strip()
+        if form.id is not None and not name:
+            faults.append(Fault(f"line {number}, column {form.id}", name, "must name the track"))
+        if len(faults) >= _MOST_FAULTS:
+            return
+        time, x, y = values
+        if time is not None and x is not None and y is not None:
+            yield _Row(number, name, time, x, y)
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        value = float(text) if text is not None else math.nan
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _obsmat_fields(line: str) -> dict[str, str]:
+    fields = dict(zip(_OBSMAT_COLUMNS, line.split(), strict=False))
+    number = _number(fields.get("id"))
+    if number is not None and number == int(number):
+        fields["id"] = str(int(number))  # the file has 1.0000000e+00
+    return fields
+
+
+def _obsmat_seconds(path: Path, rows: Sequence[_Row]) -> float:
+    """Give seconds per frame: most rows of one person follow each other by `OBSMAT_STEP`."""
+    frames: dict[str, list[float]] = {}
+    for row in rows:
+        frames.setdefault(row.id, []).append(row.time)
+    steps = np.concatenate([np.diff(sorted(each)) for each in frames.values()])
+    steps = steps[steps > 0.0]
+    if not len(steps):
+        raise TracksError(str(path), [Fault("", rows[0].id, "must have persons with more than one row")])
+    values, counts = np.unique(steps, return_counts=True)
+    return OBSMAT_STEP / float(values[np.argmax(counts)])
+
+
+def _tracks(path: Path, rows: Sequence[_Row], seconds: float, column: str) -> list[Track]:
+    by_id: dict[str, list[_Row]] = {}
+    for row in rows:
+        by_id.setdefault(row.id, []).append(row)
+    faults, tracks = [], []
+    for name, own in by_id.items():
+        own.sort(key=lambda row: row.time)
+        for before, row in pairwise(own):
+            if row.time == before.time:
+                text = f"must not be there twice for track {name}; it is in line {before.line} too"
+                faults.append(Fault(f"line {row.line}, column {column}", row.time, text))
+        if not faults:
+            positions = np.array([[row.x, row.y] for row in own])
+            tracks.append(Track(name, seconds * np.array([row.time for row in own]), positions))
+    if faults:
+        raise TracksError(str(path), faults[:_MOST_FAULTS])
+    return tracks
