@@ -12,6 +12,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -93,18 +94,27 @@ def write(path: str | PathLike[str], data: dict[str, Any]) -> None:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write a file as a whole or not at all: into a temporary file beside it, which then takes its name."""
+    """Write a file as a whole or not at all."""
+    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def replacing(path: str | PathLike[str]) -> Iterator[Path]:
+    """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well."""
     target = Path(path)
-    descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    descriptor, name = tempfile.mkstemp(
+        dir=target.parent, prefix=f".{target.name}.", suffix=f".part{target.suffix}"
+    )
+    os.close(descriptor)
     try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, _usual_mode(target))
-        os.replace(temporary, target)
+        yield Path(name)
+        os.chmod(name, _usual_mode(target))
+        os.replace(name, target)
     except BaseException:
-        os.unlink(temporary)
+        os.unlink(name)
         raise
 
 

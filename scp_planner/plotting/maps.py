@@ -1,0 +1,219 @@
+"""The map: path, vehicle, zones and obstacles at some times of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, time_text
+from scp_planner.recording import ObstacleRecord, Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Index = NDArray[np.intp]
+
+NEAR = 0.12
+"""Zones no farther from the vehicle than this part of the trip's extent are filled."""
+CROWD = 12
+"""With more obstacles than this only those near the vehicle are drawn."""
+NAMED = 8
+"""With no more obstacles than this they are named on the map."""
+
+_KEY_SPACING: dict[str, Any] = {"handletextpad": 0.4, "columnspacing": 1.0, "borderaxespad": 0.2}
+
+
+def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) -> None:
+    """Draw the trip, coloured by speed, and vehicle and zones at some times in one colour a time.
+
+    Parameters
+    ----------
+    axes : Axes
+    recording : Recording
+    indices : (k,) array of int
+        Of the times to show; no more than there are colours.
+    narrow : bool
+        Whether the legend needs several rows.
+    """
+    lay_out(axes, recording)
+    draw_tracks(axes, recording)
+    for index, colour in zip(indices, COLOURS, strict=False):
+        for obstacle in recording.obstacles:
+            _draw_zone(axes, recording, obstacle, int(index), colour)
+    _draw_speed(axes, recording)
+    for index, colour in zip(indices, COLOURS, strict=False):
+        _draw_vehicle(axes, recording, int(index), colour)
+    if len(recording.obstacles) <= NAMED:
+        for obstacle in recording.obstacles:
+            _name(axes, recording, obstacle, indices)
+    draw_ends(axes, recording)
+    times, symbols = _key_to_times(recording, indices), key_to_symbols(recording)
+    if narrow:
+        part, key = axes.get_figure(root=False), times + symbols
+        assert part is not None
+        part.legend(key.handles, key.labels, loc="outside upper center", ncols=4, **_KEY_SPACING)
+    else:
+        times.set_above(axes, "left")
+        symbols.set_above(axes, "right")
+
+
+def lay_out(axes: Axes, recording: Recording) -> None:
+    """Set the axes to the extent of a recording, and draw the workspace."""
+    from matplotlib.patches import Rectangle
+
+    low, high = recording.extent()
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.locator_params(axis="both", steps=[1, 2, 5, 10])
+    axes.locator_params(axis="y", nbins=6 if high[1] - low[1] < high[0] - low[0] else 9)
+    axes.locator_params(axis="x", nbins=9 if high[1] - low[1] < high[0] - low[0] else 5)
+    if recording.bounds is not None:
+        corner, opposite = recording.bounds
+        sides = opposite[0] - corner[0], opposite[1] - corner[1]
+        axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor=GREY, linewidth=1.4, zorder=1))
+
+
+def draw_tracks(axes: Axes, recording: Recording) -> None:
+    """Draw where the obstacles' centres go, where they were seen and where they really went."""
+    for obstacle in recording.obstacles:
+        if obstacle.truth is None:
+            axes.plot(*obstacle.center.T, color=FAINT, linewidth=0.8, zorder=1.5)
+        else:
+            axes.plot(*obstacle.truth.T, color=INK, linewidth=0.9, linestyle=DOTTED, zorder=3.5)
+        if obstacle.observed is not None:
+            axes.plot(*obstacle.observed.T, ".", color=GREY, markersize=2.2, markeredgewidth=0, zorder=1.6)
+
+
+def draw_ends(axes: Axes, recording: Recording) -> None:
+    """Mark start and goal."""
+    from matplotlib.patches import Circle
+
+    start, goal = recording.position[0], recording.goal
+    axes.plot(*start, marker="o", markersize=5, color="white", markeredgecolor=INK, zorder=5)
+    axes.plot(*goal, marker="*", markersize=11, color="white", markeredgecolor=INK, zorder=5)
+    if recording.goal_radius > 0.0:
+        axes.add_patch(
+            Circle(goal, recording.goal_radius, fill=False, edgecolor=INK, linestyle=(0, (3, 2)), zorder=1.8)
+        )
+
+
+@dataclass(frozen=True)
+class Key:
+    """Entries of a legend."""
+
+    handles: list[Any]
+    labels: list[str]
+
+    def __add__(self, other: Key) -> Key:
+        return Key(self.handles + other.handles, self.labels + other.labels)
+
+    def set_above(self, axes: Axes, side: Literal["left", "right"]) -> None:
+        """Set the entries in one row above the left or right end of axes."""
+        place: Any = {"loc": f"lower {side}", "bbox_to_anchor": (0.0 if side == "left" else 1.0, 1.0)}
+        columns = len(self.labels)
+        axes.add_artist(axes.legend(self.handles, self.labels, ncols=columns, **place, **_KEY_SPACING))
+
+
+def key_to_symbols(recording: Recording) -> Key:
+    """What the marks on the map mean."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    hollow: dict[str, Any] = {"linestyle": "none", "color": "white", "markeredgecolor": INK}
+    start = Line2D([], [], marker="o", markersize=5, **hollow)
+    goal = Line2D([], [], marker="*", markersize=10, **hollow)
+    key = Key([start, goal], ["start", "goal"])
+    if recording.obstacles:
+        key += Key([Patch(facecolor=(GREY, 0.22), edgecolor=GREY)], ["zone"])
+    if any(obstacle.observed is not None for obstacle in recording.obstacles):
+        key += Key([Line2D([], [], linestyle="none", marker=".", markersize=4, color=GREY)], ["seen"])
+    if any(obstacle.truth is not None for obstacle in recording.obstacles):
+        key += Key([Line2D([], [], color=INK, linewidth=0.9, linestyle=DOTTED)], ["really went"])
+    return key
+
+
+def _key_to_times(recording: Recording, indices: Index) -> Key:
+    from matplotlib.lines import Line2D
+
+    handles: list[Any] = [
+        Line2D([], [], linestyle="none", marker="o", markersize=7, color=colour, markeredgecolor="white")
+        for _, colour in zip(indices, COLOURS, strict=False)
+    ]
+    return Key(handles, [time_text(recording.time[index] - recording.epoch) for index in indices])
+
+
+def _draw_zone(axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str) -> None:
+    """Draw a zone: filled if it is near to the vehicle at that time, an outline if it is not."""
+    from matplotlib.patches import Polygon
+
+    length = float(np.ptp(recording.position, axis=0).max())
+    near = obstacle.clearance[index] < NEAR * length
+    large = float(np.ptp(obstacle.boundary[index], axis=0).max()) > 2.0 * NEAR * length
+    if not near and (large or len(recording.obstacles) > CROWD):
+        return  # it would only hide what matters
+    edge = (colour, 0.9 if near else 0.35)
+    fill: Any = (colour, 0.22) if near else "none"
+    axes.add_patch(Polygon(obstacle.zone_at(index), facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
+    true_center = obstacle.truth_at(index)
+    if true_center is not None:
+        body = obstacle.body_at(index, true_center)
+        axes.add_patch(Polygon(body, facecolor="none", edgecolor=colour, linewidth=1.4, zorder=3.6))
+    elif obstacle.padded and near:
+        body = obstacle.body_at(index)
+        axes.add_patch(Polygon(body, facecolor=(colour, 0.35), edgecolor="none", zorder=2.1))
+
+
+def _draw_speed(axes: Axes, recording: Recording) -> None:
+    from matplotlib.collections import LineCollection
+
+    points = recording.position
+    axes.plot(*points.T, color="white", linewidth=5.0, solid_capstyle="round", zorder=2.9)
+    segments: Any = np.stack([points[:-1], points[1:]], axis=1)
+    line = LineCollection(segments, cmap="cividis_r", linewidth=3.2, capstyle="round", zorder=3)
+    line.set_array(0.5 * (recording.speed[:-1] + recording.speed[1:]))
+    line.set_clim(0.0, recording.max_speed)
+    axes.add_collection(line)
+    figure = axes.get_figure(root=False)
+    assert figure is not None
+    bar = figure.colorbar(line, ax=axes, fraction=0.025, pad=0.01, aspect=18, shrink=0.85)
+    bar.set_label("speed (m/s)")
+    bar.ax.spines[:].set_visible(False)
+
+
+def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> None:
+    from matplotlib.patches import Circle
+
+    x, y = recording.position[index]
+    axes.add_patch(
+        Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4)
+    )
+
+
+def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index) -> None:
+    """Write an obstacle's id beside its zone at the shown time at which it is nearest to the vehicle."""
+    from matplotlib.patheffects import withStroke
+
+    low, high = recording.extent()
+    index = int(indices[obstacle.clearance[indices].argmin()])
+    zone = obstacle.zone_at(index)
+    above = bool(obstacle.center[index, 1] >= recording.position[index, 1])
+    x, y = float(obstacle.center[index, 0]), float(zone[:, 1].max() if above else zone[:, 1].min())
+    if not (low[0] < x < high[0] and low[1] < y < high[1]):
+        return
+    axes.annotate(
+        obstacle.id,
+        (x, y),
+        xytext=(0, 2 if above else -2),
+        textcoords="offset points",
+        ha="center",
+        va="bottom" if above else "top",
+        fontsize=7.5,
+        zorder=6,
+        path_effects=[withStroke(linewidth=2.0, foreground="white")],
+    )

@@ -1,0 +1,112 @@
+"""Quantities over time against their limits."""
+
+from __future__ import annotations
+
+from textwrap import fill
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.plotting.style import COLOURS, FAINT, GREY, INK, WARNING, limit_times, time_label
+from scp_planner.recording import Profile, Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+def draw_profiles(panels: list[Axes], recording: Recording, indices: Index, *, stacked: bool) -> None:
+    """Draw the facts, the profiles and the clearance, one a panel.
+
+    Parameters
+    ----------
+    panels : list of Axes
+        Two more than the recording has profiles, row by row.
+    recording : Recording
+    indices : (k,) array of int
+        Of times to mark, in the colours of the map.
+    stacked : bool
+        Whether the panels are one above the other; if not, in two rows of three.
+    """
+    facts, *profiles, clearance = panels
+    write_facts(facts, recording)
+    for axes, profile in zip(profiles, recording.profiles, strict=True):
+        draw_profile(axes, recording, profile, indices)
+    draw_clearance(clearance, recording, indices)
+    bottom = panels[-1:] if stacked else panels[3:]
+    for axes in panels[1:]:
+        if axes not in bottom:
+            axes.set_xlabel("")
+            axes.tick_params(labelbottom=False)
+
+
+def draw_profile(axes: Axes, recording: Recording, profile: Profile, indices: Index) -> None:
+    """Draw one profile, its limits, and marks at some times."""
+    values = profile.values
+    limits = [limit for limit in (profile.lower, profile.upper) if limit is not None]
+    low, high = min([*limits, values.min()]), max([*limits, values.max()])
+    pad = 0.08 * (high - low) or 1.0
+    for limit, edge in ((profile.lower, low - pad), (profile.upper, high + pad)):
+        if limit is not None:
+            _forbid(axes, limit, edge)
+    axes.plot(recording.time - recording.epoch, values, color=INK, linewidth=1.3)
+    _finish(axes, recording, f"{profile.name} ({profile.unit})", low - pad, high + pad)
+    _mark(axes, recording, values, indices)
+
+
+def draw_clearance(axes: Axes, recording: Recording, indices: Index) -> None:
+    """Draw the clearance to each zone and the least of them."""
+    least = recording.clearance
+    if recording.obstacles:
+        for obstacle in recording.obstacles:
+            axes.plot(recording.time - recording.epoch, obstacle.clearance, color=FAINT, linewidth=0.8)
+        axes.plot(recording.time - recording.epoch, least, color=INK, linewidth=1.3)
+        top = max(1.1 * float(least.max()), 2.0 * recording.radius)
+        bottom = min(1.1 * float(least.min()), -0.06 * top)
+        _mark(axes, recording, least, indices)
+    else:
+        bottom, top = -0.06, 1.0
+        axes.text(0.5, 0.5, "no obstacles", transform=axes.transAxes, ha="center", va="center", color=GREY)
+    _forbid(axes, 0.0, bottom)
+    _finish(axes, recording, "clearance to zones (m)", bottom, top)
+
+
+def write_facts(axes: Axes, recording: Recording) -> None:
+    """Write the scenario's name and what there is to tell of the whole."""
+    axes.set_axis_off()
+    axes.set_title(recording.name, loc="left", pad=3, fontweight="bold")
+    for i, (name, text) in enumerate(recording.facts):
+        y = 1.0 - (i + 0.6) / max(6.0, len(recording.facts))
+        axes.text(0.0, y, name, transform=axes.transAxes, color=GREY, fontsize=8, va="center")
+        axes.text(0.36, y, fill(text, 36), transform=axes.transAxes, fontsize=8, va="center")
+
+
+def _finish(axes: Axes, recording: Recording, title: str, low: float, high: float) -> None:
+    axes.set_title(title, loc="left", pad=3)
+    axes.set_xlabel(time_label(recording.epoch))
+    axes.set_ylim(low, high)
+    axes.locator_params(axis="y", nbins=4)
+    limit_times(axes, recording)
+
+
+def _forbid(axes: Axes, limit: float, edge: float) -> None:
+    axes.axhspan(limit, edge, color=WARNING, alpha=0.10, linewidth=0)
+    axes.axhline(limit, color=WARNING, linewidth=0.9)
+
+
+def _mark(axes: Axes, recording: Recording, values: Array, indices: Index) -> None:
+    for index, colour in zip(indices, COLOURS, strict=False):
+        axes.plot(
+            recording.time[index] - recording.epoch,
+            values[index],
+            "o",
+            markersize=4.5,
+            color=colour,
+            markeredgecolor="white",
+            markeredgewidth=0.5,
+            clip_on=False,
+            zorder=4,
+        )

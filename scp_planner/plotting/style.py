@@ -1,0 +1,103 @@
+"""How pictures look, and how they are saved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scp_planner.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from scp_planner.recording import Recording
+
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8C6D00")
+"""Okabe and Ito's, neighbours apart in lightness too; but for their yellow, which is too light on white."""
+INK, GREY, FAINT, WARNING = "#222222", "#777777", "#C8C8C8", "#B2182B"
+DOTTED = (0, (1, 1.2))
+
+FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
+
+_SETTINGS: dict[str, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": GREY,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "scp_planner",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the package's style, whatever the user's settings are: they are put back afterwards."""
+    import matplotlib
+
+    settings: Any = _SETTINGS
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()  # leaves the backend as it is
+        matplotlib.rcParams.update(settings)
+        yield
+
+
+def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
+    """Give the suffix of a file to write, in lower case, with its dot.
+
+    Raises
+    ------
+    ValueError
+        If it is none of those allowed.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in suffixes:
+        raise ValueError(f"{path}: must end in one of {', '.join(suffixes)}")
+    return suffix
+
+
+def save(figure: Figure, path: str | PathLike[str]) -> None:
+    """Save a figure whole or not at all, without the date: the same figure is the same file."""
+    suffix = check_suffix(path, FIGURE_SUFFIXES)
+    dateless: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=suffix.removeprefix("."), metadata=dateless.get(suffix))
+
+
+def limit_times(axes: Axes, recording: Recording) -> None:
+    """Let a time axis span a recording."""
+    axes.set_xlim(recording.time[0] - recording.epoch, recording.time[-1] - recording.epoch)
+
+
+def time_label(epoch: float) -> str:
+    """Label of a time axis whose times are relative to an epoch, s."""
+    return "time after the start (s)" if epoch else "time (s)"
+
+
+def time_text(seconds: float) -> str:
+    """Write a time with at most two decimals."""
+    return f"{seconds:.2f}".rstrip("0").rstrip(".") + " s"

@@ -1,0 +1,437 @@
+"""What pictures show: a trip and the obstacles around it, sampled in time.
+
+A :class:`Recording` is all that the animation and the viewer know. `record_plan` makes one of a plan; what
+else moves (a closed loop, a log of a real vehicle) can be shown by making one of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from textwrap import shorten
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scp_planner.scenario import Disc, Ellipse, Rectangle
+from scp_planner.zones import zones
+
+if TYPE_CHECKING:
+    from scp_planner.plan import Plan
+    from scp_planner.scenario import Obstacle, Scenario, Shape, Vehicle
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+Truth = Mapping[str, Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike]]
+"""What obstacles really did, by id: a function from times (n,) s to centres (n, 2) m, or the two arrays
+(times, centres) of a record, between which it is interpolated."""
+
+BOUNDARY_POINTS = 60
+"""Points on the boundary of a zone."""
+
+FAR_CLOCK = 1e4
+"""s. From here on a start time is too long a number to be read off an axis."""
+
+_PHASE = 0.0123
+"""rad. Turns the directions, so that none is normal to an edge: the boundary point would not be unique."""
+
+_STEP = 1e-6
+"""Relative step of the differences of the support function and of time."""
+
+
+class Zone(Protocol):
+    """What is needed of a zone; `scp_planner.zones` gives such ones."""
+
+    def center(self, t: Array) -> Array:
+        """Centre at times (...) s, (..., 2) m."""
+        ...
+
+    def support(self, t: Array, directions: Array) -> Array:
+        """Support function about the centre at times (...) s in directions (..., 2), m."""
+        ...
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A quantity over time and its limits.
+
+    Attributes
+    ----------
+    name, unit : str
+        As they stand at the axis.
+    values : (n,) array
+    lower, upper : float or None
+        Limits; None: unbounded.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    lower: float | None = None
+    upper: float | None = None
+
+
+@dataclass(frozen=True)
+class ObstacleRecord:
+    """One obstacle at the times of a recording.
+
+    Attributes
+    ----------
+    id : str
+    center : (n, 2) array
+        Where it is thought to be, m.
+    heading : (n,) array
+        Direction in which it is thought to move, rad.
+    body : (k, 2) array
+        Vertices of its shape about its centre, at heading 0, m.
+    turns : bool
+        Whether the shape turns with the heading.
+    padded : bool
+        Whether the zone holds more than the shape.
+    boundary : (n, m, 2) array
+        Points on the boundary of its zone, in order, relative to the centre, m.
+    clearance : (n,) array
+        From the vehicle's disc to the zone, m, negative inside.
+    truth : (n, 2) array or None
+        Where its centre really was, m; NaN at times without a record.
+    observed : (j, 2) array or None
+        Positions from which its motion was estimated, m.
+    """
+
+    id: str
+    center: Array
+    heading: Array
+    body: Array
+    turns: bool
+    padded: bool
+    boundary: Array
+    clearance: Array
+    truth: Array | None = None
+    observed: Array | None = None
+
+    def zone_at(self, index: int) -> Array:
+        """Points on the zone's boundary at one of the times, (m, 2) m."""
+        return self.center[index] + self.boundary[index]
+
+    def truth_at(self, index: int) -> Array | None:
+        """Where its centre really was at one of the times, (2,) m; None without a record."""
+        if self.truth is None or np.isnan(self.truth[index]).any():
+            return None
+        return self.truth[index]
+
+    def body_at(self, index: int, center: Array | None = None) -> Array:
+        """Vertices of the shape at one of the times, (k, 2) m, about the thought centre or another one."""
+        turned = self.body
+        if self.turns:
+            cos, sin = np.cos(self.heading[index]), np.sin(self.heading[index])
+            turned = self.body @ np.array([[cos, sin], [-sin, cos]])
+        return (self.center[index] if center is None else center) + turned
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A trip and the obstacles around it at n increasing times.
+
+    Attributes
+    ----------
+    name : str
+        Of the scenario.
+    facts : tuple of (str, str)
+        What is to be told of the whole, as name and text.
+    time : (n,) array
+        Absolute, s.
+    position : (n, 2) array
+        Of the vehicle, m.
+    heading, speed : (n,) arrays
+        rad, m/s.
+    radius : float
+        Of the vehicle, m.
+    max_speed : float
+        m/s.
+    goal : (x, y) in m
+    goal_radius : float
+        m.
+    bounds : ((x, y), (x, y)) or None
+        Corners of the workspace, m.
+    paths : tuple of (k, 2) arrays
+        Planned paths, m: one for a plan, one a cycle for a closed loop.
+    path_index : (n,) array of int
+        Which of the paths is the plan at each time.
+    profiles : tuple of Profile
+    obstacles : tuple of ObstacleRecord
+    """
+
+    name: str
+    facts: tuple[tuple[str, str], ...]
+    time: Array
+    position: Array
+    heading: Array
+    speed: Array
+    radius: float
+    max_speed: float
+    goal: tuple[float, float]
+    goal_radius: float
+    bounds: tuple[tuple[float, float], tuple[float, float]] | None
+    paths: tuple[Array, ...]
+    path_index: Index
+    profiles: tuple[Profile, ...]
+    obstacles: tuple[ObstacleRecord, ...]
+
+    @property
+    def epoch(self) -> float:
+        """What times are shown relative to, s: 0, or the start on a clock that is far from 0."""
+        return clock_of(self.time)
+
+    @property
+    def clearance(self) -> Array:
+        """Clearance to the nearest zone, (n,) m; inf without obstacles."""
+        if not self.obstacles:
+            return np.full(len(self.time), np.inf)
+        return np.min([obstacle.clearance for obstacle in self.obstacles], axis=0)
+
+    def extent(self) -> tuple[Array, Array]:
+        """Corners of the box that holds the trip and what comes near it, (2,) and (2,) m."""
+        trip = np.vstack([self.position, np.array([self.goal]), *self.paths])
+        low, high = trip.min(axis=0), trip.max(axis=0)
+        reach = max(float((high - low).max()), 4.0 * self.radius)
+        near = [trip]
+        for obstacle in self.obstacles:
+            # The zone at times when it is close: one that grows to kilometres must not shrink the picture.
+            close = np.flatnonzero(obstacle.clearance < 0.05 * reach)[:: max(1, len(self.time) // 40)]
+            near += [obstacle.zone_at(int(i)) for i in close]
+        points = np.vstack(near)
+        low = np.maximum(points.min(axis=0), low - 0.3 * reach)
+        high = np.minimum(points.max(axis=0), high + 0.3 * reach)
+        # A straight trip alone would be a line: some width beside it tells what passes.
+        pad = np.maximum(0.15 * reach - 0.5 * (high - low), 0.0) + max(1.5 * self.radius, 0.03 * reach)
+        low, high = low - pad, high + pad
+        if self.bounds is not None:
+            edge = 0.02 * reach
+            low, high = (
+                np.maximum(low, np.subtract(self.bounds[0], edge)),
+                np.minimum(high, np.add(self.bounds[1], edge)),
+            )
+        return low, high
+
+
+def clock_of(time: Array) -> float:
+    """What to show times (n,) s relative to, s: 0, or the first one on a clock that is far from 0."""
+    return float(time[0]) if abs(time[0]) > FAR_CLOCK else 0.0
+
+
+def record_plan(
+    plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None
+) -> Recording:
+    """Sample a plan and the zones of its scenario.
+
+    Parameters
+    ----------
+    plan : Plan
+    scenario : Scenario
+        Its zones are computed anew.
+    times : (n,) array or int
+        Absolute times, s, or how many, spread equally over the trip.
+    truth : mapping, optional
+        What obstacles really did, see `Truth`.
+
+    Raises
+    ------
+    ValueError
+        If `truth` names an obstacle that is not there.
+    """
+    time = (
+        np.linspace(plan.start_time, plan.arrival_time, times)
+        if isinstance(times, int)
+        else np.asarray(times, dtype=float)
+    )
+    truth = dict(truth or {})
+    unknown = sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles})
+    if unknown:
+        raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
+    position = plan.position(time)
+    obstacles = tuple(
+        _record_obstacle(
+            obstacle,
+            zone,
+            time,
+            zone.signed_distance(time, position) - scenario.vehicle.radius,
+            _true_centers(truth.get(obstacle.id), time),
+        )
+        for obstacle, zone in zip(scenario.obstacles, zones(scenario), strict=True)
+    )
+    bounds = scenario.bounds
+    return Recording(
+        name=scenario.name,
+        facts=_facts(plan),
+        time=time,
+        position=position,
+        heading=plan.heading(time),
+        speed=plan.speed(time),
+        radius=scenario.vehicle.radius,
+        max_speed=scenario.vehicle.max_speed,
+        goal=scenario.goal.position,
+        goal_radius=scenario.goal.radius,
+        bounds=None if bounds is None else (bounds.min, bounds.max),
+        paths=(plan.position(np.linspace(plan.start_time, plan.arrival_time, 400)),),
+        path_index=np.zeros(len(time), dtype=np.intp),
+        profiles=profiles_of(
+            scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)
+        ),
+        obstacles=obstacles,
+    )
+
+
+def profiles_of(vehicle: Vehicle, speed: Array, acceleration: Array, curvature: Array) -> tuple[Profile, ...]:
+    """Set what a vehicle does beside what it can do.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    speed, acceleration, curvature : (n,) arrays
+        m/s; along the path, m/s2; signed, 1/m.
+
+    Returns
+    -------
+    tuple of Profile
+        Speed, acceleration, lateral acceleration, curvature.
+    """
+    lateral, bend = vehicle.max_lateral_acceleration, vehicle.max_curvature
+    return (
+        Profile("speed", "m/s", speed, 0.0, vehicle.max_speed),
+        Profile("acceleration", "m/s²", acceleration, -vehicle.max_deceleration, vehicle.max_acceleration),
+        Profile("lateral acceleration", "m/s²", speed**2 * curvature, _negated(lateral), lateral),
+        Profile("curvature", "1/m", curvature, _negated(bend), bend),
+    )
+
+
+def boundary_of(zone: Zone, times: Array, count: int = BOUNDARY_POINTS) -> Array:
+    """Points on the boundary of a convex zone about its centre: the gradient of its support function.
+
+    Parameters
+    ----------
+    zone : Zone
+    times : (n,) array
+        Absolute, s.
+    count : int
+        Number of directions.
+
+    Returns
+    -------
+    (n, count, 2) array
+        Relative to the centre, m, anticlockwise.
+    """
+    angles = _PHASE + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    shape = (len(times), count)
+    directions = np.broadcast_to(np.stack([np.cos(angles), np.sin(angles)], axis=-1), (*shape, 2))
+    t = np.broadcast_to(times[:, None], shape)
+    points = np.empty((*shape, 2))
+    for axis in (0, 1):
+        step = np.zeros(2)
+        step[axis] = _STEP
+        points[..., axis] = (zone.support(t, directions + step) - zone.support(t, directions - step)) / (
+            2.0 * _STEP
+        )
+    return points
+
+
+def body_of(shape: Shape) -> tuple[Array, bool]:
+    """Vertices of a shape at heading 0, (k, 2) m, and whether it turns with the heading."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    if isinstance(shape, Disc):
+        return shape.disc * circle, False
+    if isinstance(shape, Ellipse):
+        return np.array(shape.ellipse) * circle, True
+    if isinstance(shape, Rectangle):
+        return 0.5 * np.array(shape.rectangle) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]), True
+    return np.array(shape.polygon), False
+
+
+def _record_obstacle(
+    obstacle: Obstacle, zone: Zone, time: Array, clearance: Array, truth: Array | None
+) -> ObstacleRecord:
+    body, turns = body_of(obstacle.shape)
+    velocity = zone.center(time + 1e-3) - zone.center(time - 1e-3)
+    seen = obstacle.observations
+    return ObstacleRecord(
+        id=obstacle.id,
+        center=zone.center(time),
+        heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
+        body=body,
+        turns=turns,
+        padded=seen is not None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
+        boundary=boundary_of(zone, time),
+        clearance=clearance,
+        truth=truth,
+        observed=None if seen is None else np.array(seen.position),
+    )
+
+
+def _true_centers(
+    truth: Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike] | None, time: Array
+) -> Array | None:
+    if truth is None:
+        return None
+    if callable(truth):
+        return np.asarray(truth(time), dtype=float)
+    times, centers = (np.asarray(part, dtype=float) for part in truth)
+    return np.stack(
+        [np.interp(time, times, centers[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)], axis=-1
+    )
+
+
+def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
+    facts = [
+        ("status", str(plan.status)),
+        ("travel time", f"{plan.travel_time:.2f} s"),
+    ]
+    if plan.start_time != 0.0:
+        facts += [("arrival", f"{plan.arrival_time:.2f} s")]
+    if plan.reason:
+        facts += [("reason", shorten(plan.reason, 70, placeholder=" ..."))]
+    nearest = plan.clearance
+    if nearest.obstacle is not None:
+        facts += [("least clearance", f"{_length(nearest.minimum)} to {nearest.obstacle}")]
+    facts += [
+        ("method", f"{plan.method}, {plan.solver}"),
+        ("iterations", f"{plan.iterations} in {plan.wall_time:.2f} s"),
+    ]
+    return tuple(facts)
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
+
+
+def _negated(limit: float | None) -> float | None:
+    return None if limit is None else -limit
+
+
+def nice_times(start: float, end: float, most: int = 6) -> Array:
+    """Instants to show: round ones after the start, the start and the end, (n,) s.
+
+    Parameters
+    ----------
+    start, end : float
+        s.
+    most : int
+        No more than this many, at least 2.
+    """
+    span = end - start
+    power = 10.0 ** np.floor(np.log10(span / most))
+    step = next(
+        power * factor
+        for factor in (1, 1.5, 2, 3, 4, 5, 10, 20)
+        if span / (power * factor) <= most - 1 + 1e-9
+    )
+    times = start + step * np.arange(int(span / step) + 1)
+    if end - times[-1] < 0.4 * step and len(times) > 1:
+        times = times[:-1]
+    return np.append(times, end)
+
+
+def nearest_indices(times: Array, wanted: Sequence[float] | Array) -> Index:
+    """Index of the time nearest to each of the wanted ones."""
+    return np.abs(np.asarray(wanted)[:, None] - times).argmin(axis=1)
