@@ -150,7 +150,7 @@ def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Arra
 def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites) -> Array:
     return np.maximum(
         [
-            float(np.abs(sites.lateral).max()) - 1.0,
+            sites.worst_lateral / problem.limits.lateral_acceleration - 1.0,
             float(np.abs(sites.curvature).max()) / problem.limits.curvature - 1.0,
             float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
         ],

@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import logging
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.constraints import Rows
-from scp_planner.constraints.clearance import clearance_rows
-from scp_planner.constraints.kinematics import KinematicRows, curvature_rows, lateral_rows
+from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
+from scp_planner.linearisation import Linearisation, TrustRegion, linearise
 from scp_planner.problem import Problem
 from scp_planner.solvers.interface import QpSolver, SolverStatus
-from scp_planner.subproblem import TrustRegion, build_subproblem
+from scp_planner.subproblem import Subproblem, build_subproblem
 from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+logger = logging.getLogger(__name__)
 
-STRIDE = 3  # of the samples that become rows besides the minima
-LIMIT_REACH = 1.0  # relative distance to a limit from which on a site becomes a row
 FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflated by more, relative for limits
+NEAR = 1.5  # m; obstacles nearer than this are looked at closely
+FIRST_PENALTY = 5.0  # s per m, or per unit of relative excess
+ESCALATION = 5.0
+LAST_PENALTY = 1e3
+FIRST_TRUST = TrustRegion(theta=1.0, beta=3.0, rho=0.3)
+LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
+SMALLEST_TRUST = 1e-5  # m
+ACCEPT = 0.05  # least ratio of actual to predicted decrease of an accepted step
+SHRINK_BELOW, GROW_ABOVE = 0.25, 0.7
+SHRINK, GROW = 0.4, 1.7
+SMALLEST_SHRINK = 0.1
+CORRECT_BELOW = 0.5  # ratio below which a second-order correction is tried
+HOPELESS_AFTER = 5  # iterations without getting nearer to feasibility, at the last penalty
 
 
 class Status(Enum):
@@ -34,11 +46,30 @@ class Status(Enum):
     ITERATION_LIMIT = "iteration limit"
     TIME_LIMIT = "time limit"
     SOLVER_FAILED = "solver failed"
+    SLOWER = "slower than the best"
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """One row of the iteration record."""
+    """One row of the iteration record.
+
+    Attributes
+    ----------
+    number : int
+    travel_time : float
+        Of the candidate, s.
+    merit : float
+        Of the candidate, s.
+    violation : float
+        Worst violation of the candidate.
+    predicted, actual : float
+        Decrease of the merit by the model and in truth, s.
+    accepted, corrected : bool
+        Whether the candidate was accepted, and whether it is a second-order correction.
+    trust : TrustRegion
+    rows : int
+        Number of rows that could be violated.
+    """
 
     number: int
     travel_time: float
@@ -47,6 +78,7 @@ class Iteration:
     predicted: float
     actual: float
     accepted: bool
+    corrected: bool
     trust: TrustRegion
     rows: int
 
@@ -66,108 +98,194 @@ class Run:
         return self.evaluation.worst_violation <= FEASIBILITY
 
 
+@dataclass(frozen=True)
+class _Step:
+    """A candidate of one iteration."""
+
+    evaluation: Evaluation
+    predicted: float
+    actual: float
+    size: float
+    corrected: bool = False
+
+    @property
+    def ratio(self) -> float:
+        return self.actual / self.predicted if self.predicted > 0.0 else -1.0
+
+
 class ScpLoop:
-    def __init__(self, problem: Problem, solver: QpSolver) -> None:
+    """Sequential convex programming on one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    solver : QpSolver
+    fallback : QpSolver, optional
+        Tried when the solver fails.
+    """
+
+    def __init__(self, problem: Problem, solver: QpSolver, fallback: QpSolver | None = None) -> None:
         self.problem = problem
         self.solver = solver
+        self.fallback = fallback
         self.kinematics = KinematicRows(problem)
         self.zone_count = problem.zones.size
-        self.skipped = np.ones(len(problem.samples.sigma), dtype=bool)
-        self.skipped[: problem.grid : STRIDE] = False
 
-    def run(self, start: Trajectory, max_iterations: int) -> Run:
-        problem, settings = self.problem, self.problem.settings
-        penalties = Penalties(np.full(self.zone_count, 5.0), np.full(3, 5.0))
-        trust = TrustRegion(1.0, 3.0, 0.3)
-        near = 1.5
-        current = evaluate_trip(problem, start, near)
-        run = Run(Status.ITERATION_LIMIT, current, penalties)
-        self.timing = getattr(self, "timing", {"lin": 0.0, "qp": 0.0, "eval": 0.0})
-        rejected = 0
+    def run(
+        self,
+        start: Trajectory,
+        max_iterations: int,
+        cutoff: float = np.inf,
+        deadline: float = np.inf,
+    ) -> Run:
+        """Improve a trip until it has converged.
+
+        Parameters
+        ----------
+        start : Trajectory
+        max_iterations : int
+        cutoff : float
+            The run is given up when it can hardly become faster than this, s.
+        deadline : float
+            Value of :func:`time.perf_counter` at which the run ends.
+        """
+        penalties = Penalties(
+            np.full(self.zone_count, FIRST_PENALTY), np.full(3, FIRST_PENALTY)
+        )
+        trust = FIRST_TRUST
+        run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         for number in range(1, max_iterations + 1):
-            t0 = perf_counter()
-            rows = self.linearise(current, trust, near)
-            weights = np.concatenate([penalties.zones, penalties.limits])
-            sub = build_subproblem(problem, self.kinematics, current.trajectory, rows, weights, trust)
-            t1 = perf_counter()
-            solution = self.solver.solve(sub.program)
-            t2 = perf_counter()
-            self.timing["lin"] += t1 - t0
-            self.timing["qp"] += t2 - t1
-            if solution.status is not SolverStatus.OPTIMAL:
-                trust = trust.scaled(0.5)
+            if perf_counter() > deadline:
+                run.status = Status.TIME_LIMIT
+                break
+            lines = linearise(self.problem, run.evaluation, trust, NEAR)
+            step = self._step(lines, penalties, trust)
+            if step is None:
                 run.status = Status.SOLVER_FAILED
-                if trust.theta < 1e-4:
+                trust = trust.scaled(SHRINK)
+                if trust.theta < SMALLEST_TRUST:
                     break
                 continue
-            z = solution.x
-            merit = current.merit(penalties)
-            slack = z[sub.step_size :]
-            model = current.trajectory.travel_time * (1 + z[sub.step_size - 1]) + float(weights[sub.groups] @ slack)
-            predicted = merit - model
-            candidate = evaluate_trip(problem, self.step(current.trajectory, z), near)
-            self.timing["eval"] += perf_counter() - t2
-            actual = merit - candidate.merit(penalties)
-            ratio = actual / predicted if predicted > 0 else -1.0
-            accepted = actual > 0.0 and ratio > 0.05
-            run.record.append(
-                Iteration(number, candidate.trajectory.travel_time, candidate.merit(penalties), candidate.worst_violation,
-                          predicted, actual, accepted, trust, len(rows.gap)))
-            small = predicted < settings.tolerance
+            run.status = Status.ITERATION_LIMIT
+            accepted = step.actual > 0.0 and step.ratio > ACCEPT
+            run.record.append(_record(number, step, penalties, accepted, trust, len(lines.rows.gap)))
             if accepted:
-                current = candidate
-                run.evaluation = current
-            if small:
-                if current.worst_violation <= FEASIBILITY:
-                    run.status = Status.CONVERGED
-                    break
-                # escalate what stays
-                stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
-                if weights[stuck].max(initial=0.0) > 1e4:
-                    run.status = Status.INFEASIBLE
-                    break
-                penalties.zones[stuck[: self.zone_count]] *= 5
-                penalties.limits[stuck[self.zone_count :]] *= 5
-            if ratio < 0.25:
-                trust = trust.scaled(0.4)
-            elif ratio > 0.7:
-                trust = TrustRegion(min(trust.theta * 1.7, 3.0), min(trust.beta * 1.7, 5.0), min(trust.rho * 1.7, 0.5))
-            if trust.theta < 1e-5:
+                run.evaluation = step.evaluation
+            ended = self._ended(run, step, penalties, cutoff)
+            if ended is not None:
+                run.status = ended
+                break
+            trust = _resized(trust, step)
+            if trust.theta < SMALLEST_TRUST:
                 run.status = Status.STALLED
                 break
+        logger.debug("run: %s after %d iterations", run.status.value, len(run.record))
         return run
 
-    def step(self, trajectory: Trajectory, z: Array) -> Trajectory:
-        problem = self.problem
-        theta = trajectory.theta.copy()
-        free = problem.ends.free
-        count = free.stop - free.start
-        theta[free] += z[:count]
-        size = problem.space.acceleration_size
-        beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
-        return problem.space.trajectory(theta, beta)
+    def _step(self, lines: Linearisation, penalties: Penalties, trust: TrustRegion) -> _Step | None:
+        """Solve the subproblem, and correct its step to second order where the model was too hopeful."""
+        base = lines.base
+        weights = np.concatenate([penalties.zones, penalties.limits])
+        sub = build_subproblem(self.problem, self.kinematics, base.trajectory, lines.rows, weights, trust)
+        z = self._solve(sub)
+        if z is None:
+            return None
+        merit = base.merit(penalties)
+        slack = z[sub.step_size :]
+        model = base.trajectory.travel_time * (1.0 + z[sub.step_size - 1]) + float(weights[sub.groups] @ slack)
+        candidate = self._candidate(base.trajectory, z)
+        size = _relative_size(z, sub)
+        step = _Step(candidate, merit - model, merit - candidate.merit(penalties), size)
+        if step.ratio < CORRECT_BELOW and step.predicted > 0.2 * self.problem.settings.tolerance:
+            corrected = self._correct(lines, sub, z, candidate)
+            if corrected is not None:
+                actual = merit - corrected.merit(penalties)
+                if actual > step.actual:
+                    return _Step(corrected, step.predicted, actual, size, True)
+        return step
 
-    def linearise(self, current: Evaluation, trust: TrustRegion, near: float) -> Rows:
-        """Rows of everything that a step inside the trust region could violate."""
-        problem, trajectory = self.problem, current.trajectory
-        low = current.clearance < near
-        low[self.skipped] = False
-        sample, zone = np.nonzero(low)
-        points = current.points.take(sample)
-        contacts = problem.zones.contacts(zone, points.time, points.path.position)
-        rows = Rows.stack(
-            [
-                clearance_rows(problem, trajectory, current.minima_zone, current.minima, current.minima_contacts),
-                clearance_rows(problem, trajectory, zone, points, contacts),
-                lateral_rows(problem, trajectory, current.sites, LIMIT_REACH, self.zone_count),
-                curvature_rows(problem, trajectory, current.sites, LIMIT_REACH, self.zone_count + 1),
-            ]
-        )
-        absolute = np.abs(rows.matrix)
-        count = problem.ends.free.stop - problem.ends.free.start
-        reach = (
-            trust.theta * (absolute[:, :count] @ problem.space.tables.leverage[problem.ends.free])
-            + trust.beta * absolute[:, count:-1].sum(axis=1)
-            + trust.rho * absolute[:, -1]
-        )
-        return rows.take(reach >= rows.gap)
+    def _correct(
+        self, lines: Linearisation, sub: Subproblem, z: Array, candidate: Evaluation
+    ) -> Evaluation | None:
+        """Solve again with the gaps that the candidate really has: a second-order correction."""
+        step = z[: sub.step_size]
+        hard = len(sub.program.bound) - len(lines.rows.gap)
+        bound = sub.program.bound.copy()
+        bound[hard:] = lines.gaps(self.problem, candidate) + lines.rows.matrix @ step
+        free = self.problem.ends.free
+        path = lines.base.trajectory.path
+        grown = candidate.trajectory.path.arc_length - path.arc_length
+        bound[0] += grown - float(path.final_gradient[free] @ step[: free.stop - free.start])
+        again = self._solve(replace(sub, program=replace(sub.program, bound=bound)))
+        return None if again is None else self._candidate(lines.base.trajectory, again)
+
+    def _solve(self, sub: Subproblem) -> Array | None:
+        solution = self.solver.solve(sub.program)
+        if solution.status is not SolverStatus.OPTIMAL and self.fallback is not None:
+            solution = self.fallback.solve(sub.program)
+        return solution.x if solution.status is SolverStatus.OPTIMAL else None
+
+    def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation:
+        """The trip after a step, its travel time from the closed form."""
+        free = self.problem.ends.free
+        count = free.stop - free.start
+        size = self.problem.space.acceleration_size
+        theta = trajectory.theta.copy()
+        theta[free] += z[:count]
+        beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
+        return evaluate_trip(self.problem, self.problem.space.trajectory(theta, beta), NEAR)
+
+    def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: float) -> Status | None:
+        """Whether the run has ended, and how; raises the penalties of what stays violated."""
+        current = run.evaluation
+        violation = current.worst_violation
+        if (
+            violation < 10.0 * FEASIBILITY
+            and current.trajectory.travel_time - 3.0 * max(step.predicted, 0.0) > cutoff
+        ):
+            return Status.SLOWER
+        if step.predicted < self.problem.settings.tolerance * max(1.0, 10.0 * violation):
+            if violation <= FEASIBILITY:
+                return Status.CONVERGED
+            stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
+            weights = np.concatenate([penalties.zones, penalties.limits])
+            if weights[stuck].max() >= LAST_PENALTY:
+                return Status.INFEASIBLE
+            penalties.zones[stuck[: self.zone_count]] *= ESCALATION
+            penalties.limits[stuck[self.zone_count :]] *= ESCALATION
+        return None
+
+
+def _resized(trust: TrustRegion, step: _Step) -> TrustRegion:
+    if step.ratio < SHRINK_BELOW:
+        # From where the step ended, not from a border that it never touched
+        return trust.scaled(SHRINK * max(step.size, SMALLEST_SHRINK))
+    if step.ratio > GROW_ABOVE:
+        grown, most = trust.scaled(GROW), LARGEST_TRUST
+        return TrustRegion(min(grown.theta, most.theta), min(grown.beta, most.beta), min(grown.rho, most.rho))
+    return trust
+
+
+def _relative_size(z: Array, sub: Subproblem) -> float:
+    """Largest component of a step, relative to the trust region."""
+    program, count = sub.program, sub.step_size
+    radius = np.maximum(program.upper[:count], -program.lower[:count])
+    return float(np.max(np.abs(z[:count]) / np.maximum(radius, 1e-300)))
+
+
+def _record(
+    number: int, step: _Step, penalties: Penalties, accepted: bool, trust: TrustRegion, rows: int
+) -> Iteration:
+    candidate = step.evaluation
+    return Iteration(
+        number,
+        candidate.trajectory.travel_time,
+        candidate.merit(penalties),
+        candidate.worst_violation,
+        step.predicted,
+        step.actual,
+        accepted,
+        step.corrected,
+        trust,
+        rows,
+    )

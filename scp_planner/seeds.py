@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.problem import Problem, straight_travel_time
-from scp_planner.trajectory import Trajectory
+from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
+from scp_planner.trajectory import Path, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -27,15 +28,16 @@ BETWEEN = 2  # cells of the same column, between stations, that are joined in it
 OFFSET_STEP = 0.25  # m
 REACH = 4.0  # m to each side
 DELAYS = 64
-DELAY_STEP = 0.05  # s
+DELAY_STEP = 0.1  # s
 DELAY_MOVES = (0, 1, 2, 4, 8)  # of the delay, from one station to the next
 OFFSET_MOVES = 2  # of the offset, from one station to the next
-CLEARANCE = 0.05  # m, kept from every obstacle by the search
-SIDEWAYS_COST = 0.004  # s for each step of the offset, besides the longer way
+CLEARANCE = 0.0  # m, kept from every obstacle by the search
+SIDEWAYS_COST = 0.002  # s for each step of the offset, besides the longer way
 BLOCKED = 1e9
-BRANCHES = 4  # obstacles of a way, the closest first, whose other side is tried
-SMOOTHING = 2.0  # m^2: weight of bending against offsets, in fitting a path to a way
-LOOKAHEAD = 2  # spans of the acceleration
+BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
+SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
+ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
+DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
 
 
 @dataclass(frozen=True)
@@ -74,19 +76,20 @@ class WaySearch:
         Resolution of the delays, s.
     """
 
-    def __init__(self, problem: Problem, delay_step: float = DELAY_STEP) -> None:
+    def __init__(self, problem: Problem, delay_step: float | None = None) -> None:
         self.problem = problem
         space, limits = problem.space, problem.limits
         columns = max(8, round(space.length / STATION_STEP))
         self.stations = np.linspace(0.0, space.length, columns + 1)
         self.middle = round(REACH / OFFSET_STEP)
         self.offsets = OFFSET_STEP * np.arange(-self.middle, self.middle + 1)
-        self.delays = delay_step * np.arange(DELAYS)
+        self.delays = (delay_step or DELAY_STEP) * np.arange(DELAYS)
         self.speeds = (space.start_speed, limits.speed, limits.acceleration)
         self.fastest = _fastest_times(self.stations, *self.speeds)
         step = space.length / columns
         slower = np.hypot(step, OFFSET_STEP * np.arange(OFFSET_MOVES + 1)) - step
         self.move_cost = slower / limits.speed + SIDEWAYS_COST * np.arange(OFFSET_MOVES + 1)
+        self.solver = solver_named("daqp")
         self._block()
 
     def _block(self) -> None:
@@ -213,47 +216,49 @@ class WaySearch:
         return tuple((zone, side) for zone, (_, side) in order)
 
     def start(self, way: Way) -> Trajectory:
-        """Fit a trip to a way."""
-        problem, space, ends = self.problem, self.problem.space, self.problem.ends
+        """Fit a trip to a way: a smooth path, and a drive within the limits that is where the way is when it is there."""
+        space, ends = self.problem.space, self.problem.ends
         theta = ends.theta.copy()
         rows = space.path.rows(way.stations / space.length)
         smooth = space.tables.station_bends * (SMOOTHING / space.length**2)
         free = ends.free
         matrix = np.concatenate([rows[:, free], smooth[:, free]])
         target = np.concatenate([way.offsets - rows @ theta, -smooth @ theta])
-        theta[free] = np.linalg.lstsq(matrix, target, rcond=None)[0]
-        return space.trajectory(theta, self._drive(way))
+        theta[free] = np.linalg.solve(matrix.T @ matrix, matrix.T @ target)
+        path = Path(space, theta)
+        driven = path.arc_length_at(way.stations / space.length)
+        late = np.maximum(driven - way.stations, 0.0) / self.problem.limits.speed
+        return space.trajectory(theta, self._drive(way.times + late, driven))
 
-    def _drive(self, way: Way) -> Array:
-        """Accelerations that follow a way's times: mean speeds between the breakpoints, within the limits."""
+    def _drive(self, times: Array, driven: Array) -> Array:
+        """Accelerations within the limits that come closest to having driven given distances at given times."""
         space, limits = self.problem.space, self.problem.limits
-        breaks = space.acceleration.breakpoints
-        tau = way.times[-1]
-        degree = space.acceleration.coefficients.shape[1] - 1
-        driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(way.stations), np.diff(way.offsets)))])
-        sites = breaks if degree else 0.5 * (breaks[1:] + breaks[:-1])
-        times = tau * breaks
-        speeds = np.empty(len(breaks))
-        speeds[0] = space.start_speed
-        distance = 0.0
-        for k in range(1, len(breaks)):
-            width = times[k] - times[k - 1]
-            wanted = float(np.interp(times[min(k + LOOKAHEAD, len(breaks) - 1)], way.times, driven))
-            span = times[min(k + LOOKAHEAD, len(breaks) - 1)] - times[k - 1]
-            mean = (wanted - distance) / span
-            speed = np.clip(
-                2.0 * mean - speeds[k - 1] if LOOKAHEAD == 0 else mean + (mean - speeds[k - 1]) * 0.5,
-                max(speeds[k - 1] - limits.deceleration * width, 0.0),
-                min(speeds[k - 1] + limits.acceleration * width, limits.speed),
-            )
-            speeds[k] = speed
-            distance += 0.5 * (speeds[k] + speeds[k - 1]) * width
-        beta = np.diff(speeds) / np.diff(times)
-        if degree == 0:
-            return beta
-        middle = 0.5 * (times[1:] + times[:-1]) / tau
-        knots = np.linspace(0.0, 1.0, space.acceleration_size) if degree > 1 else sites
-        return np.interp(knots, middle, beta)
+        tau = float(times[-1])
+        table = space.time_table(times / tau)
+        matrix = tau * tau * table.distance
+        matrix[-1] *= ARRIVAL_WEIGHT
+        wanted = driven - space.start_speed * times
+        wanted[-1] *= ARRIVAL_WEIGHT
+        size = space.acceleration_size
+        speeds = tau * space.tables.speed_control[1:]
+        program = QuadraticProgram(
+            matrix.T @ matrix + DRIVE_SMOOTHING * np.eye(size),
+            -matrix.T @ wanted,
+            np.full(size, -limits.deceleration),
+            np.full(size, limits.acceleration),
+            np.concatenate([speeds, -speeds]),
+            np.concatenate(
+                [
+                    np.full(len(speeds), limits.speed - space.start_speed),
+                    np.full(len(speeds), space.start_speed),
+                ]
+            ),
+            0,
+        )
+        solution = self.solver.solve(program)
+        if solution.status is SolverStatus.OPTIMAL:
+            return solution.x
+        return np.clip(np.zeros(size), -limits.deceleration, limits.acceleration)
 
 
 def _fastest_times(stations: Array, start_speed: float, top: float, acceleration: float) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
+from scp_planner.linearisation import TrustRegion
 from scp_planner.problem import Problem
 from scp_planner.solvers.interface import QuadraticProgram
 from scp_planner.trajectory import Trajectory
@@ -24,19 +25,6 @@ PROXIMAL_ACCELERATION = 1e-3  # s/(m/s^2)^2
 PROXIMAL_TIME = 1e-3  # s, on the relative step of the travel time
 SLACK_CURVATURE = 1e-3
 MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arrival
-
-
-@dataclass(frozen=True)
-class TrustRegion:
-    """Largest steps: of the offset's control points (m), the acceleration's (m/s^2), and the relative travel time."""
-
-    theta: float
-    beta: float
-    rho: float
-
-    def scaled(self, factor: float) -> TrustRegion:
-        """Return the region with all radii multiplied."""
-        return TrustRegion(self.theta * factor, self.beta * factor, self.rho * factor)
 
 
 @dataclass(frozen=True)

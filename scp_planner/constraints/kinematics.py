@@ -7,6 +7,7 @@ that tau^2 in the acceleration's bounds is replaced by its tangent 2 tau_k tau -
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoint
 
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
+
+
+PEAK_NEIGHBOURS = np.array([-0.45, 0.0, 0.45])  # stations: a peak moves when it is pressed down in one place
 
 
 class KinematicRows:
@@ -101,15 +105,25 @@ class BendSites:
         The trip at the J times.
     jump_bend : PathBend
         Curvature there.
-    lateral : (M + P + J,) array
-        Lateral acceleration relative to its limit, signed.
     """
 
     stations: StationSites
     peaks: StationSites
     jumps: TripPoints
     jump_bend: PathBend
-    lateral: Array
+
+    @cached_property
+    def jump_lateral(self) -> Array:
+        """Lateral acceleration at the jumps, (J,) m/s^2, signed."""
+        return self.jumps.speed**2 * self.jump_bend.curvature
+
+    @property
+    def worst_lateral(self) -> float:
+        """Largest lateral acceleration at all sites, m/s^2."""
+        return max(
+            float(np.abs(lateral).max(initial=0.0))
+            for lateral in (self.stations.lateral, self.peaks.lateral, self.jump_lateral)
+        )
 
     @property
     def curvature(self) -> Array:
@@ -138,7 +152,7 @@ class StationSites:
     sigma: Array
     speed: Array
 
-    @property
+    @cached_property
     def lateral(self) -> Array:
         """Lateral acceleration, (n,) m/s^2, signed."""
         return self.speed * self.speed * self.bend.curvature
@@ -149,12 +163,7 @@ def bend_sites(problem: Problem, trajectory: Trajectory, jumps: TripPoints) -> B
     path, tables = trajectory.path, problem.space.tables
     sigma = trajectory.sigma_at(path.station_arc_lengths)
     stations = StationSites(tables.station_parameters, path.station_bend, sigma, trajectory.speed_at(sigma))
-    peaks = _lateral_peaks(problem, trajectory, stations)
-    jump_bend = path.bend(jumps.path)
-    lateral = np.concatenate(
-        [stations.lateral, peaks.lateral, jumps.speed * jumps.speed * jump_bend.curvature]
-    )
-    return BendSites(stations, peaks, jumps, jump_bend, lateral / problem.limits.lateral_acceleration)
+    return BendSites(stations, _lateral_peaks(problem, trajectory, stations), jumps, path.bend(jumps.path))
 
 
 def _lateral_peaks(problem: Problem, trajectory: Trajectory, stations: StationSites) -> StationSites:
@@ -166,11 +175,15 @@ def _lateral_peaks(problem: Problem, trajectory: Trajectory, stations: StationSi
     before, after = value[index - 1], value[index + 1]
     bend = before - 2.0 * value[index] + after
     shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
-    parameters = (index + shift) / (len(value) - 1)
+    around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel()
+    return station_sites(trajectory, np.clip(around / (len(value) - 1), 0.0, 1.0))
+
+
+def station_sites(trajectory: Trajectory, parameters: Array) -> StationSites:
+    """Return a trip at normalised stations."""
     path = trajectory.path
-    points = path.points(parameters)
     sigma = trajectory.sigma_at(path.arc_length_at(parameters))
-    return StationSites(parameters, path.bend(points), sigma, trajectory.speed_at(sigma))
+    return StationSites(parameters, path.bend(path.points(parameters)), sigma, trajectory.speed_at(sigma))
 
 
 @dataclass(frozen=True)
@@ -183,7 +196,9 @@ class _StationBasis:
     arc_length: Array
 
 
-def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, reach: float, group: int) -> Rows:
+def curvature_rows(
+    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int
+) -> Rows:
     """Return the rows of -limit <= curvature <= limit at fixed stations, relative to the limit.
 
     Both sides are rows: the curvature may change its sign in one step.
@@ -192,21 +207,22 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, r
     ----------
     problem, trajectory : Problem, Trajectory
     sites : BendSites
-    reach : float
-        Only stations nearer to the limit than this, relative.
+    index : (m,) array of int
+        Which stations.
     group : int
         Index of the violation in the merit.
     """
-    value = sites.curvature / problem.limits.curvature
-    index = np.flatnonzero(np.abs(value) > 1.0 - reach)
     basis = _fixed_basis(problem, trajectory, index)
     theta = _bend_gradient(problem, sites.stations.bend, index, basis) / problem.limits.curvature
     zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
-    return _both_sides(np.concatenate([theta, zeros], axis=1), value[index], group)
+    value = sites.curvature[index] / problem.limits.curvature
+    return _both_sides(np.concatenate([theta, zeros], axis=1), value, group)
 
 
-def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, reach: float, group: int) -> Rows:
-    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit.
+def lateral_rows(
+    problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, jumps: Index, group: int
+) -> Rows:
+    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
     d(v^2) = 2 v (C1 db / tau - (v - v0) dtau / tau) + 2 a (dS - C2 db - v0 sigma dtau), regular also at v = 0.
@@ -217,25 +233,27 @@ def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, rea
     ----------
     problem, trajectory, sites, group
         As in :func:`curvature_rows`.
-    reach : float
-        Only sites nearer to the limit than this, relative.
+    stations, jumps : (m,), (j,) arrays of int
+        Which of the fixed stations and of the jumps; all peaks are rows.
     """
-    near = np.abs(sites.lateral) > 1.0 - reach
-    count, more = len(sites.stations.speed), len(sites.peaks.speed)
-    stations = np.flatnonzero(near[:count])
-    peaks = np.arange(more)
-    jumps = np.flatnonzero(near[count + more :])
-    return Rows.stack(
+    limit, peaks = problem.limits.lateral_acceleration, sites.peaks
+    gradient = np.concatenate(
         [
             _lateral_at_stations(
-                problem, trajectory, sites.stations, stations, _fixed_basis(problem, trajectory, stations), group
+                problem, trajectory, sites.stations, stations, _fixed_basis(problem, trajectory, stations)
             ),
             _lateral_at_stations(
-                problem, trajectory, sites.peaks, peaks, _moving_basis(trajectory, sites.peaks.parameters), group
+                problem,
+                trajectory,
+                peaks,
+                np.arange(len(peaks.speed)),
+                _moving_basis(trajectory, peaks.parameters),
             ),
-            _lateral_at_jumps(problem, trajectory, sites, jumps, group),
+            _lateral_at_jumps(problem, trajectory, sites, jumps),
         ]
     )
+    value = np.concatenate([sites.stations.lateral[stations], peaks.lateral, sites.jump_lateral[jumps]])
+    return _both_sides(gradient / limit, value / limit, group)
 
 
 def _fixed_basis(problem: Problem, trajectory: Trajectory, index: Index) -> _StationBasis:
@@ -265,25 +283,24 @@ def _lateral_at_stations(
     sites: StationSites,
     index: Index,
     basis: _StationBasis,
-    group: int,
-) -> Rows:
-    limit, space, free = problem.limits.lateral_acceleration, problem.space, problem.ends.free
+) -> Array:
+    space, free = problem.space, problem.ends.free
     tau, v0 = trajectory.travel_time, space.start_speed
     table = space.time_table(sites.sigma[index])
     v, a = sites.speed[index], table.acceleration @ trajectory.beta
-    curvature = sites.bend.curvature[index] / limit
-    theta = (v * v / limit)[:, None] * _bend_gradient(problem, sites.bend, index, basis)
+    curvature = sites.bend.curvature[index]
+    theta = (v * v)[:, None] * _bend_gradient(problem, sites.bend, index, basis)
     theta += (2.0 * curvature * a)[:, None] * basis.arc_length[:, free]
     beta = (2.0 * curvature * tau * v)[:, None] * table.speed
     beta -= (2.0 * curvature * tau * tau * a)[:, None] * table.distance
     rho = -2.0 * curvature * (v * (v - v0) + a * v0 * tau * table.sigma)
-    return _both_sides(join_blocks(theta, beta, rho), curvature * v * v, group)
+    return join_blocks(theta, beta, rho)
 
 
 def _lateral_at_jumps(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int
-) -> Rows:
-    limit, space, free = problem.limits.lateral_acceleration, problem.space, problem.ends.free
+    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index
+) -> Array:
+    space, free = problem.space, problem.ends.free
     tau, v0 = trajectory.travel_time, space.start_speed
     points = sites.jumps.take(index)
     path, table, v = points.path, points.table, points.speed
@@ -294,7 +311,7 @@ def _lateral_at_jumps(
     theta -= shift[:, None] * basis.arc_length[:, free]
     beta = (2.0 * v * curvature * tau)[:, None] * table.speed + (shift * tau * tau)[:, None] * table.distance
     rho = -2.0 * v * curvature * (v - v0) + shift * v0 * tau * table.sigma
-    return _both_sides(join_blocks(theta, beta, rho) / limit, v * v * curvature / limit, group)
+    return join_blocks(theta, beta, rho)
 
 
 def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _StationBasis) -> Array:
@@ -307,10 +324,13 @@ def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _Stati
     return gradient
 
 
+def both_gaps(value: Array) -> Array:
+    """What is left of -1 <= value <= 1 on both sides."""
+    return np.concatenate([1.0 - value, 1.0 + value])
+
+
 def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
     """Rows of -1 <= value + gradient z <= 1."""
     return Rows(
-        np.concatenate([gradient, -gradient]),
-        np.concatenate([1.0 - value, 1.0 + value]),
-        np.full(2 * len(value), group, dtype=np.intp),
+        np.concatenate([gradient, -gradient]), both_gaps(value), np.full(2 * len(value), group, dtype=np.intp)
     )
