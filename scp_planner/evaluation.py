@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints.bounds import box_gaps
 from scp_planner.constraints.kinematics import BendSites, bend_sites
 from scp_planner.problem import Problem
 from scp_planner.trajectory import Trajectory, TripPoints
@@ -22,7 +23,7 @@ from scp_planner.zones import ZoneContacts
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-LIMIT_NAMES = ("lateral acceleration", "curvature", "speed")
+LIMIT_NAMES = ("lateral acceleration", "curvature", "speed", "workspace bounds")
 
 
 @dataclass
@@ -33,8 +34,8 @@ class Penalties:
     ----------
     zones : (L,) array
         s per m of the deepest entry into each zone.
-    limits : (3,) array
-        s per unit of relative excess over lateral acceleration, curvature and speed.
+    limits : (4,) array
+        s per unit of relative excess over lateral acceleration, curvature and speed, and s per m outside the box.
     """
 
     zones: Array
@@ -62,8 +63,10 @@ class Evaluation:
         Curvature and lateral acceleration.
     zone_violation : (L,) array
         Deepest entry into each zone, m, 0 where there is none.
-    limit_violation : (3,) array
-        Relative excess over the limits, see LIMIT_NAMES.
+    box_gaps : (M, S) array
+        Distances to the sides of the workspace box at the fixed stations, m.
+    limit_violation : (4,) array
+        Excess over the limits, see LIMIT_NAMES.
     """
 
     trajectory: Trajectory
@@ -74,6 +77,7 @@ class Evaluation:
     minima_contacts: ZoneContacts
     sites: BendSites
     zone_violation: Array
+    box_gaps: Array
     limit_violation: Array
 
     def merit(self, penalties: Penalties) -> float:
@@ -115,6 +119,7 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
         np.maximum(-clearance.min(axis=0), 0.0, out=violation)
         np.maximum.at(violation, zone, -contacts.distance)
     sites = bend_sites(problem, trajectory, points.take(np.arange(problem.grid, len(samples.sigma))))
+    gaps = box_gaps(problem, trajectory.path)
     return Evaluation(
         trajectory,
         points,
@@ -124,7 +129,8 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
         contacts,
         sites,
         violation,
-        _limit_violation(problem, trajectory, sites),
+        gaps,
+        _limit_violation(problem, trajectory, sites, gaps),
     )
 
 
@@ -147,12 +153,13 @@ def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Arra
     return grid[inner] + shift * (grid[1] - grid[0])
 
 
-def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites) -> Array:
+def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites, gaps: Array) -> Array:
     return np.maximum(
         [
             sites.worst_lateral / problem.limits.lateral_acceleration - 1.0,
             float(np.abs(sites.curvature).max()) / problem.limits.curvature - 1.0,
             float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
+            -float(gaps.min(initial=0.0)),
         ],
         0.0,
     )

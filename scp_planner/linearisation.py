@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.constraints import Rows
+from scp_planner.constraints.bounds import box_rows
 from scp_planner.constraints.clearance import clearance_rows
 from scp_planner.constraints.kinematics import (
     both_gaps,
@@ -58,6 +59,8 @@ class Linearisation:
         Samples that are candidates for clearance rows.
     stations, jumps, bends : arrays of int
         Stations and jumps that are candidates for lateral rows, stations for curvature rows.
+    walls : (w,) array of int
+        Stations and sides of the workspace box, flattened.
     """
 
     base: Evaluation
@@ -68,6 +71,7 @@ class Linearisation:
     stations: Index
     jumps: Index
     bends: Index
+    walls: Index
 
     def gaps(self, problem: Problem, other: Evaluation) -> Array:
         """Gaps of the same rows, (m,), at another trip."""
@@ -88,6 +92,7 @@ class Linearisation:
                 other.clearance[self.sample, self.zone],
                 both_gaps(lateral / limits.lateral_acceleration),
                 both_gaps(other.sites.curvature[self.bends] / limits.curvature),
+                other.box_gaps.ravel()[self.walls],
             ]
         )
         return gaps[self.kept]
@@ -115,16 +120,18 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - STATION_REACH) * lateral)
     jumps = np.flatnonzero(np.abs(base.sites.jump_lateral) > (1.0 - STATION_REACH) * lateral)
     bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - STATION_REACH) * bend)
+    walls = np.flatnonzero(base.box_gaps < near)
     rows = Rows.stack(
         [
             clearance_rows(problem, trajectory, base.minima_zone, base.minima, base.minima_contacts),
             clearance_rows(problem, trajectory, zone, points, contacts),
             lateral_rows(problem, trajectory, base.sites, stations, jumps, zones.size),
             curvature_rows(problem, trajectory, base.sites, bends, zones.size + 1),
+            box_rows(problem, base.box_gaps, walls, zones.size + 3),
         ]
     )
     kept = np.flatnonzero(_reach(problem, rows, trust) >= rows.gap)
-    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, jumps, bends)
+    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, jumps, bends, walls)
 
 
 def _reach(problem: Problem, rows: Rows, trust: TrustRegion) -> Array:

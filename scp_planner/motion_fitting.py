@@ -320,7 +320,10 @@ def _tail_quantiles(errors: PredictionErrors) -> Array:
         middle = 0.5 * (low + high)
         is_above = above(middle)
         low, high = np.where(is_above, middle, low), np.where(is_above, high, middle)
-    return 0.5 * (low + high)
+    # a Student distribution is not quite the right shape: take it where it matters most from the errors themselves
+    fitted = np.exp(best[0]) * _student_quantiles(math.exp(best[1]))[_MATCHED]
+    anchor = float(np.quantile(errors.squares, 1.0 - _LEVELS[_MATCHED])) / fitted
+    return anchor * 0.5 * (low + high)
 
 
 def _censored_fit(squares: Array, start: Array) -> Array:

@@ -1,9 +1,10 @@
-"""From a scenario to a certified plan: starts, runs of the loop, the best that the certificate holds for."""
+"""From a scenario to a certified plan: ways round, runs of the loop, the best trip that the certificate holds for."""
 
 from __future__ import annotations
 
-import os
-from dataclasses import replace
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -13,13 +14,19 @@ from scp_planner.certificate import Certificate, certify_trip
 from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
 from scp_planner.scenario import Scenario
-from scp_planner.scp import Run, ScpLoop
-from scp_planner.seeds import WaySearch, _ways
+from scp_planner.scp import Run, ScpLoop, Status
+from scp_planner.seeds import WaySearch, bows
 from scp_planner.settings import Settings
-from scp_planner.solvers import solver_named
+from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.trajectory import Trajectory
 from scp_planner.zones import ThreatZone, zones
 
 Array = NDArray[np.float64]
+logger = logging.getLogger(__name__)
+
+TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
+GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
+ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
 
 
 def plan(
@@ -38,67 +45,176 @@ def plan(
     solver : str, optional
         Overrides ``settings.solver``.
     seed : int
-        Seed of whatever is random; the same input gives the same plan.
+        Kept for interfaces that pass one: the planner draws nothing at random.
     time_limit : float, optional
         Wall time in s after which the best plan so far is returned.
 
     Returns
     -------
     Plan
-        With status ``certified`` only if the continuous-time certificate holds.
+        With status ``certified`` only if the continuous-time certificate holds; else the best attempt, with
+        the reason.
+
+    Raises
+    ------
+    ValueError
+        If no solver has that name.
     """
     began = perf_counter()
     settings = settings or Settings()
     if solver is not None:
         settings = replace(settings, solver=solver)
-    threat_zones = zones(scenario)
-    problem = build_problem(scenario, threat_zones, settings)
-    loop = ScpLoop(problem, solver_named(settings.solver))
-    built = perf_counter()
-    best: tuple[Run, Certificate] | None = None
-    timings = {"build": built - began, "search": 0.0, "scp": 0.0, "certificate": 0.0}
-    iterations, first = 0, 0.0
-    clock = perf_counter()
-    search = WaySearch(problem)
-    for way in _ways(search, 12):
-        start = search.start(way)
-        timings["search"] += perf_counter() - clock
-        if best is not None and best[1].holds:
-            if way.travel_time - first > best[0].evaluation.trajectory.travel_time - lowest + 0.05:
-                break
-        else:
-            first = way.travel_time
-        clock = perf_counter()
-        run = loop.run(start, settings.max_iterations)
-        timings["scp"] += perf_counter() - clock
-        if best is None: lowest = run.evaluation.trajectory.travel_time
-        iterations += len(run.record)
-        if os.environ.get("DBG"): print("   ", round(way.travel_time, 3), run.status.name, len(run.record), round(run.evaluation.trajectory.travel_time, 4), run.feasible, way.sides[:5])
-        if best is None or _better(run, best[0], best[1]):
-            clock = perf_counter()
-            certificate = certify_trip(scenario, Trip(problem.frame, run.evaluation.trajectory), threat_zones)
-            timings["certificate"] += perf_counter() - clock
-            if best is None or certificate.holds or not best[1].holds:
-                best = (run, certificate)
-        if time_limit is not None and perf_counter() - began > time_limit:
-            break
-        clock = perf_counter()
-    assert best is not None
-    run, certificate = best
-    status, reason = _verdict(run, certificate)
+    deadline = np.inf if time_limit is None else began + time_limit
+    search = _Planning(scenario, zones(scenario), settings, deadline)
+    best = search.best()
+    status, reason = _verdict(best)
     return Plan(
         scenario=scenario.name,
         status=status,
         reason=reason,
-        trip=Trip(problem.frame, run.evaluation.trajectory),
+        trip=search.trip(best.run),
         method="scp",
         solver=settings.solver,
-        iterations=iterations,
+        iterations=search.iterations,
         wall_time=perf_counter() - began,
-        clearance=certificate.clearance,
-        limits=certificate.limits,
-        lower_bound=lower_bound(problem),
-        timings=timings,
+        clearance=best.certificate.clearance,
+        limits=best.certificate.limits,
+        lower_bound=search.lower_bound,
+        timings=search.timings,
+    )
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A run and what its certificate says."""
+
+    run: Run
+    certificate: Certificate
+
+    @property
+    def travel_time(self) -> float:
+        return self.run.evaluation.trajectory.travel_time
+
+    def better_than(self, other: _Attempt | None) -> bool:
+        """Certified before not certified, then faster; without certificates the lesser violation."""
+        if other is None:
+            return True
+        if self.certificate.holds != other.certificate.holds:
+            return self.certificate.holds
+        if self.certificate.holds:
+            return self.travel_time < other.travel_time
+        return self.run.evaluation.worst_violation < other.run.evaluation.worst_violation
+
+
+@dataclass
+class _Planning:
+    """The state of one call of :func:`plan`."""
+
+    scenario: Scenario
+    threat_zones: tuple[ThreatZone, ...]
+    settings: Settings
+    deadline: float
+    timings: dict[str, float] = field(
+        default_factory=lambda: {"build": 0.0, "search": 0.0, "scp": 0.0, "certificate": 0.0}
+    )
+    iterations: int = 0
+
+    def __post_init__(self) -> None:
+        clock = perf_counter()
+        self.problem = build_problem(self.scenario, self.threat_zones, self.settings)
+        self.solver: QpSolver = solver_named(self.settings.solver)
+        fallback = "clarabel" if self.settings.solver != "clarabel" else "daqp"
+        self.loop = ScpLoop(self.problem, self.solver, fallback)
+        self.lower_bound = lower_bound(self.problem)
+        self.timings["build"] = perf_counter() - clock
+
+    def trip(self, run: Run) -> Trip:
+        """Return the trip that a run ended with."""
+        return Trip(self.problem.frame, run.evaluation.trajectory)
+
+    def best(self) -> _Attempt:
+        """Try ways round, the fastest estimate first, until no other can be expected to be better."""
+        best: _Attempt | None = None
+        reference = 0.0  # estimate less result, of the best way so far
+        for estimate, start in self._starts():
+            if best is not None and best.certificate.holds:
+                if estimate - reference - ESTIMATE_SLACK > best.travel_time:
+                    break
+                cutoff = best.travel_time
+            else:
+                cutoff = np.inf
+            attempt = self._attempt(start, cutoff)
+            if attempt is not None and attempt.better_than(best):
+                best, reference = attempt, estimate - attempt.travel_time
+            if perf_counter() > self.deadline or self._good_enough(best):
+                break
+        assert best is not None, "there is always a start, and the first one is never cut off"
+        return best
+
+    def _good_enough(self, best: _Attempt | None) -> bool:
+        return (
+            best is not None
+            and best.certificate.holds
+            and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
+        )
+
+    def _starts(self) -> Iterator[tuple[float, Trajectory]]:
+        """Estimated travel times and starts: ways round, or bows if the search finds none."""
+        clock = perf_counter()
+        search = WaySearch(self.problem)
+        found = 0
+        for way in search.ways(self.settings.searches):
+            start = search.start(way)
+            found += 1
+            self.timings["search"] += perf_counter() - clock
+            yield way.travel_time, start
+            clock = perf_counter()
+            if found >= self.settings.max_runs:
+                return
+        self.timings["search"] += perf_counter() - clock
+        if found == 0:
+            logger.info("the search found no way; starting from bows")
+            for start in bows(self.problem):
+                yield 0.0, start
+
+    def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt | None:
+        """Run the loop from a start and check the result; None if it was cut off or is no better than the cutoff."""
+        loop, problem = self.loop, self.problem
+        for _ in range(TIGHTENINGS + 1):
+            clock = perf_counter()
+            run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline)
+            self.timings["scp"] += perf_counter() - clock
+            self.iterations += len(run.record)
+            if np.isfinite(cutoff) and (
+                not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
+            ):
+                return None
+            clock = perf_counter()
+            certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
+            self.timings["certificate"] += perf_counter() - clock
+            attempt = _Attempt(run, certificate)
+            if certificate.holds or not run.feasible:
+                return attempt
+            # What the samples missed: ask for a little more of it, and go on from here.
+            problem = _tightened(problem, certificate)
+            loop = ScpLoop(problem, self.solver, loop.fallback)
+            start = run.evaluation.trajectory
+        return attempt
+
+
+def _tightened(problem: Problem, certificate: Certificate) -> Problem:
+    inflation = np.zeros(problem.zones.size)
+    missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}
+    for violation in certificate.violations:
+        if violation.obstacle is not None:
+            index = problem.zones.ids.index(violation.obstacle)
+            inflation[index] = -1.5 * violation.value + 1e-3
+        elif violation.what == "workspace bounds":
+            missing[violation.what] = -1.5 * violation.value + 1e-3
+        elif violation.what in missing:
+            missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+    return problem.tightened(
+        inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"]
     )
 
 
@@ -114,14 +230,10 @@ def lower_bound(problem: Problem) -> float:
     return time
 
 
-def _better(run: Run, best: Run, certificate: Certificate) -> bool:
-    if not certificate.holds:
-        return run.feasible or run.evaluation.worst_violation < best.evaluation.worst_violation
-    return run.feasible and run.evaluation.trajectory.travel_time < best.evaluation.trajectory.travel_time
-
-
-def _verdict(run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
-    if certificate.holds:
+def _verdict(best: _Attempt) -> tuple[PlanStatus, str | None]:
+    if best.certificate.holds:
         return PlanStatus.CERTIFIED, None
-    reason = "; ".join(str(violation) for violation in certificate.violations)
-    return (PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE), f"{run.status.value}: {reason}"
+    reason = f"{best.run.status.value}: " + "; ".join(str(v) for v in best.certificate.violations)
+    if best.run.status is Status.SOLVER_FAILED and not best.run.record:
+        return PlanStatus.FAILED, reason
+    return (PlanStatus.FEASIBLE if best.run.feasible else PlanStatus.INFEASIBLE), reason

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt, tan
 
 import numpy as np
@@ -73,6 +73,33 @@ class EndConditions:
 
 
 @dataclass(frozen=True)
+class Box:
+    """Half planes normal . r <= offset of the planning frame that the vehicle's reference point stays in.
+
+    Attributes
+    ----------
+    normals : (S, 2) array
+        Outward unit normals; S is 0 without a workspace box.
+    offsets : (S,) array
+        m, already less the vehicle's radius and the planner's margin.
+    """
+
+    normals: Array
+    offsets: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario, frame: PlanningFrame, margin: float) -> Box:
+        """Return the workspace box of a scenario, in the planning frame."""
+        if scenario.bounds is None:
+            return cls(np.zeros((0, 2)), np.zeros(0))
+        keep = scenario.vehicle.radius + margin
+        world = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        low, high = scenario.bounds.min, scenario.bounds.max
+        offsets = np.array([high[0], -low[0], high[1], -low[1]]) - keep
+        return cls(world @ frame.rotation, offsets - world @ np.asarray(frame.origin))
+
+
+@dataclass(frozen=True)
 class Problem:
     """A scenario made ready for planning.
 
@@ -87,6 +114,7 @@ class Problem:
         With the planner's margin.
     zones : ZoneBatch
         Inflated by the vehicle's radius and the planner's margin.
+    box : Box
     samples : TimeTable
         Times at which constraints are looked at: equidistant ones, then the breakpoints of the acceleration.
     grid : int
@@ -100,8 +128,33 @@ class Problem:
     ends: EndConditions
     limits: Limits
     zones: ZoneBatch
+    box: Box
     samples: TimeTable
     grid: int
+
+    def tightened(self, zone_inflation: Array, lateral: float, curvature: float, box: float) -> Problem:
+        """Return the same problem with larger zones, lower limits and a smaller box.
+
+        Parameters
+        ----------
+        zone_inflation : (L,) array
+            m, added to each zone.
+        lateral, curvature : float
+            Relative reductions of the limits.
+        box : float
+            m, taken off each side of the workspace box.
+        """
+        limits = replace(
+            self.limits,
+            lateral_acceleration=self.limits.lateral_acceleration * (1.0 - lateral),
+            curvature=self.limits.curvature * (1.0 - curvature),
+        )
+        return replace(
+            self,
+            limits=limits,
+            zones=self.zones.inflated(zone_inflation),
+            box=replace(self.box, offsets=self.box.offsets - box),
+        )
 
 
 def straight_travel_time(
@@ -168,6 +221,7 @@ def build_problem(scenario: Scenario, zones: tuple[ThreatZone, ...], settings: S
         _end_conditions(scenario, frame, space),
         limits,
         ZoneBatch(zones, frame, inflation),
+        Box.of(scenario, frame, settings.box_margin),
         space.time_table(
             np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
         ),

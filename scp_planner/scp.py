@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.constraints.kinematics import KinematicRows
-from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
+from scp_planner.evaluation import LIMIT_NAMES, Evaluation, Penalties, evaluate_trip
 from scp_planner.linearisation import Linearisation, TrustRegion, linearise
 from scp_planner.problem import Problem
-from scp_planner.solvers.interface import QpSolver, SolverStatus
+from scp_planner.solvers.interface import QpSolver, SolverStatus, solver_named
 from scp_planner.subproblem import Subproblem, build_subproblem
 from scp_planner.trajectory import Trajectory
 
@@ -120,11 +120,11 @@ class ScpLoop:
     ----------
     problem : Problem
     solver : QpSolver
-    fallback : QpSolver, optional
-        Tried when the solver fails.
+    fallback : str, optional
+        Name of the solver to try when the solver fails.
     """
 
-    def __init__(self, problem: Problem, solver: QpSolver, fallback: QpSolver | None = None) -> None:
+    def __init__(self, problem: Problem, solver: QpSolver, fallback: str | None = None) -> None:
         self.problem = problem
         self.solver = solver
         self.fallback = fallback
@@ -150,7 +150,7 @@ class ScpLoop:
             Value of :func:`time.perf_counter` at which the run ends.
         """
         penalties = Penalties(
-            np.full(self.zone_count, FIRST_PENALTY), np.full(3, FIRST_PENALTY)
+            np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY)
         )
         trust = FIRST_TRUST
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
@@ -221,8 +221,8 @@ class ScpLoop:
 
     def _solve(self, sub: Subproblem) -> Array | None:
         solution = self.solver.solve(sub.program)
-        if solution.status is not SolverStatus.OPTIMAL and self.fallback is not None:
-            solution = self.fallback.solve(sub.program)
+        if solution.status is SolverStatus.FAILED and self.fallback is not None:
+            solution = solver_named(self.fallback).solve(sub.program)
         return solution.x if solution.status is SolverStatus.OPTIMAL else None
 
     def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation:

@@ -215,6 +215,34 @@ class WaySearch:
         order = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
         return tuple((zone, side) for zone, (_, side) in order)
 
+    def ways(self, most: int) -> Iterator[Way]:
+        """Yield different ways round, the fastest estimate first, found as they are asked for.
+
+        Parameters
+        ----------
+        most : int
+            Sweeps at most.
+        """
+        best = self.best()
+        if best is None:
+            return
+        order = count()
+        heap = [(best.travel_time, next(order), best, frozenset[tuple[int, int]]())]
+        seen = {best.sides_set}
+        tried: set[frozenset[tuple[int, int]]] = {frozenset()}
+        while heap:
+            _, _, way, closed = heappop(heap)
+            yield way
+            for side in way.sides[:BRANCHES]:
+                child = closed | {side}
+                if len(tried) >= most or child in tried:
+                    continue
+                tried.add(child)
+                found = self.best(tuple(sorted(child)))
+                if found is not None and found.sides_set not in seen:
+                    seen.add(found.sides_set)
+                    heappush(heap, (found.travel_time, next(order), found, child))
+
     def start(self, way: Way) -> Trajectory:
         """Fit a trip to a way: a smooth path, and a drive within the limits that is where the way is when it is there."""
         space, ends = self.problem.space, self.problem.ends
@@ -272,37 +300,16 @@ def _fastest_times(stations: Array, start_speed: float, top: float, acceleration
     return np.where(stations <= ramp, rising, cruising)
 
 
-def ways(problem: Problem, most: int) -> Iterator[Way]:
-    """Yield different ways round, the fastest estimate first, found as they are asked for.
-
-    Parameters
-    ----------
-    problem : Problem
-    most : int
-        Searches at most.
-    """
-    return _ways(WaySearch(problem), most)
-
-
-def _ways(search: WaySearch, most: int) -> Iterator[Way]:
-    best = search.best()
-    if best is None:
-        return
-    order = count()
-    heap = [(best.travel_time, next(order), best, frozenset[tuple[int, int]]())]
-    seen = {best.sides_set}
-    tried: set[frozenset[tuple[int, int]]] = {frozenset()}
-    searches = 1
-    while heap:
-        _, _, way, closed = heappop(heap)
-        yield way
-        for side in way.sides[:BRANCHES]:
-            child = closed | {side}
-            if searches >= most or child in tried:
-                continue
-            tried.add(child)
-            searches += 1
-            found = search.best(tuple(sorted(child)))
-            if found is not None and found.sides_set not in seen:
-                seen.add(found.sides_set)
-                heappush(heap, (found.travel_time, next(order), found, child))
+def bows(problem: Problem) -> Iterator[Trajectory]:
+    """Yield bows to both sides, driven fast, then slowly: what to start from where the search finds no way."""
+    space, ends = problem.space, problem.ends
+    shape = np.sin(np.pi * np.linspace(0.0, 1.0, space.path_size))
+    for speeding in (0.6, 0.0):
+        for height in (0.0, 1.5, -1.5, 3.0, -3.0):
+            theta = ends.theta.copy()
+            theta[ends.free] = (height * shape)[ends.free]
+            beta = np.zeros(space.acceleration_size)
+            beta[: max(1, space.acceleration_size // 5)] = speeding * problem.limits.acceleration
+            if space.start_speed == 0.0:
+                beta[:] = np.maximum(beta, 0.05 * problem.limits.acceleration)
+            yield space.trajectory(theta, beta)

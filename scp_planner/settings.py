@@ -30,8 +30,14 @@ class Settings:
         Planned clearance beyond every zone, m, that absorbs what is linearised.
     limit_margin : float
         Relative distance kept from every limit of the vehicle.
+    box_margin : float
+        Planned distance to the sides of the workspace box, m.
     max_offset : float
         Largest offset from the guide, m.
+    searches : int
+        Sweeps of the search for ways round, at most.
+    max_runs : int
+        Ways that the loop is started from, at most.
     max_iterations : int
         Iterations of one SCP run.
     tolerance : float
@@ -46,7 +52,10 @@ class Settings:
     samples: int = 160
     clearance_margin: float = 1e-3
     limit_margin: float = 1e-4
+    box_margin: float = 5e-3
     max_offset: float = 8.0
+    searches: int = 24
+    max_runs: int = 8
     max_iterations: int = 60
     tolerance: float = 1e-4
 

@@ -435,6 +435,15 @@ class Path:
             speed = np.hypot(1.0 - space.station_frame.curvature * offset, slope)
         return _curvature(space.station_frame, offset, slope, bend, speed)
 
+    @cached_property
+    def station_positions(self) -> Array:
+        """Positions at the fixed stations, (M, 2) m."""
+        tables, frame = self.space.tables, self.space.station_frame
+        offset = tables.station_rows @ self.theta
+        if frame is None:
+            return np.stack([tables.station_parameters * self.space.length, offset], axis=1)
+        return frame.position + offset[:, None] * frame.normal
+
     @property
     def station_arc_lengths(self) -> Array:
         """Arc length up to the fixed stations, m."""

@@ -11,6 +11,7 @@ planning frame, for evaluation of many at once; its distances are to the *vehicl
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from math import hypot
 from typing import TYPE_CHECKING
@@ -179,6 +180,12 @@ class ZoneBatch:
         batch.covariances = None
         if self.covariances is not None and len(batch.uncertain):
             batch.covariances = self.covariances.take(slots[batch.uncertain])
+        return batch
+
+    def inflated(self, extra: Array) -> ZoneBatch:
+        """Return the batch with every zone larger by ``extra``, (L,) m."""
+        batch = copy(self)
+        batch.radius = self.radius + extra
         return batch
 
     def distances(self, times: Array, points: Array, exact_below: float = np.inf) -> Array:
