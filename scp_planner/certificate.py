@@ -1,16 +1,18 @@
-"""The certificate: does a plan keep every limit and every clearance at *all* times, not only at samples?
+"""The certificate: whether a plan keeps every limit and every clearance at *all* times, not only at samples.
 
 It is independent of the code that made the plan: it uses the trip and the zones, and nothing of the optimisation.
 
-Time is divided where a spline has a knot, so that on each interval [m - h, m + h] the offset f and the acceleration are one polynomial
-each. Then, with interval enclosures of their derivatives on the interval:
+Time is divided where a spline has a knot, so that on each interval [m - h, m + h] the offset f and the
+acceleration are one polynomial each. Then, with interval enclosures of their derivatives on the interval:
 
 - Clearance. For *any* fixed unit vector nu, l(t) = nu . (r(t) - eta(t)) - h_E(nu, t) - R is a lower bound of the
-  signed distance. With nu taken at m,  l(m + d) >= l(m) - |l'(m)| h - K h^2 / 2, where K bounds |r''| + |eta''| + growth'' on the interval.
+  signed distance. With nu taken at m,  l(m + d) >= l(m) - |l'(m)| h - K h^2 / 2, where K bounds
+  |r''| + |eta''| + growth'' on the interval.
 - Curvature and lateral acceleration by the mean value form q(m) + [q'] h, q' enclosed by interval arithmetic.
 - Speed and acceleration by the control points of their splines (convex hull).
 
-Intervals whose bound does not decide are halved, until all hold, a violation is found at a midpoint, or the intervals get too short.
+Intervals whose bound does not decide are halved, until all hold, a violation is found at a midpoint, or the
+intervals get too short.
 """
 
 from __future__ import annotations
@@ -182,7 +184,12 @@ class _Check:
         found = [
             ("start time", abs(times[0] - start.time), 0.0, times[0]),
             ("distance from the start", float(np.hypot(*(position[0] - start.position))), 0.0, times[0]),
-            ("distance from the goal", float(np.hypot(*(position[1] - goal.position))), goal.radius, times[1]),
+            (
+                "distance from the goal",
+                float(np.hypot(*(position[1] - goal.position))),
+                goal.radius,
+                times[1],
+            ),
             ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
         ]
         if goal.speed is not None:
@@ -209,19 +216,39 @@ class _Check:
         fastest, slowest = int(np.argmax(speeds)), int(np.argmin(speeds))
         # Driving faster than allowed at the start is the scenario's business, not the plan's.
         top = max(limits.speed, self.scenario.start.speed)
-        self._note("speed", float(speeds[fastest]), top, speed_sites[fastest], float(speeds[fastest]) > top * (1 + RELATIVE_TOLERANCE))
-        self._note("speed", float(speeds[slowest]), 0.0, speed_sites[slowest], float(speeds[slowest]) < -RELATIVE_TOLERANCE * top)
+        self._note(
+            "speed",
+            float(speeds[fastest]),
+            top,
+            speed_sites[fastest],
+            float(speeds[fastest]) > top * (1 + RELATIVE_TOLERANCE),
+        )
+        self._note(
+            "speed",
+            float(speeds[slowest]),
+            0.0,
+            speed_sites[slowest],
+            float(speeds[slowest]) < -RELATIVE_TOLERANCE * top,
+        )
         beta = trajectory.beta
         use = np.maximum(beta / limits.acceleration, -beta / limits.deceleration)
         worst = int(np.argmax(use))
         allowed = limits.acceleration if beta[worst] > 0 else -limits.deceleration
-        self._note("acceleration", float(beta[worst]), allowed, sites[worst], float(use[worst]) > 1 + RELATIVE_TOLERANCE)
+        self._note(
+            "acceleration",
+            float(beta[worst]),
+            allowed,
+            sites[worst],
+            float(use[worst]) > 1 + RELATIVE_TOLERANCE,
+        )
         return {
             "speed": LimitUse(float(speeds[fastest]), limits.speed, self._absolute(speed_sites[fastest])),
             "acceleration": LimitUse(float(beta[worst]), allowed, self._absolute(sites[worst])),
         }
 
-    def _note(self, what: str, value: float, allowed: float, sigma: float, broken: bool, obstacle: str | None = None) -> None:
+    def _note(
+        self, what: str, value: float, allowed: float, sigma: float, broken: bool, obstacle: str | None = None
+    ) -> None:
         if broken:
             self.violations.append(Violation(what, value, allowed, self._absolute(sigma), obstacle))
 
@@ -230,9 +257,7 @@ class _Check:
         space = trajectory.space
         knots = trajectory.path.arc_length_at(space.path.breakpoints[1:-1])
         grid = np.linspace(0.0, 1.0, INTERVALS + 1)
-        edges = np.unique(
-            np.concatenate([grid, space.acceleration.breakpoints, trajectory.sigma_at(knots)])
-        )
+        edges = np.unique(np.concatenate([grid, space.acceleration.breakpoints, trajectory.sigma_at(knots)]))
         return _Pieces(0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges))
 
     def _enclose(self, pieces: _Pieces) -> _Enclosure:
@@ -258,9 +283,9 @@ class _Check:
         curvature = trajectory.path.bend(points.path).curvature
         curvature_bound = np.abs(curvature) + bend.curvature_rate.magnitude() * width * space.length
         lateral = points.speed**2 * curvature
-        rate = (
-            Interval(-curvature_bound, curvature_bound) * speed * Interval(-acceleration, acceleration)
-        ).scaled(2.0) + speed.squared() * bend.curvature_rate * speed * bend.speed.power(-1.0)
+        rate = (Interval(-curvature_bound, curvature_bound) * speed * Interval(-acceleration, acceleration)).scaled(
+            2.0
+        ) + speed.squared() * bend.curvature_rate * speed * bend.speed.power(-1.0)
         lateral_bound = np.abs(lateral) + rate.magnitude() * half
         return _Enclosure(points, half, curvature, lateral, curvature_bound, lateral_bound, acceleration)
 
@@ -344,8 +369,10 @@ class _Check:
         half = enclosure.half[interval]
         slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
         own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)[interval]
-        bend = own + batch.acceleration_bound(zone, times, half) + batch.growth_bend_bound(
-            zone, times, half, contacts.normal
+        bend = (
+            own
+            + batch.acceleration_bound(zone, times, half)
+            + batch.growth_bend_bound(zone, times, half, contacts.normal)
         )
         return _Bound(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
 

@@ -1,7 +1,8 @@
 """Signed distance from points to ellipses, vectorised.
 
 An ellipse {z : z' C^-1 z <= 1} has support h(nu) = sqrt(nu' C nu); the signed distance of a point d is the largest
-of nu.d - h(nu) over unit vectors nu, negative inside. Any nu gives a lower bound, so an inexact nu errs to the safe side.
+of nu.d - h(nu) over unit vectors nu, negative inside. Any nu gives a lower bound, so an inexact nu errs to the
+safe side.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ def ellipse_contact(offset: Array, covariance: Array) -> Contact:
     """Exact signed distance from points to ellipses around the origin.
 
     The closest boundary point solves a^2 y0^2 / (s + a^2)^2 + b^2 y1^2 / (s + b^2)^2 = 1 in the principal axes
-    (Eberly, "Distance from a point to an ellipse"); the left side is convex and decreasing for s > -b^2, so Newton's method
-    from its left bound converges monotonically.
+    (Eberly, "Distance from a point to an ellipse"); the left side is convex and decreasing for s > -b^2, so Newton's
+    method from its left bound converges monotonically.
 
     Parameters
     ----------

@@ -139,7 +139,8 @@ def local_minima(values: Array, below: float) -> tuple[Index, Index]:
     low = values < below
     low[1:] &= values[1:] <= values[:-1]
     low[:-1] &= values[:-1] < values[1:]
-    return np.nonzero(low)
+    row, column = np.nonzero(low)
+    return row, column
 
 
 def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Array:

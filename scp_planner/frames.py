@@ -70,4 +70,3 @@ class PlanningFrame:
         c, s = cos(self.heading), sin(self.heading)
         turn = np.array([[c * c, -s * c, s * s], [2 * s * c, c * c - s * s, -2 * s * c], [s * s, s * c, c * c]])
         return PiecewisePolynomials(stacked.breakpoints, stacked.coefficients @ turn)
-

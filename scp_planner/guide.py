@@ -12,6 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.intervals import Interval
+
 Array = NDArray[np.float64]
 
 
@@ -53,6 +55,10 @@ class Guide(Protocol):
         """Return the moving frame at arc lengths ``stations``, (n,) m."""
         ...
 
+    def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:
+        """Enclose the curvature and its first two derivatives on [station - width, station + width]."""
+        ...
+
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""
         ...
@@ -83,6 +89,11 @@ class StraightGuide:
             zeros,
             zeros,
         )
+
+    def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:
+        """Enclose the curvature and its first two derivatives on intervals of the station: all zero."""
+        zero = Interval(np.zeros_like(stations), np.zeros_like(stations))
+        return zero, zero, zero
 
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""

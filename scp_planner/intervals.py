@@ -38,9 +38,7 @@ class Interval:
     def __mul__(self, other: Interval) -> Interval:
         a, b = self.lower * other.lower, self.lower * other.upper
         c, d = self.upper * other.lower, self.upper * other.upper
-        return Interval(
-            np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
-        )
+        return Interval(np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d)))
 
     def scaled(self, factor: float) -> Interval:
         """Return the intervals times a number."""

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 class PlanStatus(StrEnum):
     """How far a plan can be trusted.
 
-    ``certified``: the continuous-time certificate holds. ``feasible``: all sampled constraints hold, the certificate does not.
-    ``infeasible``: some constraint is violated. ``failed``: no trip came out at all but the start of the search.
+    ``certified``: the continuous-time certificate holds. ``feasible``: all sampled constraints hold, the certificate
+    does not. ``infeasible``: some constraint is violated. ``failed``: no trip came out but the start of the search.
     """
 
     CERTIFIED = "certified"
@@ -220,7 +220,9 @@ class Plan:
             "wall_time": self.wall_time,
             "path": {
                 "degree": space.path.coefficients.shape[1] - 1,
-                "knots": (clamped_knots(space.path.coefficients.shape[1] - 1, space.path.breakpoints) * space.length).tolist(),
+                "knots": (
+                    clamped_knots(space.path.coefficients.shape[1] - 1, space.path.breakpoints) * space.length
+                ).tolist(),
                 "offsets": trajectory.theta.tolist(),
                 "guide": {
                     "origin": list(frame.origin),
@@ -242,8 +244,7 @@ class Plan:
                 "time": self.clearance.time,
             },
             "limits": {
-                name: {"worst": use.worst, "limit": use.limit, "time": use.time}
-                for name, use in self.limits.items()
+                name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in self.limits.items()
             },
             "samples": self.samples(samples),
         }
@@ -297,7 +298,9 @@ class Plan:
         path_breaks = path.breakpoints("knots", path_degree)
         drive_breaks = drive.breakpoints("knots", drive_degree)
         if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:
-            raise path.fault("knots", [path_breaks[0], path_breaks[-1]], f"from 0 to the guide's length {guide.length!r}")
+            raise path.fault(
+                "knots", [path_breaks[0], path_breaks[-1]], f"from 0 to the guide's length {guide.length!r}"
+            )
         equal = np.linspace(0.0, guide.length, len(path_breaks))
         if np.abs(path_breaks - equal).max() > 1e-9 * guide.length:
             raise path.fault("knots", path_breaks.tolist(), "equidistant")
@@ -307,7 +310,12 @@ class Plan:
         if speed < 0.0:
             raise drive.fault("start_speed", speed, "at least 0")
         space = TripSpace(
-            guide, speed, path_degree, len(path_breaks) - 1, drive_degree, tuple(float(b) for b in drive_breaks)
+            guide,
+            speed,
+            path_degree,
+            len(path_breaks) - 1,
+            drive_degree,
+            tuple(float(b) for b in drive_breaks),
         )
         theta = path.vector("offsets", space.path_size)
         beta = drive.vector("coefficients", space.acceleration_size)
@@ -315,7 +323,9 @@ class Plan:
         travel_time = reader.number("travel_time")
         if not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
             raise reader.fault(
-                "travel_time", travel_time, f"{trajectory.travel_time!r}, which is what path and acceleration give"
+                "travel_time",
+                travel_time,
+                f"{trajectory.travel_time!r}, which is what path and acceleration give",
             )
         trajectory = Trajectory(Path(space, theta), beta, trajectory.travel_time)
         clearance = reader.part("clearance")
@@ -393,8 +403,17 @@ class _Reader:
 
     def integer(self, key: str, least: int, most: int | None) -> int:
         value = self.get(key)
-        if isinstance(value, bool) or not isinstance(value, int) or value < least or (most is not None and value > most):
-            raise self.fault(key, value, f"an integer from {least} to {most}" if most is not None else f"an integer >= {least}")
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int)
+            or value < least
+            or (most is not None and value > most)
+        ):
+            raise self.fault(
+                key,
+                value,
+                f"an integer from {least} to {most}" if most is not None else f"an integer >= {least}",
+            )
         return value
 
     def vector(self, key: str, size: int | None) -> Array:

@@ -153,9 +153,7 @@ class _Planning:
 
     def _good_enough(self, best: _Attempt | None) -> bool:
         return (
-            best is not None
-            and best.certificate.holds
-            and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
+            best is not None and best.certificate.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
         )
 
     def _starts(self) -> Iterator[tuple[float, Trajectory]]:
@@ -185,9 +183,7 @@ class _Planning:
             run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline)
             self.timings["scp"] += perf_counter() - clock
             self.iterations += len(run.record)
-            if np.isfinite(cutoff) and (
-                not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
-            ):
+            if np.isfinite(cutoff) and (not run.feasible or run.evaluation.trajectory.travel_time >= cutoff):
                 return None
             clock = perf_counter()
             certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)

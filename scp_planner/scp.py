@@ -149,9 +149,7 @@ class ScpLoop:
         deadline : float
             Value of :func:`time.perf_counter` at which the run ends.
         """
-        penalties = Penalties(
-            np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY)
-        )
+        penalties = Penalties(np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY))
         trust = FIRST_TRUST
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         for number in range(1, max_iterations + 1):
@@ -204,9 +202,7 @@ class ScpLoop:
                     return _Step(corrected, step.predicted, actual, size, True)
         return step
 
-    def _correct(
-        self, lines: Linearisation, sub: Subproblem, z: Array, candidate: Evaluation
-    ) -> Evaluation | None:
+    def _correct(self, lines: Linearisation, sub: Subproblem, z: Array, candidate: Evaluation) -> Evaluation | None:
         """Solve again with the gaps that the candidate really has: a second-order correction."""
         step = z[: sub.step_size]
         hard = len(sub.program.bound) - len(lines.rows.gap)
@@ -239,10 +235,7 @@ class ScpLoop:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""
         current = run.evaluation
         violation = current.worst_violation
-        if (
-            violation < 10.0 * FEASIBILITY
-            and current.trajectory.travel_time - 3.0 * max(step.predicted, 0.0) > cutoff
-        ):
+        if violation < 10.0 * FEASIBILITY and current.trajectory.travel_time - 3.0 * max(step.predicted, 0.0) > cutoff:
             return Status.SLOWER
         if step.predicted < self.problem.settings.tolerance * max(1.0, 10.0 * violation):
             if violation <= FEASIBILITY:
@@ -273,9 +266,7 @@ def _relative_size(z: Array, sub: Subproblem) -> float:
     return float(np.max(np.abs(z[:count]) / np.maximum(radius, 1e-300)))
 
 
-def _record(
-    number: int, step: _Step, penalties: Penalties, accepted: bool, trust: TrustRegion, rows: int
-) -> Iteration:
+def _record(number: int, step: _Step, penalties: Penalties, accepted: bool, trust: TrustRegion, rows: int) -> Iteration:
     candidate = step.evaluation
     return Iteration(
         number,

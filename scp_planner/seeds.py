@@ -1,10 +1,10 @@
 """The best way round: a search over (station, offset, delay) that returns several different ways, roughly driven.
 
-A trip among moving obstacles has many local minima: in front of, behind, left, right, wait. On a grid of stations and
-offsets, and of delays behind the fastest profile, the obstacles block cells; dynamic programming finds the cheapest
-path of free cells in one sweep over the stations. At any station and delay an obstacle blocks one interval of offsets, and a way passes it
-above or below: in front, behind, left and right are all of this kind. Other ways are found by closing the side that
-the last one used.
+A trip among moving obstacles has many local minima: in front of, behind, left, right, wait. On a grid of stations,
+offsets, and delays behind the fastest profile, the obstacles block cells; dynamic programming finds the cheapest
+path of free cells in one sweep over the stations. At any station and delay an obstacle blocks one interval of
+offsets, and a way passes it above or below: in front, behind, left and right are all of this kind. Other ways are
+found by closing the side that the last one used.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.problem import Problem, straight_travel_time
+from scp_planner.problem import Problem
 from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
 from scp_planner.trajectory import Path, Trajectory
 
@@ -82,7 +82,7 @@ class WaySearch:
         columns = max(8, round(space.length / STATION_STEP))
         self.stations = np.linspace(0.0, space.length, columns + 1)
         self.middle = round(REACH / OFFSET_STEP)
-        self.offsets = OFFSET_STEP * np.arange(-self.middle, self.middle + 1)
+        self.offsets: Array = OFFSET_STEP * np.arange(-self.middle, self.middle + 1)
         self.delays = (delay_step or DELAY_STEP) * np.arange(DELAYS)
         self.speeds = (space.start_speed, limits.speed, limits.acceleration)
         self.fastest = _fastest_times(self.stations, *self.speeds)
@@ -168,7 +168,9 @@ class WaySearch:
             for move in range(1, OFFSET_MOVES + 1):
                 for shift in (-move, move):
                     np.add(
-                        padded[OFFSET_MOVES + shift : OFFSET_MOVES + shift + size], self.move_cost[move], out=work
+                        padded[OFFSET_MOVES + shift : OFFSET_MOVES + shift + size],
+                        self.move_cost[move],
+                        out=work,
                     )
                     np.minimum(here, work, out=here)
             here += penalty[i]
@@ -194,11 +196,9 @@ class WaySearch:
                             best, choice = cost, (j, d)
             offset, delay = choice
             path[i - 1] = choice
-        offsets = self.offsets[path[:, 0]]
-        times = self.fastest + self.delays[path[:, 1]]
-        return Way(
-            float(self.fastest[-1] + total), self.stations, offsets, times, self._sides(path)
-        )
+        offsets: Array = self.offsets[path[:, 0]].astype(np.float64)
+        times: Array = self.fastest + self.delays[path[:, 1]]
+        return Way(float(self.fastest[-1] + total), self.stations, offsets, times, self._sides(path))
 
     def _sides(self, path: NDArray[np.intp]) -> tuple[tuple[int, int], ...]:
         """Obstacles that a way meets, the closest first, and the sides it passes them on."""
@@ -244,7 +244,7 @@ class WaySearch:
                     heappush(heap, (found.travel_time, next(order), found, child))
 
     def start(self, way: Way) -> Trajectory:
-        """Fit a trip to a way: a smooth path, and a drive within the limits that is where the way is when it is there."""
+        """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times."""
         space, ends = self.problem.space, self.problem.ends
         theta = ends.theta.copy()
         rows = space.path.rows(way.stations / space.length)
@@ -293,8 +293,8 @@ def _fastest_times(stations: Array, start_speed: float, top: float, acceleration
     """Earliest time at each station without obstacles, s."""
     top = max(top, start_speed)
     ramp = (top * top - start_speed * start_speed) / (2.0 * acceleration)
-    rising = 2.0 * stations / (
-        start_speed + np.sqrt(start_speed * start_speed + 2.0 * acceleration * stations) + 1e-300
+    rising = (
+        2.0 * stations / (start_speed + np.sqrt(start_speed * start_speed + 2.0 * acceleration * stations) + 1e-300)
     )
     cruising = (top - start_speed) / acceleration + (stations - ramp) / top
     return np.where(stations <= ramp, rising, cruising)

@@ -134,8 +134,8 @@ def clamped_basis(degree: int, breakpoints: tuple[float, ...]) -> PiecewiseBasis
     for power in range(degree + 1):
         # The spline is smooth inside a span: its Taylor coefficients at the middle, shifted to the left end,
         # avoid the one-sided limits at knots.
-        coefficients[:, power] = spline(breaks[:-1] + 0.5 * widths, nu=power) * (
-            (widths**power / factorial(power))[:, None]
+        coefficients[:, power] = (
+            spline(breaks[:-1] + 0.5 * widths, nu=power) * ((widths**power / factorial(power))[:, None])
         )
     return PiecewiseBasis(breaks, np.einsum("pq,mqk->mpk", _shift_matrix(degree + 1, -0.5), coefficients))
 
@@ -169,7 +169,7 @@ def _shift_matrix(order: int, shift: float) -> Array:
     matrix = np.zeros((order, order))
     for row in range(order):
         for column in range(row, order):
-            matrix[row, column] = factorial(column) / (factorial(row) * factorial(column - row)) * shift ** (
-                column - row
+            matrix[row, column] = (
+                factorial(column) / (factorial(row) * factorial(column - row)) * shift ** (column - row)
             )
     return matrix

@@ -1,7 +1,8 @@
 """One linearisation of the trip as a convex quadratic program.
 
 Variables: the step z = (d theta, d beta, rho) and one slack for each violation that has rows. The objective is
-tau_k rho + sum mu s + the curvature of the arc length (convex, weighted by the multiplier of arrival) + a small proximal term.
+tau_k rho + sum mu s + the curvature of the arc length (convex, weighted by the multiplier of arrival) + a small
+proximal term.
 """
 
 from __future__ import annotations

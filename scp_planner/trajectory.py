@@ -142,7 +142,7 @@ class TripSpace:
         return 2.0 * arc_length / denominator if denominator > 0.0 else float("inf")
 
     def trajectory(self, theta: Array, beta: Array) -> Trajectory:
-        """Return the trip with these control points (offsets in m, accelerations in m/s^2), its travel time closed-form."""
+        """Return the trip with these control points (m and m/s^2), its travel time from the closed form."""
         path = Path(self, theta)
         return Trajectory(path, np.asarray(beta, dtype=float), self.travel_time(path.arc_length, beta))
 
@@ -204,9 +204,7 @@ def _leverage(degree: int, spans: int) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _tables(
-    path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]
-) -> _Tables:
+def _tables(path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]) -> _Tables:
     return _Tables(path_degree, path_spans, acceleration_degree, breakpoints)
 
 
@@ -238,7 +236,6 @@ class PathPoints:
     direction: Array
     normal: Array
     speed: Array
-
 
     def take(self, index: Index) -> PathPoints:
         """Return some of the points."""
@@ -359,7 +356,7 @@ class Path:
 
     @cached_property
     def _gradients(self) -> tuple[Array, Array]:
-        """d S / d theta at the ends of cells, and d |r'| / d theta at the nodes of each cell, times its width."""
+        """D S / d theta at the ends of cells, and d |r'| / d theta at the nodes of each cell, times its width."""
         space, tables = self.space, self.space.tables
         rate = (self._slope / (self.node_speed * tables.cells))[:, None] * tables.node_slopes
         if space.frame is not None and self.node_stretch is not None:

@@ -5,7 +5,8 @@ covariance of the estimate scaled by the quantile of the level (confidence.py), 
 Centres and covariances are piecewise polynomials in time.
 
 :class:`ThreatZone` is one zone in world coordinates, to look at. :class:`ZoneBatch` holds all zones of a plan, in the
-planning frame, for evaluation of many at once; its distances are to the *vehicle's reference point* when inflated by the vehicle's radius.
+planning frame, for evaluation of many at once; inflated by the vehicle's radius its distances are those of the
+vehicle's reference point.
 """
 
 from __future__ import annotations
@@ -79,9 +80,7 @@ class ThreatZone:
             max over z in the zone of directions . (z - center), m.
         """
         directions = np.asarray(directions, dtype=float)
-        return support(self._covariance(t), directions) + self.radius * np.hypot(
-            directions[..., 0], directions[..., 1]
-        )
+        return support(self._covariance(t), directions) + self.radius * np.hypot(directions[..., 0], directions[..., 1])
 
     def signed_distance(self, t: float | Array, points: Array) -> Array:
         """Signed distance of points to the zone (uncertainty + shape, without the vehicle).
@@ -259,9 +258,7 @@ class ZoneBatch:
                 slot = self.slot[index[rows]]
                 covariance = self.covariances.at(slot, times[rows])
                 exact = ellipse_contact(offset[rows], covariance)
-                growth = _support_rate(
-                    covariance, self.covariances.derivative.at(slot, times[rows]), exact.normal
-                )
+                growth = _support_rate(covariance, self.covariances.derivative.at(slot, times[rows]), exact.normal)
                 velocity = self.velocities.at(index[rows], times[rows])
                 normal[rows] = exact.normal
                 distance[rows] = exact.distance
@@ -333,9 +330,7 @@ def _directed_range(
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
     """Time derivative of sqrt(nu' C nu) at a fixed nu."""
     x, y = normal[:, 0], normal[:, 1]
-    quadratic_rate = (
-        covariance_rate[:, 0] * x * x + 2.0 * covariance_rate[:, 1] * x * y + covariance_rate[:, 2] * y * y
-    )
+    quadratic_rate = covariance_rate[:, 0] * x * x + 2.0 * covariance_rate[:, 1] * x * y + covariance_rate[:, 2] * y * y
     return quadratic_rate / np.maximum(2.0 * support(covariance, normal), 1e-300)
 
 
@@ -376,7 +371,11 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     estimate = estimate_obstacle(obstacle)
     start = scenario.start.time
     scale = region_scale(
-        str(scenario.confidence.level), scenario.confidence.probability, estimate, obstacles=estimated, start=start
+        str(scenario.confidence.level),
+        scenario.confidence.probability,
+        estimate,
+        obstacles=estimated,
+        start=start,
     )
     pieces = estimate.polynomials(start, start + HORIZON)
     return ThreatZone(

@@ -39,6 +39,6 @@ class Rows:
             np.concatenate([part.group for part in parts]),
         )
 
-    def take(self, mask: NDArray[np.bool_]) -> Rows:
+    def take(self, index: NDArray[np.intp]) -> Rows:
         """Return some of the rows."""
-        return Rows(self.matrix[mask], self.gap[mask], self.group[mask])
+        return Rows(self.matrix[index], self.gap[index], self.group[index])

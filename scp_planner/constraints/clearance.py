@@ -5,7 +5,8 @@ With c = nu . (r(u) - eta(t)) - h(nu, t), t = tau sigma, and nu_t = nu . r' / |r
     dc = (nu . n) B(u) dtheta + nu_t (dD - dS/dtheta dtheta) + sigma (dc/dt at a fixed point) dtau,
     dD = v0 sigma dtau + C2(sigma) db.
 
-The envelope theorem makes this exact to first order for minima over time and normals. dc/dt contains the growth of the zone.
+The envelope theorem makes this exact to first order for minima over time and normals. dc/dt contains the growth
+of the zone.
 """
 
 from __future__ import annotations

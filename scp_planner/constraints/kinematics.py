@@ -1,4 +1,4 @@
-"""Limits of the vehicle: linear rows that hold for all times, and linearised rows of curvature and lateral acceleration.
+"""Limits of the vehicle: linear rows that hold for all times; linearised rows of curvature and lateral acceleration.
 
 In the variables (b, tau) with b = tau^2 beta, bounds on the control points of speed and acceleration are linear, except
 that tau^2 in the acceleration's bounds is replaced by its tangent 2 tau_k tau - tau_k^2 <= tau^2: conservative.
@@ -16,10 +16,7 @@ from scp_planner.constraints.clearance import join_blocks
 from scp_planner.problem import Problem
 from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoints
 
-
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
-
-
 PEAK_NEIGHBOURS = np.array([-0.45, 0.0, 0.45])  # stations: a peak moves when it is pressed down in one place
 
 
@@ -127,7 +124,7 @@ class BendSites:
 
     @property
     def curvature(self) -> Array:
-        """Curvature at the fixed stations, (M,) 1/m: it peaks at breakpoints of a cubic offset, or hardly beside them."""
+        """Curvature at the fixed stations, (M,) 1/m: it peaks at breakpoints of a cubic offset or close to them."""
         return self.stations.bend.curvature
 
 
@@ -196,9 +193,7 @@ class _StationBasis:
     arc_length: Array
 
 
-def curvature_rows(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int
-) -> Rows:
+def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int) -> Rows:
     """Return the rows of -limit <= curvature <= limit at fixed stations, relative to the limit.
 
     Both sides are rows: the curvature may change its sign in one step.
@@ -297,9 +292,7 @@ def _lateral_at_stations(
     return join_blocks(theta, beta, rho)
 
 
-def _lateral_at_jumps(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index
-) -> Array:
+def _lateral_at_jumps(problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index) -> Array:
     space, free = problem.space, problem.ends.free
     tau, v0 = trajectory.travel_time, space.start_speed
     points = sites.jumps.take(index)
@@ -331,6 +324,4 @@ def both_gaps(value: Array) -> Array:
 
 def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
     """Rows of -1 <= value + gradient z <= 1."""
-    return Rows(
-        np.concatenate([gradient, -gradient]), both_gaps(value), np.full(2 * len(value), group, dtype=np.intp)
-    )
+    return Rows(np.concatenate([gradient, -gradient]), both_gaps(value), np.full(2 * len(value), group, dtype=np.intp))

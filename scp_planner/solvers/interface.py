@@ -38,6 +38,8 @@ class QuadraticProgram:
         Number of leading rows that hold with equality.
     active : (n + m,) array of int or None
         Warm start: -1 at the lower bound, +1 at the upper bound or on the row, 0 inactive.
+    start : (k,) array or None
+        What the first k variables are steps from; no part of the program, but for constraints that users add to it.
     """
 
     hessian: Array
@@ -48,6 +50,7 @@ class QuadraticProgram:
     bound: Array
     equalities: int
     active: NDArray[np.int8] | None = None
+    start: Array | None = None
 
 
 @dataclass(frozen=True)
