@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
+from collections.abc import Iterator
+from itertools import pairwise
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,19 +21,24 @@ from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, style
 from scp_planner.recording import ObstacleRecord, Recording, Truth, record_plan
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from scp_planner.plan import Plan
     from scp_planner.scenario import Scenario
 
 Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 1200
-WIDTH, PROFILES_HEIGHT = 7.2, 1.3
+WIDTH, PROFILES_HEIGHT = 7.2, 1.75
 """inches"""
 DPI = 100
+GIF_TICK = 0.01
+"""s. Times between the frames of a GIF are whole multiples of it."""
+UNCHANGED = 255
+"""Colour number of what a frame of a GIF leaves as it is."""
 
 
 def animate_plan(
@@ -50,7 +60,7 @@ def animate_plan(
     truth : mapping, optional
         What obstacles really did, see `scp_planner.recording.Truth`.
     frames_per_second : float
-        1/s; less if the trip is very long. GIF players know only times of 1/100 s between frames.
+        1/s; less if the trip is very long.
 
     Raises
     ------
@@ -63,7 +73,7 @@ def animate_plan(
 
 
 def animate(recording: Recording, path: str | PathLike[str], *, hold: float = 1.0) -> None:
-    """Save an animation of a recording, in real time; each of its times is a frame.
+    """Save an animation of a recording, in real time; each of its times, evenly spread, is a frame.
 
     Parameters
     ----------
@@ -79,58 +89,78 @@ def animate(recording: Recording, path: str | PathLike[str], *, hold: float = 1.
         If the suffix is another one, or there is no ffmpeg.
     """
     suffix = check_suffix(path, ANIMATION_SUFFIXES)
+    ffmpeg = shutil.which("ffmpeg")
+    if suffix == ".mp4" and ffmpeg is None:
+        raise ValueError(f"{path}: .mp4 needs ffmpeg, which is not installed; .gif does without")
     count = len(recording.time)
-    rate = (count - 1) / float(recording.time[-1] - recording.time[0])
-    with style():
-        writer = _writer(suffix, rate)
+    interval = float(recording.time[-1] - recording.time[0]) / (count - 1)
+    with style(), replacing(path) as temporary:
         film = Film(recording)
-        with replacing(path) as temporary, writer.saving(film.figure, str(temporary), dpi=DPI):
-            for index in [*range(count), *[count - 1] * round(hold * rate)]:
-                film.show(index)
-                writer.grab_frame()
+        frames = (film.frame(index) for index in range(count))
+        if suffix == ".gif":
+            _write_gif(temporary, frames, interval, hold)
+        else:
+            _write_video(str(ffmpeg), temporary, frames, interval, hold)
 
 
 class Film:
-    """A figure of one time of a recording, to be moved from time to time.
+    """A picture of one time of a recording, that can be moved from time to time.
+
+    What stays is drawn once; a frame draws only what moves.
 
     Parameters
     ----------
     recording : Recording
-
-    Attributes
-    ----------
-    figure : matplotlib.figure.Figure
     """
 
     def __init__(self, recording: Recording) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         low, high = recording.extent()
-        height = float(np.clip(0.9 * WIDTH * (high[1] - low[1]) / (high[0] - low[0]), 1.2, 6.0)) + 0.6
-        self.figure: Figure = Figure(figsize=(WIDTH, height + PROFILES_HEIGHT), dpi=DPI, layout="constrained")
-        parts: Any = self.figure.subfigures(2, 1, height_ratios=[height, PROFILES_HEIGHT])
-        map_part, profile_part = parts
+        height = float(np.clip(0.9 * WIDTH * (high[1] - low[1]) / (high[0] - low[0]), 1.2, 6.0)) + 0.8
+        figure = Figure(
+            figsize=(WIDTH, height + PROFILES_HEIGHT),
+            dpi=DPI,
+        )
+        figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
+        parts: Any = figure.subfigures(2, 1, height_ratios=[height, PROFILES_HEIGHT])
         self._recording = recording
-        axes: Axes = map_part.subplots()
-        self._draw_map(axes)
-        self._cursors = self._draw_profiles(list(profile_part.subplots(1, 3)))
-        # Text of changing width must not make the axes jump: the layout of the first frame stays.
-        self.show(0)
-        self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")
+        self._moving: list[tuple[Axes, Artist]] = []
+        self._draw_map(parts[0].subplots())
+        self._cursors = self._draw_profiles(list(parts[1].subplots(1, 3)))
+        # Lay out once, while what moves still counts: text of changing width must not make the axes jump.
+        canvas: Any = FigureCanvasAgg(figure)
+        self._move_to(0)
+        for _ in range(2):  # titles count from the second time on
+            figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        for _, artist in self._moving:
+            artist.set_animated(True)
+        canvas.draw()
+        self._canvas = canvas
+        self._still = canvas.copy_from_bbox(figure.bbox)
 
-    def show(self, index: int) -> None:
-        """Move everything to one of the recording's times."""
+    def frame(self, index: int) -> Image:
+        """Draw one of the recording's times, (height, width, 3)."""
+        self._move_to(index)
+        self._canvas.restore_region(self._still)
+        for axes, artist in self._moving:
+            axes.draw_artist(artist)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _move_to(self, index: int) -> None:
         recording = self._recording
-        self._title.set_text(f"{recording.name}   {recording.time[index] - recording.epoch:.1f} s")
+        time = recording.time[index] - recording.epoch
+        self._title.set_text(f"{recording.name}   {time:.1f} s")
         self._path.set_data(*recording.paths[recording.path_index[index]].T)
         self._done.set_data(*recording.position[: index + 1].T)
         x, y = recording.position[index]
         self._vehicle.set_center((x, y))
-        for obstacle, shown in zip(recording.obstacles, self._shown, strict=True):
-            shown.show(obstacle, index)
+        for obstacle, patches in zip(recording.obstacles, self._patches, strict=True):
+            patches.move_to(obstacle, index)
         for cursor, values in self._cursors:
-            cursor.set_data([recording.time[index] - recording.epoch], [values[index]])
+            cursor.set_data([time], [values[index]])
 
     def _draw_map(self, axes: Axes) -> None:
         from matplotlib.patches import Circle
@@ -138,19 +168,19 @@ class Film:
         recording = self._recording
         lay_out(axes, recording)
         draw_tracks(axes, recording)
-        draw_ends(axes, recording)
         key_to_symbols(recording).set_above(axes, "right")
-        self._title = axes.set_title("", loc="left", fontweight="bold")
-        (self._path,) = axes.plot([], [], color=FAINT, linewidth=2.0, zorder=2.5)
-        (self._done,) = axes.plot([], [], color=INK, linewidth=2.0, zorder=2.6)
-        self._vehicle = Circle(
-            (0.0, 0.0), recording.radius, facecolor=INK, edgecolor="white", linewidth=0.8, zorder=4
-        )
-        axes.add_patch(self._vehicle)
-        self._shown = [
-            _ShownObstacle(axes, obstacle, COLOURS[number % len(COLOURS)])
+        self._title = axes.set_title(" ", loc="left", fontweight="bold")
+        self._patches = [
+            _ObstaclePatches(axes, obstacle, COLOURS[number % len(COLOURS)])
             for number, obstacle in enumerate(recording.obstacles)
         ]
+        (self._path,) = axes.plot([], [], color=FAINT, linewidth=2.0)
+        (self._done,) = axes.plot([], [], color=INK, linewidth=2.0)
+        self._vehicle = Circle((0.0, 0.0), recording.radius, facecolor=INK, edgecolor="white", linewidth=0.8)
+        axes.add_patch(self._vehicle)
+        moving: list[Artist] = [patch for patches in self._patches for patch in patches.all]
+        moving += [self._path, self._done, *draw_ends(axes, recording), self._vehicle, self._title]
+        self._moving += [(axes, artist) for artist in moving]
 
     def _draw_profiles(self, panels: list[Axes]) -> list[tuple[Any, Array]]:
         """Draw the first profiles and the clearance; return a movable mark for each, with its values."""
@@ -164,27 +194,31 @@ class Film:
         draw_clearance(clearance_panel, recording, unmarked)
         if recording.obstacles:
             drawn.append((clearance_panel, recording.clearance))
-        for panel in panels:
+        cursors: list[tuple[Any, Array]] = []
+        for panel, values in drawn:
             panel.locator_params(axis="y", nbins=3)
-        mark: dict[str, Any] = {"markersize": 6, "color": COLOURS[0], "markeredgecolor": "white"}
-        return [
-            (panel.plot([], [], "o", clip_on=False, zorder=5, **mark)[0], values) for panel, values in drawn
-        ]
+            (cursor,) = panel.plot([], [], "o", markersize=6, color=COLOURS[0], markeredgecolor="white")
+            cursor.set_clip_on(False)
+            cursors.append((cursor, values))
+            self._moving.append((panel, cursor))
+        return cursors
 
 
-class _ShownObstacle:
-    """The patches of one obstacle: zone, shape where it is thought to be, shape where it really is."""
+class _ObstaclePatches:
+    """One obstacle on the map: its zone, its shape where it is thought to be, and where it really is."""
 
     def __init__(self, axes: Axes, obstacle: ObstacleRecord, colour: str) -> None:
         from matplotlib.patches import Polygon
 
-        self._zone = Polygon(obstacle.zone_at(0), facecolor=(colour, 0.2), edgecolor=colour, zorder=2)
-        self._thought = Polygon(obstacle.body_at(0), facecolor=(colour, 0.5), edgecolor="none", zorder=2.1)
-        self._true = Polygon(obstacle.body_at(0), facecolor=(colour, 0.7), edgecolor=INK, zorder=3)
-        for patch in (self._zone, self._thought, self._true):
+        self._zone = Polygon(obstacle.zone_at(0), facecolor=(colour, 0.2), edgecolor=colour)
+        self._thought = Polygon(obstacle.body_at(0), facecolor=(colour, 0.5), edgecolor="none")
+        self._true = Polygon(obstacle.body_at(0), facecolor=(colour, 0.7), edgecolor=INK)
+        self.all = (self._zone, self._thought, self._true)
+        for patch in self.all:
             axes.add_patch(patch)
 
-    def show(self, obstacle: ObstacleRecord, index: int) -> None:
+    def move_to(self, obstacle: ObstacleRecord, index: int) -> None:
+        """Move to one of the recording's times."""
         self._zone.set_xy(obstacle.zone_at(index))
         center = obstacle.truth_at(index)
         self._true.set_visible(center is not None)
@@ -195,13 +229,54 @@ class _ShownObstacle:
             self._true.set_xy(obstacle.body_at(index, center))
 
 
-def _writer(suffix: str, rate: float) -> Any:
-    from matplotlib.animation import FFMpegWriter, PillowWriter
+def _write_gif(path: Path, frames: Iterator[Image], interval: float, hold: float) -> None:
+    """Write a GIF whose frames share their colours and hold only what differs from the frame before."""
+    from PIL import Image as images
 
-    if suffix == ".gif":
-        return PillowWriter(fps=rate)  # type: ignore[arg-type]
-    if not FFMpegWriter.isAvailable():
-        raise ValueError(f"{suffix}: needs ffmpeg, which is not installed; .gif does without")
-    # Most players know only colours at half the resolution, which ask for an even size.
+    pictures = [images.fromarray(frame) for frame in frames]
+    some = np.vstack([np.asarray(pictures[i]) for i in (0, len(pictures) // 2, -1)])
+    common = images.fromarray(some).quantize(UNCHANGED)
+    colours = np.array(common.getpalette()).reshape(-1, 3)
+    colours[colours.min(axis=1) >= 248] = 255  # the background, or else only nearly white
+    palette = colours.ravel().tolist()
+    common.putpalette(palette)
+    indexed = [np.array(picture.quantize(palette=common, dither=images.Dither.NONE)) for picture in pictures]
+    changes = [np.where(new == old, np.uint8(UNCHANGED), new) for old, new in pairwise(indexed)]
+    parts = [images.fromarray(part) for part in (indexed[0], *changes)]
+    for part in parts:
+        part.putpalette(palette)
+    # The ticks of the times, not of the intervals, so that rounding does not add up.
+    ticks = np.rint(interval / GIF_TICK * np.arange(len(parts) + 1)).astype(int)
+    durations = np.maximum(np.diff(ticks), 2) * round(1000 * GIF_TICK)
+    durations[-1] += round(1000 * hold)
+    parts[0].save(
+        path,
+        save_all=True,
+        append_images=parts[1:],
+        duration=durations.tolist(),
+        loop=0,
+        disposal=1,
+        transparency=UNCHANGED,
+        optimize=False,
+    )
+
+
+def _write_video(ffmpeg: str, path: Path, frames: Iterator[Image], interval: float, hold: float) -> None:
+    first = next(frames)
+    height, width, _ = first.shape
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{1.0 / interval:.6f}"]
+    # Most players know only colours at half the resolution, which asks for even sides.
     even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]
-    return FFMpegWriter(fps=rate, extra_args=even)  # type: ignore[arg-type]
+    command = [ffmpeg, "-loglevel", "error", "-y", *raw, "-i", "-", *even, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None and process.stderr is not None
+        last = first
+        process.stdin.write(first.tobytes())
+        for last in frames:
+            process.stdin.write(last.tobytes())
+        for _ in range(round(hold / interval)):
+            process.stdin.write(last.tobytes())
+        process.stdin.close()
+        said = process.stderr.read().decode(errors="replace").strip()
+    if process.returncode != 0:
+        raise ValueError(f"{path}: ffmpeg failed: {said}")

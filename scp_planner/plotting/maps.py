@@ -12,6 +12,7 @@ from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, time_t
 from scp_planner.recording import ObstacleRecord, Recording
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 Index = NDArray[np.intp]
@@ -90,17 +91,19 @@ def draw_tracks(axes: Axes, recording: Recording) -> None:
             axes.plot(*obstacle.observed.T, ".", color=GREY, markersize=2.2, markeredgewidth=0, zorder=1.6)
 
 
-def draw_ends(axes: Axes, recording: Recording) -> None:
-    """Mark start and goal."""
+def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
+    """Mark start and goal; return the marks."""
     from matplotlib.patches import Circle
 
     start, goal = recording.position[0], recording.goal
-    axes.plot(*start, marker="o", markersize=5, color="white", markeredgecolor=INK, zorder=5)
-    axes.plot(*goal, marker="*", markersize=11, color="white", markeredgecolor=INK, zorder=5)
+    marks: list[Artist] = [
+        *axes.plot(*start, marker="o", markersize=5, color="white", markeredgecolor=INK, zorder=5),
+        *axes.plot(*goal, marker="*", markersize=11, color="white", markeredgecolor=INK, zorder=5),
+    ]
     if recording.goal_radius > 0.0:
-        axes.add_patch(
-            Circle(goal, recording.goal_radius, fill=False, edgecolor=INK, linestyle=(0, (3, 2)), zorder=1.8)
-        )
+        area = Circle(goal, recording.goal_radius, fill=False, edgecolor=INK, linestyle=(0, (3, 2)), zorder=1.8)
+        marks.append(axes.add_patch(area))
+    return marks
 
 
 @dataclass(frozen=True)
@@ -190,9 +193,7 @@ def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> 
     from matplotlib.patches import Circle
 
     x, y = recording.position[index]
-    axes.add_patch(
-        Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4)
-    )
+    axes.add_patch(Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4))
 
 
 def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index) -> None:

@@ -109,9 +109,7 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
         _draw_regions(above, below, grids, regions)
         _draw_vehicle(above, below, grids)
-        above.set_title(
-            f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold"
-        )
+        above.set_title(f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold")
         _draw_key(figure, regions)
         if path is not None:
             save(figure, path)
