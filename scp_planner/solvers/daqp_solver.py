@@ -4,41 +4,61 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
+from numpy.typing import NDArray
 
-from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.fallback import fall_back
+from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
 
-ACTIVE, LOWER, EQUALITY = 1, 2, 5
+_ACTIVE, _LOWER, _EQUALITY = 1, 2, 5
+_NO_BOUND = 1e30
+_AT_START = 1e-9  # a bound closer to the origin than this is first taken as active
 _STATUS = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
-_PRIMAL_TOLERANCE = 1e-9
-_ITERATION_LIMIT = 2000
+_SETTINGS = {"primal_tol": 1e-9, "iter_limit": 2000}
 
 
 class DaqpSolver:
-    """Adapter of :func:`daqp.solve`."""
+    """Adapter of :func:`daqp.solve`, which keeps nothing between calls.
+
+    The first guess of the active constraints is the program's own, else those that hold with equality at x = 0: a step
+    starts there, and in a loop that converges it ends there. With a good guess a program costs a few iterations
+    instead of hundreds; without any, the method starts at the unconstrained minimiser, far outside all bounds.
+    """
 
     name = "daqp"
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
-        size = len(program.gradient)
-        rows = len(program.bound)
+        size, equalities = len(program.gradient), program.equalities
         upper = np.concatenate([program.upper, program.bound])
-        lower = np.full(size + rows, -1e30)
+        lower = np.full(len(upper), -_NO_BOUND)
         lower[:size] = program.lower
-        lower[size : size + program.equalities] = program.bound[: program.equalities]
-        sense = np.zeros(size + rows, dtype=np.int32)
-        if program.active is not None:
-            sense[program.active > 0] = ACTIVE
-            sense[program.active < 0] = ACTIVE + LOWER
-        sense[size : size + program.equalities] = EQUALITY
-        x, _, flag, info = daqp.solve(
-            program.hessian,
-            program.gradient,
-            program.matrix,
-            upper,
-            lower,
-            sense,
-            primal_tol=_PRIMAL_TOLERANCE,
-            iter_limit=_ITERATION_LIMIT,
-        )
-        return Solution(_STATUS.get(int(flag), SolverStatus.FAILED), np.asarray(x), np.asarray(info["lam"]))
+        lower[size : size + equalities] = program.bound[:equalities]
+        equal = np.zeros(len(upper), dtype=np.int32)
+        equal[size : size + equalities] = _EQUALITY
+        guess = _touching_origin(lower, upper) if program.active is None else _sense(program.active)
+        solution = _call(program, lower, upper, np.where(equal, equal, guess))
+        if solution.status is SolverStatus.FAILED:
+            # A guess with dependent rows can lead into a cycle that a start from nothing does not meet.
+            solution = _call(program, lower, upper, equal)
+        if solution.status is SolverStatus.FAILED:
+            solution = fall_back(program, self.name)
+        return solution
+
+
+def _call(program: QuadraticProgram, lower: Array, upper: Array, sense: NDArray[np.int32]) -> Solution:
+    x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **_SETTINGS)
+    return Solution(_STATUS.get(int(flag), SolverStatus.FAILED), np.asarray(x), np.asarray(info["lam"]))
+
+
+def _sense(active: NDArray[np.int8]) -> NDArray[np.int32]:
+    sense = np.zeros(len(active), dtype=np.int32)
+    sense[active > 0] = _ACTIVE
+    sense[active < 0] = _ACTIVE + _LOWER
+    return sense
+
+
+def _touching_origin(lower: Array, upper: Array) -> NDArray[np.int32]:
+    sense = np.zeros(len(upper), dtype=np.int32)
+    sense[np.abs(upper) <= _AT_START] = _ACTIVE
+    sense[np.abs(lower) <= _AT_START] = _ACTIVE + _LOWER
+    return sense

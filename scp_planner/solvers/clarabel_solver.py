@@ -1,0 +1,80 @@
+"""Clarabel: an interior-point method. No warm start, and so no memory: the fallback, and the oracle of the tests."""
+
+from __future__ import annotations
+
+import clarabel
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.polishing import polish
+from scp_planner.solvers.scaling import equilibrate
+
+_TOLERANCE = 1e-12
+_REDUCED_TOLERANCE = 1e-8  # still accepted where rounding allows no more
+
+_STATUS = {
+    "Solved": SolverStatus.OPTIMAL,
+    "AlmostSolved": SolverStatus.OPTIMAL,
+    "PrimalInfeasible": SolverStatus.INFEASIBLE,
+    "AlmostPrimalInfeasible": SolverStatus.INFEASIBLE,
+}
+
+
+class ClarabelSolver:
+    """Adapter of :class:`clarabel.DefaultSolver`."""
+
+    name = "clarabel"
+
+    def __init__(self) -> None:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        settings.direct_solve_method = "qdldl"
+        settings.presolve_enable = False  # it would drop rows, and we drop those without a bound ourselves
+        settings.equilibrate_enable = False  # done with better scaling here
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+        settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = _REDUCED_TOLERANCE
+        settings.reduced_tol_feas = _REDUCED_TOLERANCE
+        self._settings = settings
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        """Solve one quadratic program."""
+        scaling = equilibrate(program)
+        answer = self._solve_scaled(scaling.program)
+        if answer.status is not SolverStatus.INFEASIBLE:
+            # Polishing checks what it returns, so that it may also save an answer that fell short.
+            answer = polish(scaling.program, answer) or answer
+        return scaling.original(answer)
+
+    def _solve_scaled(self, program: QuadraticProgram) -> Solution:
+        size, equalities = len(program.gradient), program.equalities
+        fixed = np.flatnonzero(program.lower == program.upper)
+        free = program.lower != program.upper
+        equal = np.arange(equalities)
+        rows = equalities + np.flatnonzero(np.isfinite(program.bound[equalities:]))
+        below = np.flatnonzero(free & np.isfinite(program.upper))
+        above = np.flatnonzero(free & np.isfinite(program.lower))
+        eye = np.eye(size)
+        matrix = [eye[fixed], program.matrix[equal], program.matrix[rows], eye[below], -eye[above]]
+        upper, lower = program.upper, program.lower
+        bound = [upper[fixed], program.bound[equal], program.bound[rows], upper[below], -lower[above]]
+        ends = np.cumsum([len(part) for part in bound])
+        answer = clarabel.DefaultSolver(
+            csc_matrix(np.triu(program.hessian)),
+            program.gradient,
+            csc_matrix(np.concatenate(matrix)),
+            np.concatenate(bound),
+            [clarabel.ZeroConeT(ends[1]), clarabel.NonnegativeConeT(ends[-1] - ends[1])],
+            self._settings,
+        ).solve()
+        dual = np.split(np.array(answer.z), ends[:-1])
+        multipliers = np.zeros(size + len(program.bound))
+        multipliers[fixed] = dual[0]
+        multipliers[size + equal] = dual[1]
+        multipliers[size + rows] = dual[2]
+        multipliers[below] += dual[3]
+        multipliers[above] -= dual[4]
+        # An infeasible program's answer is a certificate of that, with finite numbers in it: only the status tells.
+        status = _STATUS.get(str(answer.status), SolverStatus.FAILED)
+        return Solution(status, np.array(answer.x), multipliers)

@@ -1,0 +1,221 @@
+"""CVXPY: the readable form of the same quadratic program, for any installed solver and for constraints of one's own.
+
+The program is written once for each size, with its numbers as Parameters (disciplined parametrised programming, DPP),
+so that CVXPY compiles it once and then only fills in numbers. Programs have ever other numbers of variables and rows:
+they are padded to size classes, with variables whose best value is 0 and rows that nothing reaches.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+
+from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.polishing import polish, violation
+from scp_planner.solvers.scaling import Scaling, equilibrate
+
+ExtraConstraints = Callable[[cp.Expression, cp.Expression], list[cp.Constraint]]
+
+VARIABLE_CLASS = 8  # variables are padded to a multiple of this
+ROW_CLASSES = 4  # size classes of rows in each doubling
+FEASIBLE = 1e-6  # largest violation of an answer that could not be polished, in scaled units
+LARGE = 1e9  # stands for a missing bound, in scaled units
+# Accurate enough to tell the active constraints; polishing does the rest.
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "CLARABEL": {
+        "tol_gap_abs": 1e-11,
+        "tol_gap_rel": 1e-11,
+        "tol_feas": 1e-11,
+        "max_threads": 1,
+        "input_sparse_dropzeros": True,
+    },
+    "OSQP": {"eps_abs": 1e-8, "eps_rel": 1e-8, "max_iter": 20000, "adaptive_rho_interval": 100},
+    "SCS": {"eps_abs": 1e-8, "eps_rel": 1e-8, "max_iters": 50000},
+    "DAQP": {"primal_tol": 1e-10},
+}
+_STATUS = {
+    cp.OPTIMAL: SolverStatus.OPTIMAL,
+    cp.INFEASIBLE: SolverStatus.INFEASIBLE,
+    cp.INFEASIBLE_INACCURATE: SolverStatus.INFEASIBLE,
+}
+
+
+class CvxpySolver:
+    """Adapter of :class:`cvxpy.Problem`.
+
+    Parameters
+    ----------
+    solver : str
+        Any of :func:`cvxpy.installed_solvers` that takes quadratic programs.
+    extra : callable, optional
+        ``extra(step, start)`` returns convex constraints that every step has to keep, DPP in both arguments. Each has
+        one entry for each variable of the step: the free control points of the offset from the guide (m), the control
+        points of the acceleration (m/s^2), and the travel time. ``start`` is what the step starts from, the travel time
+        in s; ``step`` is added to it, and its last entry is relative, rho = (tau - tau_k) / tau_k. Which variables
+        there are is told in :mod:`scp_planner.subproblem`. Where a program does not say what it starts from, ``step``
+        has all its variables and ``start`` is 0. These constraints bind the optimisation only; the certificate knows
+        nothing of them.
+    options : mapping, optional
+        Passed to the solver, over this module's own.
+
+    Raises
+    ------
+    ValueError
+        If the solver is not installed.
+    """
+
+    name = "cvxpy"
+
+    def __init__(
+        self,
+        solver: str = "CLARABEL",
+        extra: ExtraConstraints | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        installed = cp.installed_solvers()  # type: ignore[no-untyped-call]
+        if solver.upper() not in installed:
+            raise ValueError(f"solver: cvxpy has no {solver!r} here; there are {', '.join(installed)}")
+        self._solver = solver.upper()
+        self._options = {**_OPTIONS.get(self._solver, {}), **(options or {})}
+        self._extra = extra
+        self._forms: dict[_Size, _Form] = {}
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        """Solve one quadratic program."""
+        size = _Size.of(program)
+        if size not in self._forms:
+            self._forms[size] = _Form(size, self._extra)
+        form, scaling = self._forms[size], equilibrate(program)
+        form.fill(scaling, program.start)
+        try:
+            with warnings.catch_warnings():
+                # An inaccurate answer is judged here: polished, or returned as failed.
+                warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+                # Without warm start: the answer may not depend on what was solved before.
+                form.problem.solve(  # type: ignore[no-untyped-call]
+                    solver=self._solver, warm_start=False, enforce_dpp=True, **self._options
+                )
+        except cp.SolverError:
+            return _no_answer(program, SolverStatus.FAILED)
+        status = _STATUS.get(form.problem.status, SolverStatus.FAILED)
+        answer = form.answer(scaling.program, status)
+        if self._extra is None and status is not SolverStatus.INFEASIBLE:
+            polished = polish(scaling.program, answer)
+            if polished is not None:
+                return scaling.original(polished)
+        if status is SolverStatus.OPTIMAL and violation(scaling.program, answer.x) > FEASIBLE:
+            answer = replace(answer, status=SolverStatus.FAILED)
+        return scaling.original(answer)
+
+
+@dataclass(frozen=True)
+class _Size:
+    """Numbers of variables of the step, of all variables and of rows with padding, and of equalities."""
+
+    step: int
+    variables: int
+    rows: int
+    equalities: int
+
+    @classmethod
+    def of(cls, program: QuadraticProgram) -> _Size:
+        count = len(program.gradient)
+        return cls(
+            count if program.start is None else len(program.start),
+            -(-count // VARIABLE_CLASS) * VARIABLE_CLASS,
+            _row_class(len(program.bound) - program.equalities),
+            program.equalities,
+        )
+
+
+def _row_class(rows: int) -> int:
+    """Smallest size class for a number of rows."""
+    step = max(2 ** (int(rows).bit_length() - 1) // ROW_CLASSES, 1) if rows else 1
+    return max(-(-rows // step) * step, 1)
+
+
+class _Form:
+    """The quadratic program of one size, as it reads: in the scaled variables y, of which x = columns y.
+
+    minimise |factor y|^2 / 2 + gradient y, where factor' factor is the Hessian.
+    """
+
+    def __init__(self, size: _Size, extra: ExtraConstraints | None) -> None:
+        n, m, k = size.variables, size.rows, size.equalities
+        self.size = size
+        self.y = cp.Variable(n, name="y")
+        self.columns = cp.Parameter(n, name="columns", nonneg=True)
+        self.factor = cp.Parameter((n, n), name="factor")
+        self.gradient = cp.Parameter(n, name="gradient")
+        self.matrix = cp.Parameter((m, n), name="matrix")
+        self.bound = cp.Parameter(m, name="bound")
+        self.equal_matrix = cp.Parameter((k, n), name="equal_matrix")
+        self.equal_bound = cp.Parameter(k, name="equal_bound")
+        self.lower = cp.Parameter(n, name="lower")
+        self.upper = cp.Parameter(n, name="upper")
+        self.start = cp.Parameter(size.step, name="start")
+
+        self.rows = self.matrix @ self.y <= self.bound
+        self.below = self.y <= self.upper
+        self.above = self.y >= self.lower
+        constraints = [self.rows, self.below, self.above]
+        self.equal: cp.Constraint | None = None
+        if k:
+            self.equal = self.equal_matrix @ self.y == self.equal_bound
+            constraints.append(self.equal)
+        if extra is not None:
+            steps = cp.multiply(self.columns, self.y)  # type: ignore[attr-defined]
+            constraints += extra(steps[: size.step], self.start)
+        curved = cp.sum_squares(self.factor @ self.y)  # type: ignore[attr-defined]
+        self.problem = cp.Problem(cp.Minimize(0.5 * curved + self.gradient @ self.y), constraints)
+
+    def fill(self, scaling: Scaling, start: Array | None) -> None:
+        """Set all parameters."""
+        program = scaling.program
+        n, m, k = self.size.variables, self.size.rows, self.size.equalities
+        count, rows = len(program.gradient), len(program.bound) - k
+        factor = np.eye(n)
+        factor[:count, :count] = np.linalg.cholesky(program.hessian).T
+        self.factor.value = factor
+        self.columns.value = _padded(scaling.columns, n, 1.0)
+        self.gradient.value = _padded(program.gradient, n, 0.0)
+        self.lower.value = _padded(np.maximum(program.lower, -LARGE), n, -1.0)
+        self.upper.value = _padded(np.minimum(program.upper, LARGE), n, 1.0)
+        matrix = np.zeros((m, n))
+        matrix[:rows, :count] = program.matrix[k:]
+        bound = _padded(program.bound[k:], m, 1.0)
+        missing = np.isinf(bound)
+        matrix[missing], bound[missing] = 0.0, 1.0
+        self.matrix.value, self.bound.value = matrix, bound
+        equal = np.zeros((k, n))
+        equal[:, :count] = program.matrix[:k]
+        self.equal_matrix.value, self.equal_bound.value = equal, program.bound[:k]
+        self.start.value = np.zeros(self.size.step) if start is None else start
+
+    def answer(self, program: QuadraticProgram, status: SolverStatus) -> Solution:
+        """Return the last answer, without the padding; zeros where there is none."""
+        if self.y.value is None or self.rows.dual_value is None:
+            return _no_answer(program, status)
+        k, count, rows = self.size.equalities, len(program.gradient), len(program.bound)
+        multipliers = np.zeros(count + rows)
+        multipliers[:count] = (self.below.dual_value - self.above.dual_value)[:count]
+        multipliers[count + k :] = self.rows.dual_value[: rows - k]
+        if self.equal is not None:
+            multipliers[count : count + k] = self.equal.dual_value
+        return Solution(status, self.y.value[:count].copy(), multipliers)
+
+
+def _no_answer(program: QuadraticProgram, status: SolverStatus) -> Solution:
+    count = len(program.gradient)
+    return Solution(status, np.zeros(count), np.zeros(count + len(program.bound)))
+
+
+def _padded(values: Array, length: int, padding: float) -> Array:
+    whole = np.full(length, padding)
+    whole[: len(values)] = values
+    return whole

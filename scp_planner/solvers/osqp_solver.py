@@ -1,0 +1,76 @@
+"""OSQP: operator splitting. Its progress depends on the scaling, which is therefore ours, and so is the polishing."""
+
+from __future__ import annotations
+
+import numpy as np
+import osqp
+from scipy.sparse import csc_matrix
+
+from scp_planner.solvers.fallback import fall_back
+from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.polishing import polish
+from scp_planner.solvers.scaling import equilibrate
+
+# Iterations before the active constraints are guessed again: together more than 10,000.
+_ROUNDS = (250, 375, 560, 840, 1260, 1890, 2830, 4250)
+_SETTINGS = {
+    "verbose": False,
+    "scaling": 0,
+    "polishing": False,
+    "check_termination": 25,
+    # Every so many iterations: the clock's choice would make runs differ.
+    "adaptive_rho_interval": 100,
+    "eps_abs": 1e-9,
+    "eps_rel": 1e-9,
+    "eps_prim_inf": 1e-6,
+    "eps_dual_inf": 1e-6,
+}
+_STATUS = {
+    osqp.SolverStatus.OSQP_SOLVED: SolverStatus.OPTIMAL,
+    osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE: SolverStatus.INFEASIBLE,
+    osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE_INACCURATE: SolverStatus.INFEASIBLE,
+}
+_GOING_ON = (osqp.SolverStatus.OSQP_MAX_ITER_REACHED, osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
+
+
+class OsqpSolver:
+    """Adapter of :class:`osqp.OSQP`: a new one for each program, as a used one starts from its last answer."""
+
+    name = "osqp"
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        """Solve one quadratic program."""
+        scaling = equilibrate(program)
+        scaled = scaling.program
+        solver = _set_up(scaled)
+        for iterations in _ROUNDS:
+            solver.update_settings(max_iter=iterations)
+            answer = solver.solve(raise_error=False)
+            reached = answer.info.status_val
+            solution = Solution(_STATUS.get(reached, SolverStatus.FAILED), np.array(answer.x), np.array(answer.y))
+            if solution.status is SolverStatus.INFEASIBLE:
+                return scaling.original(solution)
+            polished = polish(scaled, solution)
+            if polished is not None:
+                return scaling.original(polished)
+            if reached not in _GOING_ON:
+                break
+        return fall_back(program, self.name)
+
+
+def _set_up(program: QuadraticProgram) -> osqp.OSQP:
+    size, equalities = len(program.gradient), program.equalities
+    upper = np.concatenate([program.upper, program.bound])
+    lower = np.full(len(upper), -np.inf)
+    lower[:size] = program.lower
+    lower[size : size + equalities] = program.bound[:equalities]
+    solver = osqp.OSQP()
+    solver.setup(
+        csc_matrix(np.triu(program.hessian)),
+        program.gradient.copy(),  # the package keeps what it is given, and writes to it
+        csc_matrix(np.concatenate([np.eye(size), program.matrix])),
+        lower,
+        upper,
+        **_SETTINGS,
+    )
+    return solver

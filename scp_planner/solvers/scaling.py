@@ -1,0 +1,86 @@
+"""Row and column scaling of a quadratic program, for solvers whose steps are not invariant to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scp_planner.solvers.interface import Array, QuadraticProgram, Solution
+
+PASSES = 12
+NARROWEST = 1e-12  # norm of a row or column that is taken as nothing: scaling it up would only blow up rounding
+NO_BOUND = 1e20  # bounds beyond this are none: as rows they would hurt the scaling
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """A program in scaled variables and units, and the way between them.
+
+    Attributes
+    ----------
+    program : QuadraticProgram
+        In y = x / columns, its rows multiplied by ``rows`` and its objective by ``cost``. Missing bounds are infinite.
+    columns : (n,) array
+    rows : (m,) array
+    cost : float
+    """
+
+    program: QuadraticProgram
+    columns: Array
+    rows: Array
+    cost: float
+
+    def scaled(self, solution: Solution) -> Solution:
+        """Return a solution of the original program as one of the scaled program."""
+        return Solution(solution.status, solution.x / self.columns, solution.multipliers * self._prices * self.cost)
+
+    def original(self, solution: Solution) -> Solution:
+        """Return a solution of the scaled program as one of the original program."""
+        return Solution(solution.status, solution.x * self.columns, solution.multipliers / (self._prices * self.cost))
+
+    @property
+    def _prices(self) -> Array:
+        return np.concatenate([self.columns, 1.0 / self.rows])
+
+
+def equilibrate(program: QuadraticProgram) -> Scaling:
+    """Scale a program so that all rows and columns of its KKT matrix have about the same largest entry.
+
+    Ruiz, "A scaling algorithm to equilibrate both rows and columns norms in matrices" (2001), on
+    [[H, A'], [A, 0]], then one factor for the objective as in OSQP (Stellato et al. 2020, algorithm 2).
+
+    Parameters
+    ----------
+    program : QuadraticProgram
+
+    Returns
+    -------
+    Scaling
+    """
+    hessian, matrix = np.abs(program.hessian), np.abs(program.matrix)
+    columns, rows = np.ones(hessian.shape[0]), np.ones(matrix.shape[0])
+    for _ in range(PASSES):
+        column = _inverse_root(np.maximum(hessian.max(axis=0), matrix.max(axis=0, initial=0.0)))
+        row = _inverse_root(matrix.max(axis=1, initial=0.0))
+        hessian *= column * column[:, None]
+        matrix *= column
+        matrix *= row[:, None]
+        columns *= column
+        rows *= row
+    gradient = program.gradient * columns
+    cost = 1.0 / max(float(hessian.max(axis=0).mean()), float(np.abs(gradient).max()), NARROWEST)
+    scaled = replace(
+        program,
+        hessian=program.hessian * (cost * columns * columns[:, None]),
+        gradient=gradient * cost,
+        lower=np.where(program.lower > -NO_BOUND, program.lower, -np.inf) / columns,
+        upper=np.where(program.upper < NO_BOUND, program.upper, np.inf) / columns,
+        matrix=program.matrix * columns * rows[:, None],
+        bound=np.where(program.bound < NO_BOUND, program.bound, np.inf) * rows,
+    )
+    return Scaling(scaled, columns, rows, cost)
+
+
+def _inverse_root(norm: Array) -> Array:
+    return np.where(norm > NARROWEST, 1.0 / np.sqrt(np.maximum(norm, NARROWEST)), 1.0)
