@@ -19,6 +19,7 @@ W.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
@@ -30,7 +31,7 @@ from scp_planner.motion_estimate import MotionEstimate, MotionPolynomials, Polyn
 from scp_planner.observations import Faulty, Outliers, Screening, check_observations
 
 if TYPE_CHECKING:
-    from scp_planner.scenario import Obstacle
+    from scp_planner.scenario import Obstacle, Prior
 
 __all__ = [
     "Faulty",
@@ -99,9 +100,7 @@ def estimate_motion(
         raise EstimationError(f"forgetting: {forgetting!r} is not in (0, 1]")
     screening = screening or Screening()
     if forgetting < 1.0 and covariance is None and screening.outliers is not Outliers.KEEP:
-        raise EstimationError(
-            f"forgetting: with outliers {screening.outliers.value!r} the covariance must be given"
-        )
+        raise EstimationError(f"forgetting: with outliers {screening.outliers.value!r} the covariance must be given")
     seen = check_observations(times, positions, covariance, screening)
     problem = MotionProblem(int(order), prior, Noise(noise), forgetting)
     if screening.outliers is Outliers.GATE:
@@ -117,6 +116,23 @@ def estimate_obstacle(obstacle: Obstacle) -> MotionEstimate:
     if seen is None:
         raise EstimationError(f"obstacle {obstacle.id!r}: it has no observations; its motion is given")
     try:
-        return estimate_motion(seen.time, seen.position, seen.covariance, model.order, model.prior)
+        if model.process is not None:
+            from scp_planner.motion_models import estimate_process
+
+            return estimate_process(seen.time, seen.position, model.process, seen.covariance)
+        return estimate_motion(seen.time, seen.position, seen.covariance, model.order, _prior(model.prior))
     except EstimationError as error:
         raise EstimationError(f"obstacle {obstacle.id!r}: {error}") from error
+
+
+def _prior(given: Prior | None) -> MotionPrior | None:
+    """Turn the prior of a scenario into numbers; what it leaves open has no finite deviation."""
+    if given is None:
+        return None
+    velocity, acceleration = given.velocity_deviation, given.acceleration_deviation
+    return MotionPrior(
+        given.velocity,
+        math.inf if velocity is None else velocity,
+        given.acceleration,
+        math.inf if acceleration is None else acceleration,
+    )

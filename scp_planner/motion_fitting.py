@@ -303,7 +303,8 @@ def _windows(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tuple[
 def _tail_quantiles(errors: PredictionErrors) -> Array:
     """Give the squares exceeded with each of `_LEVELS`, averaged over what the tracks leave open."""
     best = _censored_fit(errors.squares, np.log([1.0, 6.0]))
-    groups = np.unique(errors.tracks, return_inverse=True)[1] % _GROUPS
+    places = np.unique(errors.tracks, return_inverse=True)[1]
+    groups = places * _GROUPS // (places.max() + 1)
     left_out = np.array([_censored_fit(errors.squares[groups != g], best) for g in np.unique(groups)])
     # jackknife replicates, spread so that their mean square is the variance of the estimate
     replicates = np.exp(best + math.sqrt(len(left_out) - 1.0) * (left_out - left_out.mean(axis=0)))

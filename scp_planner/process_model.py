@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files
-from scp_planner.errors import MotionModelError
+from scp_planner.errors import Fault, MotionModelError
 from scp_planner.validation import Part, Problem, Rule, faults_of, variant
 
 SCHEMA_VERSION = 1
@@ -103,12 +104,43 @@ class FittedTo(Part):
 
     source: str = Field("", description="where the tracks came from")
     tracks: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="how many tracks")
-    observations: Annotated[int, Field(strict=True, ge=0)] = Field(
-        0, description="how many positions in them"
-    )
-    window: Annotated[int, Field(strict=True, ge=0)] = Field(
-        0, description="positions that predictions were from"
-    )
+    observations: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="how many positions in them")
+    window: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="positions that predictions were from")
+
+
+def also_a_file_name(schema: dict[str, Any]) -> None:
+    """Let a JSON schema allow text where a file may name another one."""
+    schema.setdefault("anyOf", []).append({"type": "string"})
+
+
+def read_processes(data: Any, folder: Path) -> list[Fault]:
+    """Put the contents of their files in the place of the names of process models in a scenario file.
+
+    Parameters
+    ----------
+    data
+        What the scenario file holds; changed in place.
+    folder
+        Where it lies; names are relative to it.
+    """
+    faults = []
+    obstacles = data.get("obstacles") if isinstance(data, dict) else None
+    for i, obstacle in enumerate(obstacles if isinstance(obstacles, list) else ()):
+        model = obstacle.get("model") if isinstance(obstacle, dict) else None
+        if not isinstance(model, dict) or not isinstance(model.get("process"), str):
+            continue
+        name = model["process"]
+        place = f"obstacles[{i}].model.process"
+        model["process"] = _STAND_IN  # one fault is enough
+        try:
+            model["process"] = ProcessModel.load(folder / name)
+        except OSError as error:
+            faults.append(Fault(place, name, f"must be the name of a file that can be read ({error.strerror})"))
+        except MotionModelError as error:
+            faults += [
+                Fault(f"{place} ({name}){'.' if f.path else ''}{f.path}", f.value, f.message) for f in error.faults
+            ]
+    return faults
 
 
 def _version_is_known(model: Any) -> Iterator[Problem]:
@@ -160,3 +192,8 @@ class ProcessModel(Part):
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model so that `load` gives an equal one; the file is replaced whole or not at all."""
         files.write(path, self.model_dump(mode="json", by_alias=True))
+
+
+_STAND_IN = ProcessModel(
+    process=RandomWalkVelocity(diffusion=1.0), velocity_deviation=1.0, noise_deviation=1.0, tails=None
+)

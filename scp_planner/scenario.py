@@ -11,12 +11,14 @@ import math
 from collections.abc import Mapping
 from enum import StrEnum
 from os import PathLike
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files, planar, scenario_checks
 from scp_planner.errors import ScenarioError
+from scp_planner.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.validation import Part, Rule, faults_of, nearest, variant
 
 LARGEST_COORDINATE = 1e12
@@ -207,13 +209,32 @@ class Observations(Part):
     )
 
 
+class Prior(Part):
+    """Independent normal priors of velocity and acceleration at the time of the last observation."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.prior_says_something,)
+
+    velocity: Vector = Field((0.0, 0.0), description="expected [x, y], m/s")
+    velocity_deviation: Positive | None = Field(None, description="of each component, m/s; null: unknown")
+    acceleration: Vector = Field((0.0, 0.0), description="expected [x, y], m/s2")
+    acceleration_deviation: Positive | None = Field(None, description="of each component, m/s2; null: unknown")
+
+
 class Model(Part):
     """What the estimate takes for granted about the motion."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.prior_or_process,)
 
     order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
         2, description="0 standing, 1 constant velocity, 2 constant acceleration"
     )
-    prior: None = Field(None, description="null")
+    prior: Prior | None = Field(None, description="of velocity and acceleration; null: none")
+    process: ProcessModel | None = Field(
+        None,
+        description="motion with process noise in place of order and prior, or the name of its file beside this"
+        " one; null: none",
+        json_schema_extra=also_a_file_name,
+    )
 
 
 class Obstacle(Part):
@@ -298,6 +319,7 @@ class Scenario(Part):
             If the file cannot be read.
         """
         data, faults = files.read(path)
+        faults = [*faults, *read_processes(data, Path(path).parent)]
         try:
             scenario = cls.model_validate(data) if data is not None else None
         except ValidationError as error:

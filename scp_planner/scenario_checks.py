@@ -156,15 +156,36 @@ def enough_observations(obstacle: Any) -> Iterator[Problem]:
     """There are enough observations for the model's order, and for the covariance if it is estimated."""
     if obstacle.observations is None:
         return
-    order, count = obstacle.model.order, len(obstacle.observations.time)
+    model, count = obstacle.model, len(obstacle.observations.time)
+    if model.process is not None:
+        if not count:
+            yield Problem(("observations", "time"), obstacle.observations.time, "must have at least 1 entry")
+        return
+    order, prior = model.order, model.prior
     # order + 1 coefficients. The quantile of F(2, n - order - 2) and an invertible 2 x 2 estimate of the
     # covariance need two degrees of freedom more.
     estimated = obstacle.observations.covariance is None
     least = order + 3 if estimated else order + 1
+    if prior is not None and not estimated:
+        # what the prior tells need not be observed
+        given = (prior.velocity_deviation, prior.acceleration_deviation)[:order]
+        least -= sum(deviation is not None for deviation in given)
     if count < least:
         why = "the covariance to be estimated (null)" if estimated else "a known covariance"
         text = f"too few: order {order} and {why} need at least {least} observations, not {count}"
         yield Problem(("observations", "time"), obstacle.observations.time, text)
+
+
+def prior_says_something(prior: Any) -> Iterator[Problem]:
+    """A prior gives at least one deviation."""
+    if prior.velocity_deviation is None and prior.acceleration_deviation is None:
+        yield Problem((), MISSING, "must give velocity_deviation, acceleration_deviation or both")
+
+
+def prior_or_process(model: Any) -> Iterator[Problem]:
+    """A motion with process noise has its own prior."""
+    if model.prior is not None and model.process is not None:
+        yield Problem(("prior",), model.prior, "must be null where process is given")
 
 
 def times_increase(observations: Any) -> Iterator[Problem]:

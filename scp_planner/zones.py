@@ -376,6 +376,7 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
         estimate,
         obstacles=estimated,
         start=start,
+        stop=start + HORIZON,
     )
     pieces = estimate.polynomials(start, start + HORIZON)
     return ThreatZone(

@@ -75,7 +75,7 @@ CASES = [
     Case("schema of the future", {"schema": 2}, "schema", "2", "must be 1"),
     Case("number for a name", {"name": 7}, "name", "7", "text"),
     Case("empty id", {"obstacles.0.id": ""}, "obstacles[0].id", "''", "not be empty"),
-    Case("a prior", {"obstacles.1.model.prior": 0.3}, "obstacles[1].model.prior", "0.3", "null"),
+    Case("a prior", {"obstacles.1.model.prior": 0.3}, "obstacles[1].model.prior", "0.3", "mapping"),
     # the trip
     Case(
         "start is goal",
