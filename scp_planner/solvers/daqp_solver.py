@@ -6,7 +6,6 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.solvers.fallback import fall_back
 from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
 
 _ACTIVE, _LOWER, _EQUALITY = 1, 2, 5
@@ -40,8 +39,6 @@ class DaqpSolver:
         if solution.status is SolverStatus.FAILED:
             # A guess with dependent rows can lead into a cycle that a start from nothing does not meet.
             solution = _call(program, lower, upper, equal)
-        if solution.status is SolverStatus.FAILED:
-            solution = fall_back(program, self.name)
         return solution
 
 

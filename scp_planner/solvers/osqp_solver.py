@@ -6,7 +6,6 @@ import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
 
-from scp_planner.solvers.fallback import fall_back
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.scaling import equilibrate
@@ -55,7 +54,7 @@ class OsqpSolver:
                 return scaling.original(polished)
             if reached not in _GOING_ON:
                 break
-        return fall_back(program, self.name)
+        return scaling.original(solution)
 
 
 def _set_up(program: QuadraticProgram) -> osqp.OSQP:
