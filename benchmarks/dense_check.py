@@ -197,9 +197,7 @@ def check_samples(
 
     knots = np.asarray(times, dtype=float)
     spline = make_interp_spline(knots, np.asarray(positions, dtype=float), k=5)
-    return check_trip(
-        scenario, spline, float(knots[0]), float(knots[-1]), tolerances=tolerances, samples=samples
-    )
+    return check_trip(scenario, spline, float(knots[0]), float(knots[-1]), tolerances=tolerances, samples=samples)
 
 
 def _as_mapping(scenario: Mapping[str, Any] | str | os.PathLike[str]) -> Mapping[str, Any]:
@@ -269,9 +267,7 @@ def _points_by_length(positions: Array) -> NDArray[np.intp]:
     return np.unique(np.clip(chosen, 0, positions.shape[0] - 1))
 
 
-def _motion_limits(
-    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances
-) -> list[Finding]:
+def _motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
     vehicle = data["vehicle"]
     step = float(times[1] - times[0])
     width = max(1, round(SPEED_WINDOW / step))
@@ -347,9 +343,7 @@ def _workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed:
     return [Finding("bounds", room, 0.0, -room, allowed.clearance, float(times[worst]))]
 
 
-def _clearances(
-    data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances
-) -> list[Finding]:
+def _clearances(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
     radius = float(data["vehicle"]["radius"])
     found = []
     for obstacle in data.get("obstacles", ()):

@@ -174,9 +174,7 @@ def far(rng: np.random.Generator, count: int, near: int = NEAR_OBSTACLES) -> Sce
     return data
 
 
-def _disc(
-    number: int, radius: float, place: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-) -> Scenario:
+def _disc(number: int, radius: float, place: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Scenario:
     return _obstacle(number, {"disc": round(float(radius), DIGITS)}, place, velocity, acceleration)
 
 

@@ -146,9 +146,7 @@ def _print_reference(rows: list[dict[str, Any]], stages: list[str], options: arg
             ]
         )
     print(common.table(headings, lines))
-    print(
-        f"\nratio: travel time / best known, certified plans only. {_refused(rows)} certified plans refused."
-    )
+    print(f"\nratio: travel time / best known, certified plans only. {_refused(rows)} certified plans refused.")
 
 
 def scaling(options: argparse.Namespace) -> int:
@@ -172,14 +170,11 @@ def scaling(options: argparse.Namespace) -> int:
                     "wall_ms": 1e3 * outcome.wall_time,
                 }
             )
-            common.say(
-                f"crowd {crowd}, {count} obstacles: {rows[-1]['wall_ms']:.2f} ms, {outcome.plan.status}"
-            )
+            common.say(f"crowd {crowd}, {count} obstacles: {rows[-1]['wall_ms']:.2f} ms, {outcome.plan.status}")
     common.write_csv(options.output / "scaling.csv", rows)
     _print_environment()
     walls = {
-        count: common.median(row["wall_ms"] for row in rows if row["obstacles"] == count)
-        for count in SCALING_COUNTS
+        count: common.median(row["wall_ms"] for row in rows if row["obstacles"] == count) for count in SCALING_COUNTS
     }
     base = walls[SCALING_COUNTS[0]]
     lines = [[count, f"{wall:.2f}", f"{wall - base:.2f}"] for count, wall in walls.items()]
@@ -252,9 +247,7 @@ def random_scenarios(options: argparse.Namespace) -> int:
         "wall ms 95 %",
     ]
     print(common.table(headings, lines))
-    return sum(
-        1 for row in rows if row["status"] == "crashed" or (row["certified"] and not row["dense_check"])
-    )
+    return sum(1 for row in rows if row["status"] == "crashed" or (row["certified"] and not row["dense_check"]))
 
 
 def parser() -> argparse.ArgumentParser:

@@ -168,9 +168,7 @@ def report(summaries: list[dict[str, Any]], details: list[dict[str, Any]], known
         parts.append(f"### {family}\n\n{common.table(headings, lines)}\n")
     ratios = start_ratios(details, "casadi-ipopt", REFERENCE_RUN)
     if ratios:
-        parts.append(
-            f"Wall time a start, casadi-ipopt / {REFERENCE_RUN}: median {common.median(ratios):.1f}.\n"
-        )
+        parts.append(f"Wall time a start, casadi-ipopt / {REFERENCE_RUN}: median {common.median(ratios):.1f}.\n")
     return "\n".join(parts)
 
 
@@ -203,13 +201,9 @@ def _line(
 
 def start_ratios(details: Sequence[dict[str, Any]], slow: str, fast: str) -> list[float]:
     """Ratios of the wall time of two methods, for each scenario and start that both have."""
-    walls = {
-        (row["method"], row["scenario"], row["bow"], row["speed_share"]): row["wall_ms"] for row in details
-    }
+    walls = {(row["method"], row["scenario"], row["bow"], row["speed_share"]): row["wall_ms"] for row in details}
     return [
-        wall / walls[(fast, *key)]
-        for (method, *key), wall in walls.items()
-        if method == slow and (fast, *key) in walls
+        wall / walls[(fast, *key)] for (method, *key), wall in walls.items() if method == slow and (fast, *key) in walls
     ]
 
 
@@ -223,9 +217,7 @@ def parser() -> argparse.ArgumentParser:
                       help=f"of {', '.join(repr(name) for name in methods)} (default: all)")  # fmt: skip
     made.add_argument("--starts", type=int, default=10, choices=range(1, 11), metavar="N",
                       help="of the ten starts, the first N (default: 10)")  # fmt: skip
-    made.add_argument(
-        "--repeat", type=int, default=1, help="timed calls a start, the median counts (default: 1)"
-    )
+    made.add_argument("--repeat", type=int, default=1, help="timed calls a start, the median counts (default: 1)")
     made.add_argument("--data", type=Path, help="folder of the reference scenarios")
     made.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
     return made

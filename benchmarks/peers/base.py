@@ -94,9 +94,7 @@ def require_plain(scenario: Scenario) -> None:
         raise ValueError(f"{scenario['name']}: the peers know neither bounds nor guides")
     for obstacle in scenario["obstacles"]:
         if "disc" not in obstacle["shape"] or obstacle.get("motion") is None:
-            raise ValueError(
-                f"{scenario['name']}: obstacle {obstacle['id']!r} is not a disc with exact motion"
-            )
+            raise ValueError(f"{scenario['name']}: obstacle {obstacle['id']!r} is not a disc with exact motion")
 
 
 def disc_arrays(scenario: Scenario) -> Array:

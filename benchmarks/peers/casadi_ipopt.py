@@ -116,16 +116,12 @@ class CasadiIpopt:
 
         ends = drive.map(intervals)(states[:, :-1], controls, ca.repmat(step, 1, intervals))
         gaps = ca.vec(ends - states[:, 1:])
-        lateral = ca.vertcat(
-            ca.vec(controls[1, :] * states[3, :-1] ** 2), ca.vec(controls[1, :] * states[3, 1:] ** 2)
-        )
+        lateral = ca.vertcat(ca.vec(controls[1, :] * states[3, :-1] ** 2), ca.vec(controls[1, :] * states[3, 1:] ** 2))
         clearances = []
         for k in range(intervals):
             for j in range(points):
                 time = begin + step * (k + j / points)
-                place = (
-                    states[:2, k] if j == 0 else drive(states[:, k], controls[:, k], step * j / points)[:2]
-                )
+                place = states[:2, k] if j == 0 else drive(states[:, k], controls[:, k], step * j / points)[:2]
                 if k == 0 and j == 0:
                     continue
                 centres = discs[0:2, :] + discs[2:4, :] * time + discs[4:6, :] * time**2 / 2
@@ -167,27 +163,17 @@ class CasadiIpopt:
         upper_controls = np.tile([float(vehicle["max_acceleration"]), bend], intervals)
         clearances = (intervals * self._points - 1) * count
         answer = solver(
-            x0=np.concatenate(
-                [nodes.states.ravel(), controls.ravel(), np.full(count, 1e-2), [guess.duration]]
-            ),
+            x0=np.concatenate([nodes.states.ravel(), controls.ravel(), np.full(count, 1e-2), [guess.duration]]),
             p=np.concatenate([[begin], discs.ravel()]),
             lbx=np.concatenate([lower_states.ravel(), lower_controls, np.zeros(count), [0.1]]),
-            ubx=np.concatenate(
-                [upper_states.ravel(), upper_controls, np.full(count, free), [10.0 * guess.duration]]
-            ),
-            lbg=np.concatenate(
-                [np.zeros(4 * intervals), np.full(2 * intervals, -lateral), np.zeros(clearances)]
-            ),
-            ubg=np.concatenate(
-                [np.zeros(4 * intervals), np.full(2 * intervals, lateral), np.full(clearances, free)]
-            ),
+            ubx=np.concatenate([upper_states.ravel(), upper_controls, np.full(count, free), [10.0 * guess.duration]]),
+            lbg=np.concatenate([np.zeros(4 * intervals), np.full(2 * intervals, -lateral), np.zeros(clearances)]),
+            ubg=np.concatenate([np.zeros(4 * intervals), np.full(2 * intervals, lateral), np.full(clearances, free)]),
         )
         statistics = solver.stats()
         found = np.asarray(answer["x"], dtype=float).ravel()
         split = 4 * (intervals + 1)
-        trip = ArcTrip(
-            begin, found[:4], found[split : split + 2 * intervals].reshape(-1, 2), float(found[-1])
-        )
+        trip = ArcTrip(begin, found[:4], found[split : split + 2 * intervals].reshape(-1, 2), float(found[-1]))
         slack = float(found[split + 2 * intervals : -1].max(initial=0.0))
         return Attempt(
             success=bool(statistics["success"]) and slack <= SLACK_ALLOWED,

@@ -74,9 +74,7 @@ class Slsqp:
             require_plain(scenario)
             length = _length(scenario)
             if length not in self._tables:
-                self._tables[length] = _tabulate(
-                    length, float(scenario["vehicle"]["max_speed"]), _rate_knots(scenario)
-                )
+                self._tables[length] = _tabulate(length, float(scenario["vehicle"]["max_speed"]), _rate_knots(scenario))
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:
         """Solve from the bow and speed of the start."""
@@ -110,9 +108,7 @@ class Slsqp:
         begin = float(scenario["start"].get("time", 0.0))
         slack = float(z[model.tau + 1 :].max(initial=0.0))
         kept = success and slack <= SLACK_ALLOWED
-        return Attempt(
-            kept, trip, begin, begin + float(z[model.tau]), iterations, f"{message}, slack {slack:.1e} m"
-        )
+        return Attempt(kept, trip, begin, begin + float(z[model.tau]), iterations, f"{message}, slack {slack:.1e} m")
 
 
 def _length(scenario: Scenario) -> float:
@@ -433,9 +429,7 @@ class _Model:
             distance = self.start_speed * tau * share + tau**2 * driven(share)
             station = np.interp(distance, arc, fine)
             for _ in range(3):
-                station = np.clip(
-                    station - (table(station) - distance) / table(station, 1), 0.0, tables.length
-                )
+                station = np.clip(station - (table(station) - distance) / table(station, 1), 0.0, tables.length)
             return self.origin + np.column_stack([station, path(station)]) @ self.axes
 
         return position
