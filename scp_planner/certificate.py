@@ -36,6 +36,7 @@ MAX_HALVINGS = 22
 INTERVALS = 192  # at the first level, besides those between knots
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
 END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
+GOAL_SPEED_TOLERANCE = 1e-3  # m/s
 CLEARANCE_TOLERANCE = 1e-9  # m
 REPORT_PRECISION = 1e-3  # m; the reported least clearance is a lower bound at most this far below the true one
 
@@ -193,7 +194,7 @@ class _Check:
             ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
         ]
         if goal.speed is not None:
-            found.append(("goal speed", abs(float(points.speed[1]) - goal.speed), 0.0, times[1]))
+            found.append(("goal speed error", abs(float(points.speed[1]) - goal.speed), GOAL_SPEED_TOLERANCE, times[1]))
         for name, wanted, vector, time in (
             ("start heading", start.heading, direction[0], times[0]),
             ("goal heading", goal.heading, direction[1], times[1]),

@@ -23,7 +23,7 @@ from scp_planner.zones import ZoneContacts
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-LIMIT_NAMES = ("lateral acceleration", "curvature", "speed", "workspace bounds")
+LIMIT_NAMES = ("lateral acceleration", "curvature", "speed", "workspace bounds", "goal speed")
 
 
 @dataclass
@@ -34,8 +34,9 @@ class Penalties:
     ----------
     zones : (L,) array
         s per m of the deepest entry into each zone.
-    limits : (4,) array
-        s per unit of relative excess over lateral acceleration, curvature and speed, and s per m outside the box.
+    limits : (5,) array
+        s per unit of relative excess over lateral acceleration, curvature and speed, s per m outside the box, s per m/s
+        of difference from the goal speed.
     """
 
     zones: Array
@@ -65,7 +66,7 @@ class Evaluation:
         Deepest entry into each zone, m, 0 where there is none.
     box_gaps : (M, S) array
         Distances to the sides of the workspace box at the fixed stations, m.
-    limit_violation : (4,) array
+    limit_violation : (5,) array
         Excess over the limits, see LIMIT_NAMES.
     """
 
@@ -155,12 +156,14 @@ def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Arra
 
 
 def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites, gaps: Array) -> Array:
+    goal_speed = problem.ends.goal_speed
     return np.maximum(
         [
             sites.worst_lateral / problem.limits.lateral_acceleration - 1.0,
             float(np.abs(sites.curvature).max()) / problem.limits.curvature - 1.0,
             float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
             -float(gaps.min(initial=0.0)),
+            0.0 if goal_speed is None else abs(trajectory.final_speed - goal_speed),
         ],
         0.0,
     )

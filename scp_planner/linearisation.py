@@ -17,6 +17,7 @@ from scp_planner.constraints.clearance import clearance_rows
 from scp_planner.constraints.kinematics import (
     both_gaps,
     curvature_rows,
+    goal_speed_rows,
     lateral_rows,
     station_sites,
 )
@@ -93,6 +94,7 @@ class Linearisation:
                 both_gaps(lateral / limits.lateral_acceleration),
                 both_gaps(other.sites.curvature[self.bends] / limits.curvature),
                 other.box_gaps.ravel()[self.walls],
+                goal_speed_rows(problem, other.trajectory, 0).gap,
             ]
         )
         return gaps[self.kept]
@@ -128,6 +130,7 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
             lateral_rows(problem, trajectory, base.sites, stations, jumps, zones.size),
             curvature_rows(problem, trajectory, base.sites, bends, zones.size + 1),
             box_rows(problem, base.box_gaps, walls, zones.size + 3),
+            goal_speed_rows(problem, trajectory, zones.size + 4),
         ]
     )
     kept = np.flatnonzero(_reach(problem, rows, trust) >= rows.gap)

@@ -24,6 +24,7 @@ from scp_planner.zones import ThreatZone, zones
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
+DELAY_STEPS = (0.1, 0.4, 1.6)  # s; coarser ones are tried only where there is no way with short delays
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
@@ -159,16 +160,19 @@ class _Planning:
     def _starts(self) -> Iterator[tuple[float, Trajectory]]:
         """Estimated travel times and starts: ways round, or bows if the search finds none."""
         clock = perf_counter()
-        search = WaySearch(self.problem)
         found = 0
-        for way in search.ways(self.settings.searches):
-            start = search.start(way)
-            found += 1
-            self.timings["search"] += perf_counter() - clock
-            yield way.travel_time, start
-            clock = perf_counter()
-            if found >= self.settings.max_runs:
-                return
+        for delay_step in DELAY_STEPS:
+            search = WaySearch(self.problem, delay_step)
+            for way in search.ways(self.settings.searches):
+                start = search.start(way)
+                found += 1
+                self.timings["search"] += perf_counter() - clock
+                yield way.travel_time, start
+                clock = perf_counter()
+                if found >= self.settings.max_runs:
+                    return
+            if found:
+                break
         self.timings["search"] += perf_counter() - clock
         if found == 0:
             logger.info("the search found no way; starting from bows")

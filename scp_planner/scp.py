@@ -193,6 +193,8 @@ class ScpLoop:
         model = base.trajectory.travel_time * (1.0 + z[sub.step_size - 1]) + float(weights[sub.groups] @ slack)
         candidate = self._candidate(base.trajectory, z)
         size = _relative_size(z, sub)
+        if candidate is None:
+            return _Step(base, merit - model, -np.inf, size)
         step = _Step(candidate, merit - model, merit - candidate.merit(penalties), size)
         if step.ratio < CORRECT_BELOW and step.predicted > 0.2 * self.problem.settings.tolerance:
             corrected = self._correct(lines, sub, z, candidate)
@@ -221,15 +223,16 @@ class ScpLoop:
             solution = solver_named(self.fallback).solve(sub.program)
         return solution.x if solution.status is SolverStatus.OPTIMAL else None
 
-    def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation:
-        """The trip after a step, its travel time from the closed form."""
+    def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation | None:
+        """The trip after a step, its travel time from the closed form; None if it would never arrive."""
         free = self.problem.ends.free
         count = free.stop - free.start
         size = self.problem.space.acceleration_size
         theta = trajectory.theta.copy()
         theta[free] += z[:count]
         beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
-        return evaluate_trip(self.problem, self.problem.space.trajectory(theta, beta), NEAR)
+        moved = self.problem.space.trajectory(theta, beta)
+        return evaluate_trip(self.problem, moved, NEAR) if np.isfinite(moved.travel_time) else None
 
     def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: float) -> Status | None:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""

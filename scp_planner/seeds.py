@@ -76,14 +76,14 @@ class WaySearch:
         Resolution of the delays, s.
     """
 
-    def __init__(self, problem: Problem, delay_step: float | None = None) -> None:
+    def __init__(self, problem: Problem, delay_step: float = DELAY_STEP) -> None:
         self.problem = problem
         space, limits = problem.space, problem.limits
         columns = max(8, round(space.length / STATION_STEP))
         self.stations = np.linspace(0.0, space.length, columns + 1)
         self.middle = round(REACH / OFFSET_STEP)
-        self.offsets: Array = OFFSET_STEP * np.arange(-self.middle, self.middle + 1)
-        self.delays = (delay_step or DELAY_STEP) * np.arange(DELAYS)
+        self.offsets: Array = OFFSET_STEP * np.arange(-self.middle, self.middle + 1, dtype=np.float64)
+        self.delays = delay_step * np.arange(DELAYS)
         self.speeds = (space.start_speed, limits.speed, limits.acceleration)
         self.fastest = _fastest_times(self.stations, *self.speeds)
         step = space.length / columns
@@ -91,6 +91,7 @@ class WaySearch:
         self.move_cost = slower / limits.speed + SIDEWAYS_COST * np.arange(OFFSET_MOVES + 1)
         self.solver = solver_named("daqp")
         self._block()
+        self.outside = self._outside_box()
 
     def _block(self) -> None:
         """Find the offsets that each obstacle blocks at each station and delay."""
@@ -117,6 +118,14 @@ class WaySearch:
         self.cell = (column[entry // DELAYS] * DELAYS + entry % DELAYS)[met]
         self.zone, self.center = zone[met], middle[met]
 
+    def _outside_box(self) -> NDArray[np.bool_]:
+        """Which cells lie outside the workspace box, (n, offsets)."""
+        box, path = self.problem.box, Path(self.problem.space, np.zeros(self.problem.space.path_size))
+        base = path.points(self.stations / self.problem.space.length)
+        normal = np.broadcast_to(base.normal, (len(self.stations), 2))
+        cells = base.position[:, None] + self.offsets[:, None] * normal[:, None]
+        return np.any(cells @ box.normals.T > box.offsets, axis=2)
+
     def best(self, closed: tuple[tuple[int, int], ...] = ()) -> Way | None:
         """Return the cheapest way, without passing some obstacles on some sides.
 
@@ -142,7 +151,8 @@ class WaySearch:
         np.add.at(edges, (self.cell, first), 1)
         np.subtract.at(edges, (self.cell, last + 1), 1)
         blocked = np.cumsum(edges, axis=1)[:, :size] > 0
-        penalty = np.where(blocked.reshape(len(self.stations), DELAYS, size), BLOCKED, 0.0)
+        blocked = blocked.reshape(len(self.stations), DELAYS, size) | self.outside[:, None, :]
+        penalty = np.where(blocked, BLOCKED, 0.0)
         costs = self._sweep(np.ascontiguousarray(penalty.transpose(0, 2, 1)))
         final = costs[-1, self.middle] + self.delays
         end = int(np.argmin(final))
@@ -196,7 +206,7 @@ class WaySearch:
                             best, choice = cost, (j, d)
             offset, delay = choice
             path[i - 1] = choice
-        offsets: Array = self.offsets[path[:, 0]].astype(np.float64)
+        offsets: Array = self.offsets[path[:, 0]]
         times: Array = self.fastest + self.delays[path[:, 1]]
         return Way(float(self.fastest[-1] + total), self.stations, offsets, times, self._sides(path))
 
@@ -256,7 +266,23 @@ class WaySearch:
         path = Path(space, theta)
         driven = path.arc_length_at(way.stations / space.length)
         late = np.maximum(driven - way.stations, 0.0) / self.problem.limits.speed
-        return space.trajectory(theta, self._drive(way.times + late, driven))
+        beta = self._drive(way.times + late, driven)
+        fastest = self._fastest_drive(float(path.arc_length))
+        trip = space.trajectory(theta, beta)
+        while not np.isfinite(trip.travel_time):  # the fit stops short of the goal
+            beta = 0.5 * (beta + fastest)
+            trip = space.trajectory(theta, beta)
+        return trip
+
+    def _fastest_drive(self, length: float) -> Array:
+        """Accelerations of a trip without obstacles and with a free goal speed, which always arrives."""
+        space, (start_speed, top, acceleration) = self.problem.space, self.speeds
+        time = float(_fastest_times(np.array([length]), *self.speeds)[0])
+        rising = (max(top, start_speed) - start_speed) / acceleration
+        sites = space.acceleration.breakpoints[:-1] * time
+        beta = np.zeros(space.acceleration_size)
+        beta[: len(sites)] = np.where(sites < rising, acceleration, 0.0)
+        return beta
 
     def _drive(self, times: Array, driven: Array) -> Array:
         """Accelerations within the limits that come closest to having driven given distances at given times."""
@@ -267,6 +293,10 @@ class WaySearch:
         matrix[-1] *= ARRIVAL_WEIGHT
         wanted = driven - space.start_speed * times
         wanted[-1] *= ARRIVAL_WEIGHT
+        goal_speed = self.problem.ends.goal_speed
+        if goal_speed is not None:
+            matrix = np.vstack([matrix, ARRIVAL_WEIGHT * tau * space.tables.final_speed])
+            wanted = np.append(wanted, ARRIVAL_WEIGHT * (goal_speed - space.start_speed))
         size = space.acceleration_size
         speeds = tau * space.tables.speed_control[1:]
         program = QuadraticProgram(

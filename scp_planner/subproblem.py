@@ -121,7 +121,6 @@ def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:
     weights = (np.tile(tables.weights, tables.cells) * cells) / (path.node_speed**3 * space.length**2)
     if path.node_stretch is not None:
         weights = weights * path.node_stretch**2
-    final = space.start_speed + trajectory.travel_time * float(tables.final_speed @ trajectory.beta)
-    multiplier = 1.0 / max(final, MULTIPLIER_SPEED * problem.limits.speed)
+    multiplier = 1.0 / max(trajectory.final_speed, MULTIPLIER_SPEED * problem.limits.speed)
     slopes = tables.node_slopes
     return (slopes * (multiplier * weights)[:, None]).T @ slopes

@@ -595,6 +595,11 @@ class Trajectory:
         """The space that the trip is of."""
         return self.path.space
 
+    @property
+    def final_speed(self) -> float:
+        """Speed on arrival, m/s."""
+        return self.space.start_speed + self.travel_time * float(self.space.tables.final_speed @ self.beta)
+
     def speed_control_points(self) -> Array:
         """Control points of the speed, (K2 + 1,) m/s: its bounds for all times."""
         return self.space.start_speed + self.travel_time * (self.space.tables.speed_control @ self.beta)

@@ -33,7 +33,7 @@ class KinematicRows:
         self.problem = problem
         self.theta_size = problem.ends.free.stop - problem.ends.free.start
         count = space.acceleration_size
-        self.equalities = 1 if problem.ends.goal_speed is None else 2
+        self.equalities = 1
         width = self.theta_size + count + 1
         speeds = space.tables.speed_control[1:]
         moves = np.flatnonzero(np.abs(speeds).sum(axis=1) > 0)
@@ -70,11 +70,6 @@ class KinematicRows:
         matrix[0, self._beta] = tau * tau * tables.final_distance
         matrix[0, -1] = v0 * tau
         bound[0] = path.arc_length - v0 * tau - tau * tau * float(tables.final_distance @ beta)
-        if problem.ends.goal_speed is not None:
-            # Speed at the goal: v0 tau + C1(1) b = v_goal tau
-            matrix[1, self._beta] = tau * tables.final_speed
-            matrix[1, -1] = v0 - problem.ends.goal_speed
-            bound[1] = problem.ends.goal_speed - v0 - tau * float(tables.final_speed @ beta)
         np.multiply(self._speeds, tau, out=matrix[self._upper, self._beta])
         np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
         speeds = v0 + tau * (self._speeds @ beta)
@@ -315,6 +310,26 @@ def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _Stati
     if not problem.space.guide.straight:
         gradient += bend.value[index][:, None] * basis.rows[:, free]
     return gradient
+
+
+def goal_speed_rows(problem: Problem, trajectory: Trajectory, group: int) -> Rows:
+    """Return the rows of v(1) = goal speed: linear in (b, tau), v0 tau + C1(1) b = v_goal tau.
+
+    Parameters
+    ----------
+    problem, trajectory : Problem, Trajectory
+    group : int
+        Index of the violation in the merit, in m/s.
+    """
+    space, goal = problem.space, problem.ends.goal_speed
+    width = problem.ends.free.stop - problem.ends.free.start + space.acceleration_size + 1
+    if goal is None:
+        return Rows(np.zeros((0, width)), np.zeros(0), np.zeros(0, dtype=np.intp))
+    gradient = np.zeros(width)
+    gradient[-1 - space.acceleration_size : -1] = trajectory.travel_time * space.tables.final_speed
+    gradient[-1] = space.start_speed - goal
+    excess = trajectory.final_speed - goal
+    return Rows(np.stack([gradient, -gradient]), np.array([-excess, excess]), np.full(2, group, dtype=np.intp))
 
 
 def both_gaps(value: Array) -> Array:

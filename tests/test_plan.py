@@ -1,0 +1,122 @@
+"""The plan: callable, consistent with itself by finite differences, saved and loaded exactly."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, scene
+
+import scp_planner as sp
+
+
+@pytest.fixture(scope="module")
+def plan() -> sp.Plan:
+    return sp.plan(scene(*CROSSERS, start={"time": 5.0, "position": [2.0, -1.0]}))
+
+
+def test_the_functions_of_time_fit_each_other(plan: sp.Plan) -> None:
+    t = np.random.default_rng(0).uniform(plan.start_time + 0.01, plan.arrival_time - 0.01, 300)
+    h = 1e-5
+    velocity = (plan.position(t + h) - plan.position(t - h)) / (2 * h)
+    np.testing.assert_allclose(plan.velocity(t), velocity, atol=2e-3)
+    np.testing.assert_allclose(plan.speed(t), np.hypot(*velocity.T), atol=2e-3)
+    np.testing.assert_allclose(np.tan(plan.heading(t)), velocity[:, 1] / velocity[:, 0], atol=2e-3)
+    inside = np.abs(t[:, None] - plan.knot_times).min(axis=1) > 2 * h
+    acceleration = (plan.speed(t + h) - plan.speed(t - h)) / (2 * h)
+    np.testing.assert_allclose(plan.acceleration(t)[inside], acceleration[inside], atol=1e-6)
+    turn = (plan.heading(t + h) - plan.heading(t - h)) / (2 * h)
+    np.testing.assert_allclose(plan.curvature(t) * plan.speed(t), turn, atol=3e-3)
+
+
+def test_times_may_have_any_shape_and_are_clamped(plan: sp.Plan) -> None:
+    assert plan.position(plan.start_time).shape == (2,)
+    assert plan.speed(plan.start_time).shape == ()
+    assert plan.position(np.zeros((2, 3))).shape == (2, 3, 2)
+    np.testing.assert_allclose(plan.position(-100.0), [2.0, -1.0], atol=1e-12)
+    np.testing.assert_allclose(plan.position(plan.arrival_time + 9.0), [20.0, 0.0], atol=1e-9)
+
+
+def test_a_saved_plan_is_loaded_to_the_bit(plan: sp.Plan, tmp_path: Path) -> None:
+    plan.save(tmp_path / "plan.json", samples=50)
+    again = sp.Plan.load(tmp_path / "plan.json")
+    t = np.linspace(plan.start_time, plan.arrival_time, 501)
+    for name in ("position", "velocity", "speed", "acceleration", "heading", "curvature"):
+        assert getattr(again, name)(t).tobytes() == getattr(plan, name)(t).tobytes(), name
+    for name in ("status", "reason", "travel_time", "method", "solver", "iterations", "clearance", "limits"):
+        assert getattr(again, name) == getattr(plan, name), name
+    data = json.loads((tmp_path / "plan.json").read_text())
+    assert data["schema"] == 1
+    assert data["arrival_time"] == plan.arrival_time
+    assert len(data["samples"]["time"]) == 50
+    again.save(tmp_path / "again.json", samples=50)
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "plan.json").read_bytes()
+
+
+def test_a_plan_without_obstacles_has_no_least_clearance(tmp_path: Path) -> None:
+    plan = sp.plan(scene())
+    assert plan.clearance.minimum == np.inf
+    plan.save(tmp_path / "plan.json")
+    assert json.loads((tmp_path / "plan.json").read_text())["clearance"]["minimum"] is None
+    assert sp.Plan.load(tmp_path / "plan.json").clearance.minimum == np.inf
+
+
+def _set(*keys: str, value: Any) -> Any:
+    def change(data: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            data = data[key]
+        if value is KeyError:
+            del data[keys[-1]]
+        else:
+            data[keys[-1]] = value
+
+    return change
+
+
+BAD = {
+    "schema": (_set("schema", value=2), "schema = 2"),
+    "no path": (_set("path", value=KeyError), "path"),
+    "path is a list": (_set("path", value=[1]), "path"),
+    "degree": (_set("path", "degree", value=9), "path.degree = 9"),
+    "degree as text": (_set("path", "degree", value="3"), "path.degree"),
+    "knots": (_set("path", "knots", value=[0.0, 1.0]), "path.knots"),
+    "knots of nothing": (_set("path", "knots", value=None), "path.knots"),
+    "offsets": (_set("path", "offsets", value=[0.0]), "path.offsets"),
+    "offset is text": (_set("path", "offsets", value=["x"]), "path.offsets"),
+    "guide": (_set("path", "guide", "kind", value="loop"), "path.guide"),
+    "guide's length": (_set("path", "guide", "length", value=3.0), "path.knots"),
+    "guide's origin": (_set("path", "guide", "origin", value=[1.0]), "path.guide.origin"),
+    "acceleration knots": (_set("acceleration", "knots", value=[0.0, 0.5]), "acceleration.knots"),
+    "coefficients": (_set("acceleration", "coefficients", value=[1.0]), "acceleration.coefficients"),
+    "start speed": (_set("acceleration", "start_speed", value=-1.0), "acceleration.start_speed = -1.0"),
+    "travel time": (_set("travel_time", value=1.0), "travel_time = 1.0"),
+    "travel time is text": (_set("travel_time", value="7"), "travel_time"),
+    "status": (_set("status", value="fine"), "status"),
+    "iterations": (_set("iterations", value=-1), "iterations = -1"),
+    "wall time": (_set("wall_time", value=True), "wall_time"),
+    "clearance": (_set("clearance", value=None), "clearance"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_faulty_plan_file_is_refused_by_name(plan: sp.Plan, tmp_path: Path, name: str) -> None:
+    change, expected = BAD[name]
+    data = plan.to_dict(samples=2)
+    change(data)
+    file = tmp_path / "bad.json"
+    file.write_text(json.dumps(data))
+    with pytest.raises(sp.PlanError) as caught:
+        sp.Plan.load(file)
+    assert str(file) in str(caught.value)
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema": NaN}'])
+def test_what_is_no_plan_at_all_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "bad.json"
+    file.write_text(text)
+    with pytest.raises(sp.PlanError, match=r"bad\.json"):
+        sp.Plan.load(file)
