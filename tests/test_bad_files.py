@@ -53,9 +53,7 @@ CASES = [
     Case("negative speed", {"start.speed": -1.0}, "start.speed", "-1.0", "at least 0"),
     Case("negative margin", {"obstacles.0.margin": -0.1}, "obstacles[0].margin", "-0.1", "at least 0"),
     Case("probability of 1", {"confidence.probability": 1}, "confidence.probability", "1", "less than 1"),
-    Case(
-        "probability of 0", {"confidence.probability": 0.0}, "confidence.probability", "0.0", "greater than 0"
-    ),
+    Case("probability of 0", {"confidence.probability": 0.0}, "confidence.probability", "0.0", "greater than 0"),
     Case("order 3", {"obstacles.1.model.order": 3}, "obstacles[1].model.order", "3", "at most 2"),
     Case("order 1.5", {"obstacles.1.model.order": 1.5}, "obstacles[1].model.order", "1.5", "whole number"),
     Case("order true", {"obstacles.1.model.order": True}, "obstacles[1].model.order", "true", "whole number"),
@@ -114,9 +112,7 @@ CASES = [
     ),
     Case("misspelt shape", {"obstacles.0.shape": {"disk": 1}}, "obstacles[0].shape.disk", "1", "'disc'"),
     Case("no shape", {"obstacles.0.shape": {}}, "obstacles[0].shape", "{}", "exactly one of"),
-    Case(
-        "shape unheard of", {"obstacles.0.shape": {"cube": 1}}, "obstacles[0].shape", "'cube'", "disc, rect"
-    ),
+    Case("shape unheard of", {"obstacles.0.shape": {"cube": 1}}, "obstacles[0].shape", "'cube'", "disc, rect"),
     Case(
         "two shapes",
         {"obstacles.0.shape": {"disc": 1, "rectangle": [1, 2]}},

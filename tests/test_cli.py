@@ -60,9 +60,7 @@ def easy(scenario_data: dict[str, Any], tmp_path: Path) -> Path:
 def hopeless(easy: Path, scenario_data: dict[str, Any], tmp_path: Path) -> Path:
     """A scenario whose goal lies under an obstacle that never moves."""
     scenario_data["name"] = "hopeless"
-    scenario_data["obstacles"] = [
-        {"id": "on-goal", "shape": {"disc": 2.0}, "motion": {"position": [20, 0.5]}}
-    ]
+    scenario_data["obstacles"] = [{"id": "on-goal", "shape": {"disc": 2.0}, "motion": {"position": [20, 0.5]}}]
     file = tmp_path / "hopeless.yaml"
     file.write_text(yaml.safe_dump(scenario_data))
     return file
@@ -142,9 +140,7 @@ def test_a_built_in_scenario_is_planned_by_name(tmp_path: Path) -> None:
     assert Plan.load(tmp_path / "plan.json").scenario == "crossing"
 
 
-def test_an_interrupted_plan_exits_with_130(
-    easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_plan_exits_with_130(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -205,9 +201,7 @@ def test_check_certifies_a_plan(easy: Path, tmp_path: Path) -> None:
     assert run("check", easy, tmp_path / "plan.json", "--quiet").output == ""
 
 
-def test_check_refuses_a_plan_that_meets_an_obstacle(
-    easy: Path, scenario_data: dict[str, Any], tmp_path: Path
-) -> None:
+def test_check_refuses_a_plan_that_meets_an_obstacle(easy: Path, scenario_data: dict[str, Any], tmp_path: Path) -> None:
     """The plan says of itself that it is certified; that was for another scenario."""
     run("plan", easy, "-o", tmp_path / "plan.json")
     scenario_data["obstacles"][0]["motion"]["position"] = [10, 0]

@@ -56,9 +56,7 @@ def straight_trip(
     return position, duration
 
 
-def arc_trip(
-    radius: float, speed: float, angle: float = 3.0
-) -> tuple[Callable[[Array], Array], float, dict[str, Any]]:
+def arc_trip(radius: float, speed: float, angle: float = 3.0) -> tuple[Callable[[Array], Array], float, dict[str, Any]]:
     """Constant speed on a circle that starts at the origin towards +x."""
 
     def position(t: Array) -> Array:
@@ -193,9 +191,7 @@ def test_a_cut_between_two_hundred_samples_is_caught() -> None:
         ({"rectangle": [1.0, 2.0]}, 1.0),
     ],
 )
-def test_polygons_and_rectangles_are_judged_to_the_millimetre(
-    shape: dict[str, Any], half_height: float
-) -> None:
+def test_polygons_and_rectangles_are_judged_to_the_millimetre(shape: dict[str, Any], half_height: float) -> None:
     position, duration = straight_trip()
     for cut, names in ((0.0, set()), (1e-3, {"clearance"})):
         motion = {"position": [5.0, half_height + 0.3 - cut], "velocity": [-0.2, 0.0]}

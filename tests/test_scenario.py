@@ -125,9 +125,7 @@ def test_other_yaml_words_are_text(text: str, tmp_path: Path) -> None:
 
 def test_numpy_arrays_are_taken_in_python() -> None:
     times = np.linspace(-1.0, 0.0, 5)
-    observations = Observations(
-        time=times, position=np.column_stack([times, 2 * times]), covariance=np.eye(2)
-    )
+    observations = Observations(time=times, position=np.column_stack([times, 2 * times]), covariance=np.eye(2))
     assert observations.time == (-1.0, -0.75, -0.5, -0.25, 0.0)
     assert observations.position[0] == (-1.0, -2.0)
     assert observations.covariance == ((1.0, 0.0), (0.0, 1.0))
@@ -319,9 +317,7 @@ def obstacles(draw: st.DrawFn) -> list[Obstacle]:
     far = st.tuples(st.floats(100.0, 1e6), numbers)
     return [
         draw(
-            st.builds(
-                Obstacle, id=st.just(name), shape=shapes, observations=observations(), margin=st.just(0.25)
-            )
+            st.builds(Obstacle, id=st.just(name), shape=shapes, observations=observations(), margin=st.just(0.25))
             | st.builds(Obstacle, id=st.just(name), shape=shapes, motion=st.builds(Motion, position=far))
         )
         for name in names
@@ -342,9 +338,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
             max_lateral_acceleration=draw(st.none() | positive),
             max_curvature=draw(st.none() | positive),
         ),
-        start=Start(
-            time=0.0, position=(0.0, 0.0), heading=draw(st.none() | numbers), speed=draw(st.floats(0, speed))
-        ),
+        start=Start(time=0.0, position=(0.0, 0.0), heading=draw(st.none() | numbers), speed=draw(st.floats(0, speed))),
         goal=Goal(position=goal, heading=draw(st.none() | numbers)),
         guide=draw(st.sampled_from([None, ((0.0, 0.0), (goal[0] / 3, goal[1] / 7 + 0.1), goal)])),
         confidence={
@@ -444,9 +438,7 @@ def test_json_schema_refuses(path: str, value: Any, scenario_data: dict[str, Any
     assert not jsonschema.Draft202012Validator(Scenario.json_schema()).is_valid(scenario_data)
 
 
-def test_reference_scenarios_load_save_and_match_the_schema(
-    reference_scenarios: Path, tmp_path: Path
-) -> None:
+def test_reference_scenarios_load_save_and_match_the_schema(reference_scenarios: Path, tmp_path: Path) -> None:
     validator = jsonschema.Draft202012Validator(Scenario.json_schema())
     found = [file for file in sorted(reference_scenarios.glob("*.json")) if file.name != "best_known.json"]
     assert len(found) >= 50
@@ -477,9 +469,7 @@ def test_distance_to_shapes(point: tuple[float, float], size: tuple[float, float
     assert Disc(disc=size[0]).distance(point, heading) == pytest.approx(
         shapely.affinity.scale(circle, size[0], size[0]).distance(place), abs=1e-5
     )
-    assert Rectangle(rectangle=size).distance(point, heading) == pytest.approx(
-        turned(box).distance(place), abs=1e-9
-    )
+    assert Rectangle(rectangle=size).distance(point, heading) == pytest.approx(turned(box).distance(place), abs=1e-9)
     assert Ellipse(ellipse=size).distance(point, heading) == pytest.approx(
         turned(shapely.affinity.scale(circle, *size)).distance(place), abs=1e-5
     )
@@ -488,9 +478,7 @@ def test_distance_to_shapes(point: tuple[float, float], size: tuple[float, float
     )
 
 
-@given(
-    vertices=st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=3, max_size=8, unique=True)
-)
+@given(vertices=st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=3, max_size=8, unique=True))
 @settings(max_examples=500)
 def test_a_polygon_is_accepted_where_it_is_simple(vertices: list[tuple[int, int]]) -> None:
     expected = shapely.Polygon(vertices)
