@@ -91,7 +91,10 @@ def family_of(name: str) -> str:
 
 def environment(packages: Iterable[str] = ("numpy", "scipy", "daqp")) -> dict[str, str]:
     """Machine and versions that a timing depends on."""
+    import scp_planner
+
     facts = {
+        "scp_planner": scp_planner.__version__,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "processor": _processor_name(),
@@ -113,6 +116,11 @@ def _processor_name() -> str:
     except OSError:
         pass
     return platform.processor() or "unknown"
+
+
+def write_environment(path: Path, facts: Mapping[str, str]) -> None:
+    """Write what :func:`environment` found beside the results that depend on it."""
+    write_csv(path, [{"what": what, "value": value} for what, value in facts.items()])
 
 
 def median(values: Iterable[float]) -> float:
@@ -185,6 +193,11 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
         ]
         lines.append(" | ".join(aligned))
     return "\n".join(f"| {line} |" for line in lines)
+
+
+def number(value: float, digits: int) -> str:
+    """Fixed-point text; a dash where there is no number."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def _cell(value: object) -> str:

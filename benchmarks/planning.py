@@ -96,7 +96,7 @@ def reference(options: argparse.Namespace) -> int:
             )
             common.say(_progress(rows[-1]))
     common.write_csv(options.output / "planning.csv", rows, _columns(rows))
-    _print_environment()
+    _print_environment(options)
     _print_reference(rows, stages, options)
     return _refused(rows)
 
@@ -120,8 +120,10 @@ def _refused(rows: Sequence[Mapping[str, Any]]) -> int:
     return sum(1 for row in rows if row["certified"] and not row["dense_check"])
 
 
-def _print_environment() -> None:
-    print(", ".join(f"{name} {value}" for name, value in common.environment().items()))
+def _print_environment(options: argparse.Namespace) -> None:
+    facts = common.environment()
+    common.write_environment(options.output / "planning-environment.csv", facts)
+    print(", ".join(f"{name} {value}" for name, value in facts.items()))
     print()
 
 
@@ -137,12 +139,12 @@ def _print_reference(rows: list[dict[str, Any]], stages: list[str], options: arg
                 family,
                 f"{sum(row['certified'] for row in chosen)}/{len(chosen)}",
                 f"{sum(row['dense_check'] for row in chosen)}/{len(chosen)}",
-                *(f"{common.quantile(ratios, level):.5f}" for level in (0.5, 0.95, 1.0)),
+                *(common.number(common.quantile(ratios, level), 5) for level in (0.5, 0.95, 1.0)),
                 sum(ratio < 1.0 for ratio in ratios),
                 common.median(row["iterations"] for row in chosen),
-                f"{common.median(row['wall_ms'] for row in chosen):.1f}",
-                f"{common.quantile((row['wall_ms'] for row in chosen), 0.95):.1f}",
-                *(f"{common.median(row.get(f'{name}_ms', np.nan) for row in chosen):.2f}" for name in stages),
+                common.number(common.median(row["wall_ms"] for row in chosen), 1),
+                common.number(common.quantile((row["wall_ms"] for row in chosen), 0.95), 1),
+                *(common.number(common.median(row.get(f"{name}_ms", np.nan) for row in chosen), 2) for name in stages),
             ]
         )
     print(common.table(headings, lines))
@@ -172,7 +174,7 @@ def scaling(options: argparse.Namespace) -> int:
             )
             common.say(f"crowd {crowd}, {count} obstacles: {rows[-1]['wall_ms']:.2f} ms, {outcome.plan.status}")
     common.write_csv(options.output / "scaling.csv", rows)
-    _print_environment()
+    _print_environment(options)
     walls = {
         count: common.median(row["wall_ms"] for row in rows if row["obstacles"] == count) for count in SCALING_COUNTS
     }
@@ -218,7 +220,7 @@ def random_scenarios(options: argparse.Namespace) -> int:
         if (number + 1) % 100 == 0:
             common.say(f"{number + 1} scenarios, {perf_counter() - began:.0f} s")
     common.write_csv(options.output / "random.csv", rows, _columns(rows))
-    _print_environment()
+    _print_environment(options)
     lines = []
     for family in [*families.FAMILIES, "all"]:
         chosen = [row for row in rows if family in ("all", row["family"])]
@@ -233,8 +235,8 @@ def random_scenarios(options: argparse.Namespace) -> int:
                 f"{certified} ({100.0 * certified / len(chosen):.1f} %)",
                 ", ".join(f"{name} {number}" for name, number in states.most_common() if name != "certified"),
                 sum(1 for row in chosen if row.get("certified") and not row["dense_check"]),
-                f"{common.median(row.get('wall_ms', np.nan) for row in chosen):.1f}",
-                f"{common.quantile((row.get('wall_ms', np.nan) for row in chosen), 0.95):.1f}",
+                common.number(common.median(row.get("wall_ms", np.nan) for row in chosen), 1),
+                common.number(common.quantile((row.get("wall_ms", np.nan) for row in chosen), 0.95), 1),
             ]
         )
     headings = [

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.base import MissingPeerError, Scenario, judge
+from benchmarks.peers.base import Attempt, MissingPeerError, Scenario, judge
 from benchmarks.peers.starts import TEN_STARTS, Start
 
-PACKAGES = ("scp-planner", "numpy", "scipy", "daqp", "casadi", "openscvx", "jax", "cvxpy")
+PACKAGES = ("numpy", "scipy", "daqp", "casadi", "openscvx", "jax", "cvxpy")
 REFERENCE = "scp_planner.plan"
 REFERENCE_RUN = "scp_planner one run"
 
@@ -69,7 +69,11 @@ def run_start(peer: Any, scenario: Scenario, start: Start, repeat: int) -> dict[
     walls = []
     for _ in range(repeat):
         began = perf_counter()
-        attempt = peer.solve(scenario, start)
+        try:
+            attempt = peer.solve(scenario, start)
+        except Exception as error:  # a method that breaks down has failed at this start, no more
+            attempt = Attempt(False, None, 0.0, float("nan"), 0, f"{type(error).__name__}: {error}")
+            common.say(f"  {peer.name} at {scenario['name']}: {attempt.detail}")
         walls.append(perf_counter() - began)
     report = judge(scenario, attempt)
     checked = report is not None and report.ok
@@ -87,6 +91,11 @@ def run_start(peer: Any, scenario: Scenario, start: Start, repeat: int) -> dict[
         "detail": attempt.detail,
         "dense_check_says": "" if report is None or report.ok else str(report),
     }
+
+
+def several(starts: Sequence[Start]) -> str:
+    """Name of a set of more than one start."""
+    return "ten" if len(starts) == len(TEN_STARTS) else f"first {len(starts)}"
 
 
 def summarised(rows: Sequence[dict[str, Any]], start_set: str) -> dict[str, Any]:
@@ -138,7 +147,7 @@ def measure(options: argparse.Namespace) -> tuple[list[dict[str, Any]], list[dic
                 chosen = starts[:1] if peer.own_starts else starts
                 rows = [run_start(peer, scenario, start, options.repeat) for start in chosen]
                 details += rows
-                sets = ["plan"] if peer.own_starts else ["one"] + (["ten"] if len(starts) > 1 else [])
+                sets = ["plan"] if peer.own_starts else ["one"] + ([several(starts)] if len(starts) > 1 else [])
                 for start_set in sets:
                     summary = summarised(rows[:1] if start_set == "one" else rows, start_set)
                     summaries.append(summary)
@@ -162,7 +171,7 @@ def report(summaries: list[dict[str, Any]], details: list[dict[str, Any]], known
             rows = [row for row in chosen if (row["method"], row["start_set"]) == (method, start_set)]
             names = {row["scenario"] for row in rows}
             starts = [row for row in details if row["method"] == method and row["scenario"] in names]
-            lines.append(_line(rows, starts if start_set == "ten" else [], plans, known))
+            lines.append(_line(rows, [] if start_set in ("one", "plan") else starts, plans, known))
         headings = ["method", "starts", "wall ms", "a start ms", "certified", "certified starts"]
         headings += ["time / best known", "wall / plan()", "time / plan()"]
         parts.append(f"### {family}\n\n{common.table(headings, lines)}\n")
@@ -189,13 +198,13 @@ def _line(
     return [
         rows[0]["method"],
         rows[0]["start_set"],
-        f"{common.median(row['wall_ms'] for row in rows):.1f}",
-        f"{common.median(row['wall_ms'] for row in starts):.1f}" if starts else "",
+        common.number(common.median(row["wall_ms"] for row in rows), 1),
+        common.number(common.median(row["wall_ms"] for row in starts), 1) if starts else "",
         certified(rows),
         certified(starts),
-        f"{to_known:.5f}",
-        f"{common.median(row['wall_ms'] / plan['wall_ms'] for row, plan in both):.2f}",
-        f"{to_plan:.5f}",
+        common.number(to_known, 5),
+        common.number(common.median(row["wall_ms"] / plan["wall_ms"] for row, plan in both), 2),
+        common.number(to_plan, 5),
     ]
 
 
@@ -233,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         common.say(f"benchmarks.peers: {error}")
         return 2
     facts = common.environment(PACKAGES)
-    common.write_csv(options.output / "environment.csv", [{"what": k, "value": v} for k, v in facts.items()])
+    common.write_environment(options.output / "peers-environment.csv", facts)
     print(", ".join(f"{name} {value}" for name, value in facts.items()))
     print()
     print(report(summaries, details, known))

@@ -1,0 +1,358 @@
+"""The results page: ``python -m benchmarks.report`` writes ``docs/benchmarks.md`` and its figures from the CSV files.
+
+Every number on the page comes from the files that ``benchmarks.planning`` and ``benchmarks.peers`` wrote; parts whose
+file is missing are left out.
+"""
+
+from __future__ import annotations
+
+from benchmarks import common  # isort: skip
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Row = dict[str, str]
+FIGURE_FOLDER = "figures"
+COLORS = ("#0b6e99", "#d9730d", "#448361", "#9065b0", "#c14c8a", "#787774")
+REFERENCE = "scp_planner.plan"
+
+
+def _value(row: Row, key: str) -> float:
+    return float(row[key]) if row.get(key) not in (None, "") else float("nan")
+
+
+def _families(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(row["family"] for row in rows))
+
+
+def _of(rows: Sequence[Row], family: str) -> list[Row]:
+    return [row for row in rows if family in ("all", row["family"])]
+
+
+def _median(rows: Sequence[Row], key: str, level: float = 0.5) -> float:
+    return common.quantile((_value(row, key) for row in rows), level)
+
+
+class Figures:
+    """Draws into one folder, in one style, the same bytes for the same numbers."""
+
+    def __init__(self, folder: Path) -> None:
+        import matplotlib
+
+        matplotlib.use("Agg")
+        matplotlib.rcParams.update(
+            {
+                "svg.hashsalt": "scp_planner",
+                "font.size": 9,
+                "axes.spines.top": False,
+                "axes.spines.right": False,
+                "axes.grid": True,
+                "axes.axisbelow": True,
+                "grid.color": "#e3e2e0",
+                "legend.frameon": False,
+            }
+        )
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def axes(self, width: float = 7.0, height: float = 3.2, count: int = 1) -> tuple[Any, Any]:
+        """Return a figure and its axes (an array if more than one)."""
+        import matplotlib.pyplot as plt
+
+        return plt.subplots(1, count, figsize=(width, height), layout="constrained")
+
+    def save(self, figure: Any, name: str, alternative: str) -> str:
+        """Save as SVG; return the Markdown that shows it."""
+        import matplotlib.pyplot as plt
+
+        figure.savefig(self._folder / f"{name}.svg", metadata={"Date": None})
+        plt.close(figure)
+        return f"![{alternative}]({self._folder.name}/{name}.svg)"
+
+
+def reference_part(rows: list[Row], figures: Figures) -> list[str]:
+    """Section on the reference scenarios."""
+    stages = [key for key in rows[0] if key.endswith("_ms") and key != "wall_ms"]
+    lines = []
+    for family in [*_families(rows), "all"]:
+        chosen = _of(rows, family)
+        ratios = [_value(row, "ratio") for row in chosen]
+        lines.append(
+            [
+                family,
+                f"{sum(row['certified'] == '1' for row in chosen)}/{len(chosen)}",
+                f"{sum(row['dense_check'] == '1' for row in chosen)}/{len(chosen)}",
+                *(common.number(common.quantile(ratios, level), 5) for level in (0.5, 0.95)),
+                sum(ratio < 1.0 for ratio in ratios),
+                common.number(_median(chosen, "iterations"), 0),
+                common.number(_median(chosen, "wall_ms"), 1),
+                common.number(_median(chosen, "wall_ms", 0.95), 1),
+            ]
+        )
+    headings = ["family", "certified", "dense check", "time ratio", "ratio 95 %", "faster than best known"]
+    headings += ["iterations", "wall ms", "wall ms 95 %"]
+    families = _families(rows)
+
+    figure, (left, right) = figures.axes(8.0, 3.2, 2)
+    for place, family in enumerate(families):
+        ratios = np.array([_value(row, "ratio") for row in _of(rows, family)])
+        spread = np.linspace(-0.18, 0.18, ratios.size)
+        left.scatter(place + spread, 100.0 * (ratios - 1.0), s=14, color=COLORS[0], alpha=0.8, linewidths=0)
+    left.axhline(0.0, color="black", linewidth=0.8)
+    left.set_xticks(range(len(families)), families, rotation=30, ha="right")
+    left.set_ylabel("travel time against best known, %")
+    bottom = np.zeros(len(families))
+    for color, stage in zip(COLORS, stages, strict=False):
+        heights = np.array([_median(_of(rows, family), stage) for family in families])
+        right.bar(range(len(families)), heights, bottom=bottom, color=color, label=stage.removesuffix("_ms"))
+        bottom += np.nan_to_num(heights)
+    right.set_xticks(range(len(families)), families, rotation=30, ha="right")
+    right.set_ylabel("median time of each stage, ms")
+    right.legend()
+    picture = figures.save(figure, "reference", "Travel times against the best known, and the time of each stage")
+    return [
+        "## Reference scenarios",
+        "One call of `scp_planner.plan` each: search, runs of the loop, certificate. *Time ratio* is the travel time "
+        "divided by the best known one, medians over certified plans; *dense check* counts plans that "
+        "`benchmarks.dense_check` confirms with the errors of finite differences as its only tolerance.",
+        common.table(headings, lines),
+        picture,
+        "`python -m benchmarks.planning`",
+    ]
+
+
+def scaling_part(rows: list[Row], figures: Figures) -> list[str]:
+    """Section on the number of obstacles."""
+    counts = sorted({int(row["obstacles"]) for row in rows})
+    walls = [_median([row for row in rows if int(row["obstacles"]) == count], "wall_ms") for count in counts]
+    figure, axes = figures.axes(4.6, 3.0)
+    for crowd in sorted({row["crowd"] for row in rows}):
+        chosen = [row for row in rows if row["crowd"] == crowd]
+        axes.plot(
+            [int(row["obstacles"]) for row in chosen],
+            [_value(row, "wall_ms") for row in chosen],
+            color=COLORS[5],
+            linewidth=0.8,
+        )
+    axes.plot(counts, walls, color=COLORS[0], marker="o", markersize=4, label="median")
+    axes.set_xlabel(f"obstacles, {counts[0]} of them near")
+    axes.set_ylabel("time of a plan, ms")
+    axes.set_ylim(bottom=0.0)
+    axes.legend()
+    picture = figures.save(figure, "scaling", "Time of a plan against the number of obstacles")
+    return [
+        "## Many obstacles, most of them far away",
+        f"{counts[0]} obstacles are near, the others stay hundreds of metres away. "
+        f"{counts[-1] - counts[0]} far obstacles cost {walls[-1] - walls[0]:.1f} ms together.",
+        common.table(
+            ["obstacles", "wall ms"],
+            [[count, f"{wall:.1f}"] for count, wall in zip(counts, walls, strict=True)],
+        ),
+        picture,
+        "`python -m benchmarks.planning --scaling`",
+    ]
+
+
+def random_part(rows: list[Row]) -> list[str]:
+    """Section on random scenarios."""
+    lines = []
+    for family in [*_families(rows), "all"]:
+        chosen = _of(rows, family)
+        certified = [row for row in chosen if row["certified"] == "1"]
+        others = Counter(row["status"] for row in chosen if row["certified"] != "1")
+        lines.append(
+            [
+                family,
+                len(chosen),
+                f"{100.0 * len(certified) / len(chosen):.1f} %",
+                ", ".join(f"{name} {number}" for name, number in others.most_common()),
+                sum(row["dense_check"] != "1" for row in certified),
+                common.number(_median(chosen, "wall_ms"), 1),
+                common.number(_median(chosen, "wall_ms", 0.95), 1),
+            ]
+        )
+    headings = ["family", "scenarios", "certified", "others", "certified but refused", "wall ms", "wall ms 95 %"]
+    return [
+        "## Random scenarios",
+        f"{len(rows)} scenarios that nobody has looked at, from the generators in `benchmarks.families`; some have no "
+        "solution. *Certified but refused* counts certified plans in which the dense check finds a violation.",
+        common.table(headings, lines),
+        f"`python -m benchmarks.planning --random {len(rows)}`",
+    ]
+
+
+def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str]:
+    """Section on other methods."""
+    from benchmarks.peers.base import JUDGE
+    from benchmarks.peers.starts import TEN_STARTS
+
+    plans = {row["scenario"]: row for row in rows if row["method"] == REFERENCE}
+    pairs = list(dict.fromkeys((row["method"], row["start_set"]) for row in rows))
+    parts = [
+        "## Other methods",
+        "All methods plan the same scenarios, in the same process and order, on one thread, from the same "
+        f"{len(TEN_STARTS)} starts: bows to both sides, and a slow start. *One* is the first of them; *ten* takes the "
+        "best answer and adds up the times. `scp_planner.plan` chooses its starts itself. Building (compiling, "
+        "symbolic differentiation) is not counted.",
+        "An answer counts as *certified* if the method itself calls it a success and the independent check, with the "
+        f"same tolerances for all, agrees: {1e3 * JUDGE.clearance:g} mm of clearance, "
+        f"{1e3 * JUDGE.position:g} mm at the ends, {JUDGE.speed:g} m/s, {JUDGE.acceleration:g} m/s2, "
+        f"{JUDGE.curvature:g} 1/m. The last two columns are medians of the ratios to `scp_planner.plan` on the same "
+        "scenario.",
+    ]
+    for family in [*_families(rows), "all"]:
+        lines = []
+        for method, start_set in pairs:
+            chosen = [row for row in _of(rows, family) if (row["method"], row["start_set"]) == (method, start_set)]
+            if not chosen:
+                continue
+            both = [(row, plans[row["scenario"]]) for row in chosen if row["scenario"] in plans]
+            lines.append(
+                [
+                    method,
+                    start_set,
+                    common.number(_median(chosen, "wall_ms"), 1),
+                    f"{sum(row['certified'] == '1' for row in chosen)}/{len(chosen)}",
+                    common.number(
+                        common.median(_value(row, "wall_ms") / _value(plan, "wall_ms") for row, plan in both), 1
+                    ),
+                    common.number(
+                        common.median(_value(row, "travel_time") / _value(plan, "travel_time") for row, plan in both),
+                        5,
+                    ),
+                ]
+            )
+        headings = ["method", "starts", "wall ms", "certified", "wall / plan()", "travel time / plan()"]
+        parts += [f"### {family}", common.table(headings, lines)]
+    lines = []
+    for method in dict.fromkeys(row["method"] for row in starts):
+        chosen = [row for row in starts if row["method"] == method]
+        lines.append(
+            [
+                method,
+                len(chosen),
+                common.number(_median(chosen, "wall_ms"), 1),
+                common.number(_median(chosen, "wall_ms", 0.95), 1),
+                f"{100.0 * sum(row['certified'] == '1' for row in chosen) / len(chosen):.0f} %",
+            ]
+        )
+    parts += [
+        "### Each start by itself",
+        common.table(["method", "starts", "wall ms a start", "wall ms 95 %", "certified"], lines),
+        peers_figure(rows, pairs, plans, figures),
+        "`python -m benchmarks.peers`; the peers are an optional extra, `pip install scp-planner[peers]`.",
+    ]
+    return parts
+
+
+def peers_figure(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str, Row], figures: Figures) -> str:
+    """Wall time against travel time, and how many scenarios got a certified answer."""
+    methods = list(dict.fromkeys(method for method, _ in pairs))
+    figure, (left, right) = figures.axes(8.0, 3.4, 2)
+    shares = []
+    for method, start_set in pairs:
+        chosen = [row for row in rows if (row["method"], row["start_set"]) == (method, start_set)]
+        color = COLORS[methods.index(method) % len(COLORS)]
+        shares.append((f"{method}, {start_set}", 100.0 * np.mean([row["certified"] == "1" for row in chosen]), color))
+        points = [
+            (
+                _value(row, "wall_ms") / _value(plans[row["scenario"]], "wall_ms"),
+                100.0 * (_value(row, "travel_time") / _value(plans[row["scenario"]], "travel_time") - 1.0),
+            )
+            for row in chosen
+            if row["scenario"] in plans and row["certified"] == "1"
+        ]
+        if points and method != REFERENCE:
+            x, y = np.array(points).T
+            left.scatter(
+                x,
+                y,
+                s=14,
+                color=color if start_set == "one" else "none",
+                edgecolors=color,
+                linewidths=0.7,
+                label=f"{method}, {start_set}",
+            )
+    left.axhline(0.0, color="black", linewidth=0.8)
+    left.axvline(1.0, color="black", linewidth=0.8)
+    left.set_xscale("log")
+    left.set_yscale("symlog", linthresh=0.1)
+    left.set_xlabel("wall time / scp_planner.plan")
+    left.set_ylabel("travel time against scp_planner.plan, %")
+    left.legend(fontsize=6)
+    names, heights, colors = zip(*reversed(shares), strict=True)
+    right.barh(range(len(names)), heights, color=colors)
+    right.set_yticks(range(len(names)), names, fontsize=7)
+    right.set_xlabel("scenarios with a certified answer, %")
+    return figures.save(figure, "peers", "Other methods: wall time, travel time, rate of certified answers")
+
+
+def _environment(path: Path) -> str:
+    return ", ".join(f"{row['what']} {row['value']}" for row in common.read_csv(path))
+
+
+def page(results: Path, figures: Figures) -> str:
+    """Put the page together from what the results folder holds.
+
+    Raises
+    ------
+    FileNotFoundError
+        If it holds nothing.
+    """
+    parts = [
+        "# Benchmarks",
+        "<!-- Generated by `python -m benchmarks.report`: do not edit. -->",
+        "How these figures were made: [reference scenarios](#reference-scenarios) and "
+        "[random scenarios](#random-scenarios) by `benchmarks.planning`, [other methods](#other-methods) by "
+        "`benchmarks.peers`, everything on one thread. All times depend on the machine: compare ratios within one "
+        "run.",
+    ]
+    found = False
+    for name in ("planning", "scaling", "random", "peers"):
+        path = results / f"{name}.csv"
+        if not path.is_file():
+            continue
+        found = True
+        rows = common.read_csv(path)
+        if name == "planning":
+            parts += reference_part(rows, figures)
+        elif name == "scaling":
+            parts += scaling_part(rows, figures)
+        elif name == "random":
+            parts += random_part(rows)
+        else:
+            parts += peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
+    if not found:
+        raise FileNotFoundError(f"{results} holds no results: run benchmarks.planning or benchmarks.peers first")
+    parts.append("## Machine and versions")
+    for name in ("planning", "peers"):
+        path = results / f"{name}-environment.csv"
+        if path.is_file():
+            parts.append(f"`benchmarks.{name}`: {_environment(path)}.")
+    return "\n\n".join(parts) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the page."""
+    made = argparse.ArgumentParser(prog="python -m benchmarks.report", description=__doc__.splitlines()[0])
+    made.add_argument("--results", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
+    made.add_argument("--page", type=Path, default=Path("docs/benchmarks.md"), help="page to write")
+    options = made.parse_args(arguments)
+    try:
+        text = page(options.results, Figures(options.page.parent / FIGURE_FOLDER))
+    except FileNotFoundError as error:
+        common.say(f"benchmarks.report: {error}")
+        return 2
+    common.write_text(options.page, text)
+    print(options.page)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
