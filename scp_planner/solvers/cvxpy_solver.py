@@ -24,7 +24,7 @@ ExtraConstraints = Callable[[cp.Expression, cp.Expression], list[cp.Constraint]]
 VARIABLE_CLASS = 8  # variables are padded to a multiple of this
 ROW_CLASSES = 4  # size classes of rows in each doubling
 FEASIBLE = 1e-6  # largest violation of an answer that could not be polished, in scaled units
-LARGE = 1e9  # stands for a missing bound, in scaled units
+LARGE = 1e6  # stands for a missing bound, in scaled units
 # Accurate enough to tell the active constraints; polishing does the rest.
 _OPTIONS: dict[str, dict[str, Any]] = {
     "CLARABEL": {

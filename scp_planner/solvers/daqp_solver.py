@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.scaling import equilibrate
 
 _ACTIVE, _LOWER, _EQUALITY = 1, 2, 5
+_CONTRADICTION = -6  # of the constraints taken as active at first: the guess, and the equalities
 _NO_BOUND = 1e30
 _AT_START = 1e-9  # a bound closer to the origin than this is first taken as active
 _STATUS = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
@@ -27,24 +29,29 @@ class DaqpSolver:
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
-        size, equalities = len(program.gradient), program.equalities
-        upper = np.concatenate([program.upper, program.bound])
-        lower = np.full(len(upper), -_NO_BOUND)
-        lower[:size] = program.lower
-        lower[size : size + equalities] = program.bound[:equalities]
-        equal = np.zeros(len(upper), dtype=np.int32)
-        equal[size : size + equalities] = _EQUALITY
-        guess = _touching_origin(lower, upper) if program.active is None else _sense(program.active)
-        solution = _call(program, lower, upper, np.where(equal, equal, guess))
+        solution = _solve(program, program.active)
         if solution.status is SolverStatus.FAILED:
-            # A guess with dependent rows can lead into a cycle that a start from nothing does not meet.
-            solution = _call(program, lower, upper, equal)
+            # Bad scaling, or a guess with dependent rows that led into a cycle: once more in even units, from nothing.
+            scaling = equilibrate(program)
+            solution = scaling.original(_solve(scaling.program, np.zeros(len(solution.multipliers), dtype=np.int8)))
         return solution
 
 
-def _call(program: QuadraticProgram, lower: Array, upper: Array, sense: NDArray[np.int32]) -> Solution:
+def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Solution:
+    size, equalities = len(program.gradient), program.equalities
+    upper = np.concatenate([program.upper, program.bound])
+    lower = np.full(len(upper), -_NO_BOUND)
+    lower[:size] = program.lower
+    lower[size : size + equalities] = program.bound[:equalities]
+    sense = _touching_origin(lower, upper) if active is None else _sense(active)
+    sense[size : size + equalities] = 0
+    guessed = sense.any()
+    sense[size : size + equalities] = _EQUALITY
     x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **_SETTINGS)
-    return Solution(_STATUS.get(int(flag), SolverStatus.FAILED), np.asarray(x), np.asarray(info["lam"]))
+    status = _STATUS.get(int(flag), SolverStatus.FAILED)
+    if flag == _CONTRADICTION and not guessed:
+        status = SolverStatus.INFEASIBLE
+    return Solution(status, np.asarray(x), np.asarray(info["lam"]))
 
 
 def _sense(active: NDArray[np.int8]) -> NDArray[np.int32]:
