@@ -402,7 +402,10 @@ def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
 
 
 def _length(metres: float) -> str:
-    return f"{1e3 * metres:.1f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
+    for unit, size in (("\N{MICRO SIGN}m", 1e-6), ("mm", 1e-3)):
+        if abs(metres) < 1000.0 * size and abs(metres) < 0.1:
+            return f"{metres / size:.3g} {unit}"
+    return f"{metres:.2f} m"
 
 
 def _negated(limit: float | None) -> float | None:

@@ -1,0 +1,46 @@
+"""Draws the figures of the README and the documentation anew: `python -m docs.make_figures`, at the root."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from pathlib import Path
+
+import scp_planner as sp
+from scp_planner import builtin
+from scp_planner.plotting import animate_plan, plot_plan, plot_space_time
+from scp_planner.viewer import save_viewer
+from tests.browser import Browser, find_browser
+
+FIGURES = Path(__file__).parent / "figures"
+README_DPI = 100
+
+
+def main() -> None:
+    """Write every figure; the viewer's only where there is a browser."""
+    scenario = builtin.load("radar")
+    plan = sp.plan(scenario)
+    figure = plot_plan(plan, scenario)
+    figure.savefig(FIGURES / "demo.png", dpi=README_DPI)
+    animate_plan(plan, scenario, FIGURES / "demo.gif")
+    plot_space_time(plan, scenario, FIGURES / "space_time.png")
+    _photograph_viewer(plan, scenario)
+
+
+def _photograph_viewer(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    executable = find_browser()
+    if executable is None:
+        logging.warning("no figure of the viewer: there is no Chromium or Chrome")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "viewer.html"
+        save_viewer(plan, scenario, page)
+        with Browser(executable, Path(folder) / "profile") as browser:
+            browser.open(page.as_uri())
+            for _ in range(4):
+                browser.press("ArrowRight", shift=True)
+            browser.screenshot(FIGURES / "viewer.png")
+
+
+if __name__ == "__main__":
+    main()

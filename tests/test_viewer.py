@@ -1,0 +1,306 @@
+"""The HTML viewer: what stands in the file, and what a real browser makes of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner import builtin
+from scp_planner.recording import record_plan
+from scp_planner.viewer import save_recording, save_viewer, to_html
+from tests.browser import BROWSER_VARIABLE, Browser, find_browser
+
+
+@pytest.fixture(scope="module")
+def scenario() -> sp.Scenario:
+    return builtin.load("radar")
+
+
+@pytest.fixture(scope="module")
+def plan(scenario: sp.Scenario) -> sp.Plan:
+    return sp.plan(scenario)
+
+
+@pytest.fixture(scope="module")
+def page(plan: sp.Plan, scenario: sp.Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("viewer") / "radar.html"
+    save_viewer(plan, scenario, path)
+    return path
+
+
+def data_of(page: Path) -> dict[str, Any]:
+    """What the page's script will read."""
+    found = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL
+    )
+    assert found
+    return json.loads(found[1])
+
+
+def test_file_holds_the_plan(page: Path, plan: sp.Plan, scenario: sp.Scenario) -> None:
+    data = data_of(page)
+    origin = np.array(data["origin"])
+    time = np.array(data["time"])
+    assert time[0] == plan.start_time and abs(time[-1] - plan.arrival_time) < 1e-5
+    assert np.abs(np.array(data["position"]) + origin - plan.position(time)).max() < 1e-3
+    assert np.abs(np.array(data["speed"]) - plan.speed(time)).max() < 1e-4
+    assert [obstacle["id"] for obstacle in data["obstacles"]] == [o.id for o in scenario.obstacles]
+
+
+def test_straight_lines_between_samples_are_near_the_trip(page: Path, plan: sp.Plan) -> None:
+    data = data_of(page)
+    time, position = np.array(data["time"]), np.array(data["position"]) + np.array(data["origin"])
+    fine = np.linspace(plan.start_time, plan.arrival_time, 5000)
+    drawn = np.stack([np.interp(fine, time, position[:, axis]) for axis in (0, 1)], axis=-1)
+    assert np.linalg.norm(drawn - plan.position(fine), axis=1).max() < 2e-3
+
+
+def test_file_asks_for_nothing_from_elsewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    addresses = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[^\s\"'<]*", text))
+    assert addresses == {"http://www.w3.org/2000/svg"}  # the name of the SVG language, not a place
+    assert not re.search(r"<(?:link|img|iframe)\b|\bsrc=|@import|url\(", text)
+
+
+def test_hostile_names_stay_text(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    evil = "</script><script>document.title = 'taken'</script><!--\u2028 [[data]] [[title]]"
+    obstacle = scenario.obstacles[0].model_copy(update={"id": evil})
+    hostile = scenario.model_copy(update={"name": evil, "obstacles": (obstacle,)})
+    text = to_html(record_plan(plan, hostile, 10))
+    assert text.count("</script>") == 2  # the data's and the script's own
+    assert text.count("<script") == 2
+    assert "<!--" not in text.replace("<!-- Nothing is ever fetched. -->", "")
+    data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
+    assert data and json.loads(data[1])["obstacles"][0]["id"] == evil
+
+
+def test_same_recording_gives_same_file(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    assert to_html(record_plan(plan, scenario, 20)) == to_html(record_plan(plan, scenario, 20))
+
+
+def test_other_suffix_is_refused(plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"plan\.pdf: must end in one of \.html"):
+        save_viewer(plan, scenario, tmp_path / "plan.pdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unknown_truth_is_refused(plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no obstacle 'nobody'"):
+        save_viewer(plan, scenario, tmp_path / "plan.html", truth={"nobody": ([0.0], [[0.0, 0.0]])})
+    assert list(tmp_path.iterdir()) == []
+
+
+# In a real browser
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    executable = find_browser()
+    if executable is None:
+        pytest.skip(f"needs Chromium or Chrome: none is installed, and {BROWSER_VARIABLE} names none")
+    with Browser(executable, tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def opened(browser: Browser, page: Path) -> Iterator[Browser]:
+    """The browser with the page; whatever a test does with it, nothing may go wrong in it."""
+    browser.open(page.as_uri())
+    yield browser
+    assert browser.faults == []
+    assert browser.requests == [page.as_uri()]
+
+
+def test_browser_notices_what_goes_wrong(browser: Browser, tmp_path: Path) -> None:
+    """Without this the tests below could pass by looking away."""
+    broken = tmp_path / "broken.html"
+    broken.write_text("<img src='missing.png'><script>console.error('one'); undefinedThing();</script>")
+    browser.open(broken.as_uri())
+    assert len(browser.faults) == 3
+    assert browser.requests == [broken.as_uri(), (tmp_path / "missing.png").as_uri()]
+
+
+MINUS = "\N{MINUS SIGN}"
+VEHICLE = "['cx', 'cy'].map((name) => Number(document.querySelector('#vehicle').getAttribute(name)))"
+
+
+def shown_time(browser: Browser) -> float:
+    return float(browser.evaluate("document.querySelector('#time').textContent").split()[0])
+
+
+def shown_position(browser: Browser) -> list[float]:
+    """The vehicle's x and y, m, as the page tells them."""
+    texts = browser.evaluate("[...document.querySelectorAll('#now div')].map((row) => row.lastChild.textContent)")
+    return [float(text.replace(MINUS, "-").removesuffix(" m")) for text in texts[:2]]
+
+
+def move_slider(browser: Browser, time: float) -> None:
+    browser.evaluate(
+        f"(() => {{ const s = document.querySelector('#slider'); s.value = {time};"
+        " s.dispatchEvent(new Event('input', {bubbles: true})); })()"
+    )
+
+
+def test_slider_moves_the_vehicle_along_the_plan(opened: Browser, plan: sp.Plan) -> None:
+    places = []
+    for part in (0.0, 0.31, 0.5, 1.0):
+        time = plan.start_time + part * plan.travel_time
+        move_slider(opened, time)
+        assert shown_time(opened) == pytest.approx(time, abs=0.006)
+        assert shown_position(opened) == pytest.approx(plan.position(time), abs=0.008)
+        places.append(opened.evaluate(VEHICLE))
+    # On the map too: the same scale in both directions, and y upwards.
+    pixels = np.diff(places, axis=0)
+    metres = np.diff(plan.position(plan.start_time + np.array([0.0, 0.31, 0.5, 1.0]) * plan.travel_time), axis=0)
+    scale = pixels[0, 0] / metres[0, 0]
+    assert scale > 10.0
+    assert pixels == pytest.approx(metres * [scale, -scale], abs=0.3)
+
+
+def test_dragging_the_slider_with_the_mouse(opened: Browser) -> None:
+    x, y = opened.middle_of("#slider")
+    opened.drag((x, y), (x + 100.0, y))
+    assert shown_time(opened) > 0.55 * float(opened.evaluate("document.querySelector('#slider').max"))
+
+
+def test_zones_are_drawn_where_they_are(opened: Browser, plan: sp.Plan, scenario: sp.Scenario) -> None:
+    time = plan.start_time + 0.4 * plan.travel_time
+    move_slider(opened, time)
+    vehicle = np.array(opened.evaluate(VEHICLE))
+    polygons = opened.evaluate(
+        "[...document.querySelectorAll('.zone')].map((zone) => [...zone.points].map((p) => [p.x, p.y]))"
+    )
+    radius = float(opened.evaluate("document.querySelector('#vehicle').getAttribute('r')"))
+    scale = radius / scenario.vehicle.radius
+    position = plan.position(time)
+    for zone, polygon in zip(sp.zones(scenario), polygons, strict=True):
+        world = position + (np.array(polygon) - vehicle) * [1.0, -1.0] / scale
+        distances = zone.signed_distance(np.full(len(world), time), world)
+        assert np.abs(distances).max() < 2.0 / scale  # two pixels
+
+
+def test_play_and_pause(opened: Browser) -> None:
+    opened.evaluate("document.querySelector('#pace').value = '2'")
+    opened.press(" ")
+    opened.wait_for("Number(document.querySelector('#slider').value) > 0.3")
+    opened.drag(opened.middle_of("#play"), opened.middle_of("#play"))
+    assert opened.evaluate("document.querySelector('#play').textContent") == "Play"
+    stopped = shown_time(opened)
+    opened.evaluate("new Promise((done) => setTimeout(done, 150))")
+    assert shown_time(opened) == stopped
+
+
+def test_play_stops_at_the_end_and_starts_over(opened: Browser, plan: sp.Plan) -> None:
+    opened.press("End")
+    assert shown_time(opened) == pytest.approx(plan.arrival_time, abs=0.006)
+    opened.press(" ")
+    opened.wait_for("Number(document.querySelector('#slider').value) < 2.0")
+    opened.evaluate("document.querySelector('#pace').value = '4'")
+    opened.wait_for("document.querySelector('#play').textContent === 'Play'")
+    assert shown_time(opened) == pytest.approx(plan.arrival_time, abs=0.006)
+
+
+def test_keys(opened: Browser, plan: sp.Plan) -> None:
+    opened.press("ArrowRight", shift=True)
+    assert shown_time(opened) == pytest.approx(plan.start_time + 1.0, abs=0.006)
+    opened.press("ArrowLeft")
+    assert shown_time(opened) == pytest.approx(plan.start_time + 1.0 - 0.01 * plan.travel_time, abs=0.006)
+    opened.press("Home")
+    assert shown_time(opened) == plan.start_time
+    radius = "Number(document.querySelector('#vehicle').getAttribute('r'))"
+    fitted = opened.evaluate(radius)
+    opened.press("+")
+    assert opened.evaluate(radius) == pytest.approx(1.25 * fitted, rel=1e-2)
+    opened.press("f")
+    assert opened.evaluate(radius) == pytest.approx(fitted, rel=1e-6)
+
+
+def test_cursors_of_the_profiles_follow(opened: Browser, plan: sp.Plan) -> None:
+    names = opened.evaluate("[...document.querySelectorAll('.chart .label')].map((label) => label.textContent)")
+    assert names == ["speed", "acceleration", "lateral acceleration", "curvature", "clearance to zones"]
+    places = []
+    for time in (plan.start_time, plan.arrival_time):
+        move_slider(opened, time)
+        places.append(
+            opened.evaluate("[...document.querySelectorAll('.cursor')].map((c) => Number(c.getAttribute('x1')))")
+        )
+    assert np.ptp(places, axis=1).max() == 0.0  # all charts alike
+    assert places[1][0] - places[0][0] > 200.0
+    values = opened.evaluate("[...document.querySelectorAll('.chart text:nth-child(2)')].map((t) => t.textContent)")
+    assert values[0] == f"{plan.speed(plan.arrival_time):.2f} m/s"
+
+
+def test_clicking_a_profile_goes_to_that_time(opened: Browser, plan: sp.Plan) -> None:
+    x, y = opened.middle_of(".chart")
+    opened.drag((x, y), (x, y))
+    assert abs(shown_time(opened) - plan.start_time - 0.5 * plan.travel_time) < 0.1 * plan.travel_time
+
+
+def test_switches_hide_their_layers(opened: Browser) -> None:
+    shown = "getComputedStyle(document.querySelector('.zone')).getPropertyValue('display') !== 'none'"
+    parent = "document.querySelector('.zone').parentNode.classList.contains('hidden')"
+    assert opened.evaluate(shown) and not opened.evaluate(parent)
+    opened.evaluate("document.querySelector('#zones').click()")
+    assert opened.evaluate(parent)
+
+
+def test_hostile_names_run_nothing(browser: Browser, plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    evil = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
+    obstacle = scenario.obstacles[0].model_copy(update={"id": evil})
+    hostile = scenario.model_copy(update={"name": evil, "obstacles": (obstacle,)})
+    save_recording(record_plan(plan, hostile, 20), tmp_path / "evil.html")
+    browser.open((tmp_path / "evil.html").as_uri())
+    assert browser.evaluate("document.title") == evil
+    assert browser.evaluate("document.querySelector('h1').textContent") == evil
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
+    assert browser.faults == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_far_places_and_clocks(browser: Browser, scheme: str, tmp_path: Path) -> None:
+    """Half a million kilometres from the origin and at a Unix time; a car, a polygon, a radius about the goal."""
+    far = sp.Scenario.model_validate(
+        {
+            "name": "far",
+            "vehicle": {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0},
+            "start": {"time": 1.6e9, "position": [691000.0, 5335000.0], "speed": 0.5},
+            "goal": {"position": [691002.0, 5335020.0], "radius": 0.5},
+            "obstacles": [
+                {"id": "car", "shape": {"rectangle": [4.5, 1.8]}, "motion": {"position": [691006.0, 5335008.0]}},
+                {
+                    "id": "block",
+                    "shape": {"polygon": [[-1, -1], [1, -1], [0, 1.6]]},
+                    "motion": {"position": [690997.0, 5335014.0]},
+                },
+            ],
+        }
+    )
+    plan = sp.plan(far)
+    save_viewer(plan, far, tmp_path / "far.html")
+    browser.emulate(prefers_color_scheme=scheme)
+    browser.open((tmp_path / "far.html").as_uri())
+    move_slider(browser, 0.5 * plan.travel_time)
+    assert shown_position(browser) == pytest.approx(plan.position(plan.start_time + 0.5 * plan.travel_time), abs=0.008)
+    assert all(math.isfinite(value) for value in browser.evaluate(VEHICLE))
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+
+
+def test_trip_without_obstacles(browser: Browser, scenario: sp.Scenario, tmp_path: Path) -> None:
+    alone = scenario.model_copy(update={"obstacles": ()})
+    plan = sp.plan(alone)
+    save_viewer(plan, alone, tmp_path / "alone.html")
+    browser.open((tmp_path / "alone.html").as_uri())
+    move_slider(browser, plan.arrival_time)
+    assert shown_position(browser) == pytest.approx(alone.goal.position, abs=0.008)
+    assert browser.evaluate("document.querySelectorAll('.chart').length") == 4
+    assert browser.faults == []
