@@ -101,9 +101,9 @@ def reference_part(rows: list[Row], figures: Figures) -> list[str]:
 
     figure, (left, right) = figures.axes(8.0, 3.2, 2)
     for place, family in enumerate(families):
-        ratios = np.array([_value(row, "ratio") for row in _of(rows, family)])
-        spread = np.linspace(-0.18, 0.18, ratios.size)
-        left.scatter(place + spread, 100.0 * (ratios - 1.0), s=14, color=COLORS[0], alpha=0.8, linewidths=0)
+        excess = 100.0 * (np.array([_value(row, "ratio") for row in _of(rows, family)]) - 1.0)
+        spread = np.linspace(-0.18, 0.18, excess.size)
+        left.scatter(place + spread, excess, s=14, color=COLORS[0], alpha=0.8, linewidths=0)
     left.axhline(0.0, color="black", linewidth=0.8)
     left.set_xticks(range(len(families)), families, rotation=30, ha="right")
     left.set_ylabel("travel time against best known, %")
@@ -236,7 +236,7 @@ def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str
         lines.append(
             [
                 method,
-                len(chosen),
+                str(len(chosen)),
                 common.number(_median(chosen, "wall_ms"), 1),
                 common.number(_median(chosen, "wall_ms", 0.95), 1),
                 f"{100.0 * sum(row['certified'] == '1' for row in chosen) / len(chosen):.0f} %",
@@ -253,8 +253,10 @@ def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str
 
 def peers_figure(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str, Row], figures: Figures) -> str:
     """Wall time against travel time, and how many scenarios got a certified answer."""
+    from matplotlib.ticker import NullLocator
+
     methods = list(dict.fromkeys(method for method, _ in pairs))
-    figure, (left, right) = figures.axes(8.0, 3.4, 2)
+    figure, (left, right) = figures.axes(8.0, 3.8, 2)
     shares = []
     for method, start_set in pairs:
         chosen = [row for row in rows if (row["method"], row["start_set"]) == (method, start_set)]
@@ -283,9 +285,15 @@ def peers_figure(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str,
     left.axvline(1.0, color="black", linewidth=0.8)
     left.set_xscale("log")
     left.set_yscale("symlog", linthresh=0.1)
+    ticks = (-1.0, -0.1, 0.0, 0.1, 1.0, 10.0)
+    low, high = left.get_ylim()
+    left.set_ylim(min(low, -0.2), max(high, 0.2))
+    left.set_yticks([tick for tick in ticks if low <= tick <= high or abs(tick) <= 0.1])
+    left.yaxis.set_major_formatter("{x:g}")
+    left.yaxis.set_minor_locator(NullLocator())
     left.set_xlabel("wall time / scp_planner.plan")
     left.set_ylabel("travel time against scp_planner.plan, %")
-    left.legend(fontsize=6)
+    figure.legend(fontsize=7, loc="outside lower center", ncols=4)
     names, heights, colors = zip(*reversed(shares), strict=True)
     right.barh(range(len(names)), heights, color=colors)
     right.set_yticks(range(len(names)), names, fontsize=7)

@@ -128,13 +128,13 @@ class CasadiIpopt:
                 squares = ca.sum1((ca.repmat(place, 1, count) - centres) ** 2)
                 clearances.append((ca.sqrt(squares + ROUNDING) - discs[6, :]).T + slack)
         smoothing = ca.sumsqr(controls) / intervals
-        problem = {
+        problem: dict[str, Any] = {
             "x": ca.vertcat(ca.vec(states), ca.vec(controls), slack, total),
             "p": ca.vertcat(begin, ca.vec(discs)),
             "f": total + SMOOTHING * smoothing + SLACK_WEIGHT * ca.sum1(slack),
             "g": ca.vertcat(gaps, lateral, *clearances),
         }
-        options = {"print_time": False, "error_on_fail": False, "ipopt": self._options}
+        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "ipopt": self._options}
         return ca.nlpsol("planner", "ipopt", problem, options)
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:

@@ -1,0 +1,134 @@
+"""The benchmarks' own parts: generators, starts, the arcs and gradients that peers rest on, files, tables."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scp_planner
+from benchmarks import common, families
+from benchmarks.dense_check import check_samples, check_trip
+from benchmarks.peers.base import JUDGE, Attempt, judge
+from benchmarks.peers.casadi_ipopt import ArcTrip
+from benchmarks.peers.slsqp import Slsqp, _length, _Model
+from benchmarks.peers.starts import TEN_STARTS, Start, first_guess
+
+ALL_FAMILIES = (*families.FAMILIES, "far70")
+
+
+@pytest.mark.parametrize("family", ALL_FAMILIES)
+def test_random_scenarios_are_valid_and_reproducible(family: str) -> None:
+    first = families.random_scenario(family, np.random.default_rng(5), "one")
+    again = families.random_scenario(family, np.random.default_rng(5), "one")
+    other = families.random_scenario(family, np.random.default_rng(6), "one")
+    assert first == again
+    assert first != other
+    scenario = families.as_scenario(first)
+    assert isinstance(scenario, scp_planner.Scenario)
+    assert len(scenario.obstacles) == len(first["obstacles"])
+
+
+def test_far_scenarios_share_their_near_obstacles() -> None:
+    few, many = (families.random_scenario(f"far{n}", np.random.default_rng(1)) for n in (80, 300))
+    assert many["obstacles"][:80] == few["obstacles"]
+    start = np.array(families.START["position"])
+    places = np.array([obstacle["motion"]["position"] for obstacle in many["obstacles"]])
+    distances = np.linalg.norm(places - start, axis=1)
+    assert distances[:50].max() < 60.0
+    assert distances[50:].min() > 250.0
+
+
+def test_unknown_families_are_named() -> None:
+    with pytest.raises(ValueError, match="'crossing'"):
+        families.random_scenario("crossing", np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("start", TEN_STARTS, ids=str)
+def test_starts_obey_the_ends_and_the_speed_limits(start: Start) -> None:
+    """A start is free to turn too sharply for its speed, and knows no obstacle; all else must hold."""
+    data = families.crossing(np.random.default_rng(0), 0)
+    data["vehicle"] |= {"max_lateral_acceleration": None, "max_curvature": None}
+    guess = first_guess(data, start)
+    assert guess.states[0, :2] == pytest.approx(data["start"]["position"])
+    assert guess.states[:, 3].max() <= 3.0 + 1e-12
+    # Driven at its own speeds and accelerations it gets where it says, when it says.
+    steps = np.diff(guess.times)
+    driven = steps * (guess.states[1:, 3] + guess.states[:-1, 3]) / 2.0
+    lengths = np.linalg.norm(np.diff(guess.states[:, :2], axis=0), axis=1)
+    # The trapezium is exact but where the ramp ends inside a step: there it is short by at most rate * step^2 / 8.
+    assert np.all(np.abs(driven - lengths) <= 2.0 * steps**2 / 8.0 + 1e-12)
+    assert np.count_nonzero(np.abs(driven - lengths) > 1e-12) <= 1
+    report = check_samples(data, guess.times, guess.states[:, :2], tolerances=JUDGE)
+    assert {finding.name for finding in report.violations} <= {"acceleration", "deceleration"}, str(report)
+    middle = np.argmin(np.abs(guess.states[:, 0] - 10.0))
+    assert guess.states[middle, 1] == pytest.approx(start.bow, abs=1e-3)
+
+
+def test_arc_trips_drive_exact_arcs() -> None:
+    """Judged by the dense check: half a second of full acceleration on a left arc, then braking on a right one."""
+    controls = np.array([[1.5, 0.5], [-2.0, -0.4]])
+    trip = ArcTrip(3.0, np.array([0.0, 0.0, 0.0, 1.0]), controls, 1.0)
+    goal = trip(np.array([4.0]))[0]
+    data = families.crossing(np.random.default_rng(0), 0)
+    data["start"]["time"] = 3.0
+    data["goal"] = {"position": goal.tolist(), "heading": None, "speed": 0.75}
+    report = check_trip(data, trip, 3.0, 4.0)
+    assert report.ok, str(report)
+    assert report["acceleration"].value == pytest.approx(1.5, abs=1e-4)
+    assert report["deceleration"].value == pytest.approx(2.0, abs=1e-4)
+    assert report["curvature"].value == pytest.approx(0.5, abs=1e-4)
+    attempt = Attempt(True, trip, 3.0, 4.0, 1, "")
+    verdict = judge(data, attempt)
+    assert verdict is not None
+    assert verdict.ok
+
+
+def test_gradients_of_the_slsqp_peer() -> None:
+    data = families.crossing(np.random.default_rng(2), 4)
+    peer = Slsqp()
+    peer.build([data])
+    model = _Model(data, peer._tables[_length(data)])
+    rng = np.random.default_rng(0)
+    z = model.first(Start(1.5))
+    z[: model.tau] += 0.02 * rng.normal(size=model.tau)
+    z[model.tau + 1 :] = 0.1
+    # A little short of the goal: beyond it the station is clipped, and has no gradient.
+    while model.arrival(z)[0] > -0.05:
+        z[model.tau] -= 0.01
+    rows = np.ones((model.tables.shares.size, 4), dtype=bool)
+    step = 1e-6
+    numeric = np.array(
+        [(model.values(z + step * e, rows) - model.values(z - step * e, rows)) / (2 * step) for e in np.eye(z.size)]
+    ).T
+    assert model.gradients(z, rows) == pytest.approx(numeric, abs=2e-3)
+    arrival = [(model.arrival(z + step * e) - model.arrival(z - step * e))[0] / (2 * step) for e in np.eye(z.size)]
+    assert model.arrival_gradient(z)[0] == pytest.approx(np.array(arrival), abs=1e-6)
+
+
+def test_files_are_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "rows.csv"
+    common.write_csv(path, [{"a": 1, "b": 2.5}, {"a": 3, "c": "x"}])
+    with path.open(newline="") as stream:
+        assert list(csv.DictReader(stream)) == [{"a": "1", "b": "2.5", "c": ""}, {"a": "3", "b": "", "c": "x"}]
+    with pytest.raises(ValueError, match="fields not in fieldnames"):
+        common.write_csv(path, [{"a": 9, "z": 0}], columns=["a"])
+    assert common.read_csv(path)[0]["a"] == "1"
+    assert [entry.name for entry in path.parent.iterdir()] == ["rows.csv"]
+
+
+def test_medians_pass_over_what_is_not_a_number() -> None:
+    assert common.median([3.0, float("nan"), 1.0, 2.0]) == 2.0
+    assert common.quantile([float("nan")], 0.5) != common.quantile([float("nan")], 0.5)
+    assert common.number(float("nan"), 2) == "-"
+    assert common.table(["a", "b"], [[1, "x"], [10, float("nan")]]).splitlines()[-1] == "| 10 | - |"
+
+
+def test_missing_scenarios_are_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(common.DATA_VARIABLE, raising=False)
+    with pytest.raises(common.MissingDataError, match="--data FOLDER"):
+        common.scenario_folder()
+    with pytest.raises(common.MissingDataError, match=r"crossing5-\*\.json"):
+        common.load_family(tmp_path, "crossing5")
