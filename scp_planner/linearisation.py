@@ -123,10 +123,13 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     jumps = np.flatnonzero(np.abs(base.sites.jump_lateral) > (1.0 - STATION_REACH) * lateral)
     bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - STATION_REACH) * bend)
     walls = np.flatnonzero(base.box_gaps < near)
+    order = np.zeros(len(base.minima_zone), dtype=np.intp)
     rows = Rows.stack(
         [
-            clearance_rows(problem, trajectory, base.minima_zone, base.minima, base.minima_contacts),
-            clearance_rows(problem, trajectory, zone, points, contacts),
+            clearance_rows(
+                problem, trajectory, base.minima_zone, order, base.minima, base.minima_contacts
+            ),
+            clearance_rows(problem, trajectory, zone, sample, points, contacts),
             lateral_rows(problem, trajectory, base.sites, stations, jumps, zones.size),
             curvature_rows(problem, trajectory, base.sites, bends, zones.size + 1),
             box_rows(problem, base.box_gaps, walls, zones.size + 3),

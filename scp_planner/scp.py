@@ -15,7 +15,7 @@ from scp_planner.evaluation import LIMIT_NAMES, Evaluation, Penalties, evaluate_
 from scp_planner.linearisation import Linearisation, TrustRegion, linearise
 from scp_planner.problem import Problem
 from scp_planner.solvers.interface import QpSolver, SolverStatus, solver_named
-from scp_planner.subproblem import Subproblem, build_subproblem
+from scp_planner.subproblem import ActiveSet, Subproblem, build_subproblem
 from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -130,6 +130,7 @@ class ScpLoop:
         self.fallback = fallback
         self.kinematics = KinematicRows(problem)
         self.zone_count = problem.zones.size
+        self._active: ActiveSet | None = None
 
     def run(
         self,
@@ -151,6 +152,7 @@ class ScpLoop:
         """
         penalties = Penalties(np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY))
         trust = FIRST_TRUST
+        self._active = None
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         for number in range(1, max_iterations + 1):
             if perf_counter() > deadline:
@@ -184,7 +186,9 @@ class ScpLoop:
         """Solve the subproblem, and correct its step to second order where the model was too hopeful."""
         base = lines.base
         weights = np.concatenate([penalties.zones, penalties.limits])
-        sub = build_subproblem(self.problem, self.kinematics, base.trajectory, lines.rows, weights, trust)
+        sub = build_subproblem(
+            self.problem, self.kinematics, base.trajectory, lines.rows, weights, trust, self._active
+        )
         z = self._solve(sub)
         if z is None:
             return None
@@ -214,14 +218,18 @@ class ScpLoop:
         path = lines.base.trajectory.path
         grown = candidate.trajectory.path.arc_length - path.arc_length
         bound[0] += grown - float(path.final_gradient[free] @ step[: free.stop - free.start])
-        again = self._solve(replace(sub, program=replace(sub.program, bound=bound)))
+        active = None if self._active is None else self._active.guess(lines.rows, sub.groups)
+        again = self._solve(replace(sub, program=replace(sub.program, bound=bound, active=active)))
         return None if again is None else self._candidate(lines.base.trajectory, again)
 
     def _solve(self, sub: Subproblem) -> Array | None:
         solution = self.solver.solve(sub.program)
         if solution.status is SolverStatus.FAILED and self.fallback is not None:
             solution = solver_named(self.fallback).solve(sub.program)
-        return solution.x if solution.status is SolverStatus.OPTIMAL else None
+        if solution.status is not SolverStatus.OPTIMAL:
+            return None
+        self._active = sub.active_set(solution)
+        return solution.x
 
     def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation | None:
         """The trip after a step, its travel time from the closed form; None if it would never arrive."""

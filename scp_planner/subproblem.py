@@ -16,7 +16,7 @@ from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.linearisation import TrustRegion
 from scp_planner.problem import Problem
-from scp_planner.solvers.interface import QuadraticProgram
+from scp_planner.solvers.interface import QuadraticProgram, Solution
 from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -28,6 +28,34 @@ SLACK_CURVATURE = 1e-3
 MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arrival
 
 
+@dataclass
+class ActiveSet:
+    """Which constraints were active in the last subproblem: the guess for the next one.
+
+    Attributes
+    ----------
+    step : (n,) array of int
+        Of the bounds of the step: -1 at the lower one, +1 at the upper one, 0 inactive.
+    hard : (h,) array of int
+        Of the hard rows.
+    keys : (k,) array of int
+        Keys of the active rows that may be violated at a price.
+    violated : (g,) array of int
+        Groups whose slack was positive.
+    """
+
+    step: NDArray[np.int8]
+    hard: NDArray[np.int8]
+    keys: NDArray[np.intp]
+    violated: NDArray[np.intp]
+
+    def guess(self, rows: Rows, groups: NDArray[np.intp]) -> NDArray[np.int8]:
+        """Return the guess for a program with these rows and slacks."""
+        slacks = -np.ones(len(groups), dtype=np.int8)
+        slacks[np.isin(groups, self.violated)] = 0
+        return np.concatenate([self.step, slacks, self.hard, np.isin(rows.key, self.keys).astype(np.int8)])
+
+
 @dataclass(frozen=True)
 class Subproblem:
     """A quadratic program and how its variables are laid out.
@@ -35,6 +63,8 @@ class Subproblem:
     Attributes
     ----------
     program : QuadraticProgram
+    rows : Rows
+        Those that may be violated at a price.
     step_size : int
         Number of variables of the step; the slacks follow.
     groups : (g,) array of int
@@ -42,8 +72,21 @@ class Subproblem:
     """
 
     program: QuadraticProgram
+    rows: Rows
     step_size: int
     groups: NDArray[np.intp]
+
+    def active_set(self, solution: Solution) -> ActiveSet:
+        """Return what is active in a solution of the program."""
+        signs = np.sign(solution.multipliers).astype(np.int8)
+        size, total = self.step_size, len(self.program.gradient)
+        soft = len(signs) - len(self.rows.gap)
+        return ActiveSet(
+            signs[:size],
+            signs[total:soft],
+            self.rows.key[signs[soft:] != 0],
+            self.groups[signs[size:total] == 0],
+        )
 
 
 def build_subproblem(
@@ -53,6 +96,7 @@ def build_subproblem(
     rows: Rows,
     weights: Array,
     trust: TrustRegion,
+    active: ActiveSet | None = None,
 ) -> Subproblem:
     """Build the quadratic program of a step from a trip.
 
@@ -66,6 +110,8 @@ def build_subproblem(
     weights : (G,) array
         Price of each violation, s.
     trust : TrustRegion
+    active : ActiveSet, optional
+        Of the last subproblem.
     """
     groups, slack = np.unique(rows.group, return_inverse=True)
     hard, bound = kinematics.at(trajectory)
@@ -104,13 +150,17 @@ def build_subproblem(
     lower[size - 1] = -trust.rho
     upper[size:] = 1e6
     lower[size:] = 0.0
-    return Subproblem(
-        QuadraticProgram(
-            hessian, gradient, lower, upper, matrix, np.concatenate([bound, rows.gap]), kinematics.equalities
-        ),
-        size,
-        groups,
+    program = QuadraticProgram(
+        hessian,
+        gradient,
+        lower,
+        upper,
+        matrix,
+        np.concatenate([bound, rows.gap]),
+        kinematics.equalities,
+        None if active is None else active.guess(rows, groups),
     )
+    return Subproblem(program, rows, size, groups)
 
 
 def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:

@@ -72,7 +72,7 @@ def test_clearance_rows(degree: int) -> None:
     zone = np.arange(40) % problem.zones.size
     points = trip.at(table)
     contacts = problem.zones.contacts(zone, points.time, points.path.position)
-    rows = clearance_rows(problem, trip, zone, points, contacts)
+    rows = clearance_rows(problem, trip, zone, np.arange(40), points, contacts)
 
     def distance(other: Trajectory) -> Array:
         there = other.at(table)

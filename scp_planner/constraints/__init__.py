@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+KEYS = 10**9  # more than there are different rows of one kind
+
+
 @dataclass(frozen=True)
 class Rows:
     """Linearised constraints J z <= gap.
@@ -24,21 +27,25 @@ class Rows:
         What is left, in the constraint's own unit; negative where it is violated.
     group : (m,) array of int
         Index of the violation in the merit that the row belongs to.
+    key : (m,) array of int
+        What the row is about: the same from one linearisation to the next, for warm starts.
     """
 
     matrix: NDArray[np.float64]
     gap: NDArray[np.float64]
     group: NDArray[np.intp]
+    key: NDArray[np.intp]
 
     @classmethod
     def stack(cls, parts: list[Rows]) -> Rows:
-        """Return the rows of several constraints as one."""
+        """Return the rows of several constraints as one; the place in the list becomes part of the keys."""
         return cls(
             np.concatenate([part.matrix for part in parts]),
             np.concatenate([part.gap for part in parts]),
             np.concatenate([part.group for part in parts]),
+            np.concatenate([part.key + place * KEYS for place, part in enumerate(parts)]),
         )
 
     def take(self, index: NDArray[np.intp]) -> Rows:
         """Return some of the rows."""
-        return Rows(self.matrix[index], self.gap[index], self.group[index])
+        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index])

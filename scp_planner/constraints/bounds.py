@@ -52,4 +52,5 @@ def box_rows(problem: Problem, gaps: Array, index: Index, group: int) -> Rows:
         np.concatenate([theta, zeros], axis=1),
         gaps.ravel()[index],
         np.full(len(index), group, dtype=np.intp),
+        index,
     )

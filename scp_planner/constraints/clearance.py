@@ -18,9 +18,16 @@ from scp_planner.problem import Problem
 from scp_planner.trajectory import Array, Index, Trajectory, TripPoints
 from scp_planner.zones import ZoneContacts
 
+MOST_SAMPLES = 100_000
+
 
 def clearance_rows(
-    problem: Problem, trajectory: Trajectory, zone: Index, points: TripPoints, contacts: ZoneContacts
+    problem: Problem,
+    trajectory: Trajectory,
+    zone: Index,
+    sample: Index,
+    points: TripPoints,
+    contacts: ZoneContacts,
 ) -> Rows:
     """Return the rows -dc z <= c of contacts with zones.
 
@@ -30,6 +37,8 @@ def clearance_rows(
     trajectory : Trajectory
     zone : (m,) array of int
         Which zone each row is about.
+    sample : (m,) array of int
+        Number of the sample, or of the minimum, for the row's key.
     points : TripPoints
         The trip at the m times.
     contacts : ZoneContacts
@@ -46,7 +55,7 @@ def clearance_rows(
         (-tau * tau * along)[:, None] * points.table.distance,
         -tau * points.table.sigma * (along * v0 + contacts.rate),
     )
-    return Rows(matrix, contacts.distance, zone)
+    return Rows(matrix, contacts.distance, zone, zone * MOST_SAMPLES + sample)
 
 
 def join_blocks(theta: Array, beta: Array, rho: Array) -> Array:

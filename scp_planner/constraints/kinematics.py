@@ -206,7 +206,7 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, i
     theta = _bend_gradient(problem, sites.stations.bend, index, basis) / problem.limits.curvature
     zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
     value = sites.curvature[index] / problem.limits.curvature
-    return _both_sides(np.concatenate([theta, zeros], axis=1), value, group)
+    return _both_sides(np.concatenate([theta, zeros], axis=1), value, group, index)
 
 
 def lateral_rows(
@@ -243,7 +243,9 @@ def lateral_rows(
         ]
     )
     value = np.concatenate([sites.stations.lateral[stations], peaks.lateral, sites.jump_lateral[jumps]])
-    return _both_sides(gradient / limit, value / limit, group)
+    # stations, then peaks, then jumps, each with numbers of its own
+    keys = np.concatenate([3 * stations, 3 * np.arange(len(peaks.speed)) + 1, 3 * jumps + 2])
+    return _both_sides(gradient / limit, value / limit, group, keys)
 
 
 def _fixed_basis(problem: Problem, trajectory: Trajectory, index: Index) -> _StationBasis:
@@ -324,12 +326,13 @@ def goal_speed_rows(problem: Problem, trajectory: Trajectory, group: int) -> Row
     space, goal = problem.space, problem.ends.goal_speed
     width = problem.ends.free.stop - problem.ends.free.start + space.acceleration_size + 1
     if goal is None:
-        return Rows(np.zeros((0, width)), np.zeros(0), np.zeros(0, dtype=np.intp))
+        return Rows(np.zeros((0, width)), np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
     gradient = np.zeros(width)
     gradient[-1 - space.acceleration_size : -1] = trajectory.travel_time * space.tables.final_speed
     gradient[-1] = space.start_speed - goal
     excess = trajectory.final_speed - goal
-    return Rows(np.stack([gradient, -gradient]), np.array([-excess, excess]), np.full(2, group, dtype=np.intp))
+    both = np.stack([gradient, -gradient])
+    return Rows(both, np.array([-excess, excess]), np.full(2, group, dtype=np.intp), np.arange(2))
 
 
 def both_gaps(value: Array) -> Array:
@@ -337,6 +340,11 @@ def both_gaps(value: Array) -> Array:
     return np.concatenate([1.0 - value, 1.0 + value])
 
 
-def _both_sides(gradient: Array, value: Array, group: int) -> Rows:
+def _both_sides(gradient: Array, value: Array, group: int, key: Index) -> Rows:
     """Rows of -1 <= value + gradient z <= 1."""
-    return Rows(np.concatenate([gradient, -gradient]), both_gaps(value), np.full(2 * len(value), group, dtype=np.intp))
+    return Rows(
+        np.concatenate([gradient, -gradient]),
+        both_gaps(value),
+        np.full(2 * len(value), group, dtype=np.intp),
+        np.concatenate([2 * key, 2 * key + 1]),
+    )
