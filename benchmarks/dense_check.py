@@ -125,14 +125,15 @@ def check_trip(
     *,
     tolerances: Tolerances | None = None,
     samples: int = SAMPLES,
+    regions: Mapping[str, float] | None = None,
 ) -> DenseReport:
     """Check one trip against a scenario in the file format.
 
     Parameters
     ----------
     scenario : mapping or path
-        Scenario as a plain dict, or a JSON file. Obstacles need an exact ``motion`` and a shape that
-        is a ``disc``, a ``polygon`` or a ``rectangle``.
+        Scenario as a plain dict, or a JSON file. An obstacle needs an exact ``motion`` and a shape that is a
+        ``disc``, a ``polygon`` or a ``rectangle``; or, if it is a disc, ``observations`` of known covariance.
     position : callable
         (n,) times in s to (n, 2) positions in m.
     start_time, arrival_time : float
@@ -141,6 +142,9 @@ def check_trip(
         Excess allowed per quantity.
     samples : int
         Number of intervals between sampled times.
+    regions : mapping of str to float, optional
+        For each observed obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q around its
+        estimate, C(t) the covariance of the estimate. Which q gives which confidence is not judged here.
 
     Raises
     ------
@@ -163,7 +167,7 @@ def check_trip(
         *_ends(data, times, positions, allowed),
         *_motion_limits(data, times, positions, allowed),
         *_workspace(data, times, positions, allowed),
-        *_clearances(data, times, positions, allowed),
+        *_clearances(data, times, positions, allowed, regions or {}),
     ]
     return DenseReport(tuple(findings), arrival_time - start_time)
 
@@ -343,13 +347,22 @@ def _workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed:
     return [Finding("bounds", room, 0.0, -room, allowed.clearance, float(times[worst]))]
 
 
-def _clearances(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+def _clearances(
+    data: Mapping[str, Any],
+    times: Array,
+    positions: Array,
+    allowed: Tolerances,
+    regions: Mapping[str, float],
+) -> list[Finding]:
     radius = float(data["vehicle"]["radius"])
     found = []
     for obstacle in data.get("obstacles", ()):
         name = str(obstacle["id"])
         keep = radius + float(obstacle.get("margin") or 0.0)
-        clearance = _signed_distance(obstacle, times, positions) - keep
+        if obstacle.get("motion") is None and name in regions:
+            clearance = _distance_to_observed(obstacle, times, positions, regions[name]) - keep
+        else:
+            clearance = _signed_distance(obstacle, times, positions) - keep
         worst = int(np.argmin(clearance))
         least = float(clearance[worst])
         found.append(Finding("clearance", least, 0.0, -least, allowed.clearance, float(times[worst]), name))
@@ -361,7 +374,7 @@ def _signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array
     name = obstacle["id"]
     motion = obstacle.get("motion")
     if motion is None:
-        raise ValueError(f"obstacle {name!r} has no exact motion: nothing to check against")
+        raise ValueError(f"obstacle {name!r} has no exact motion: give the size of its region")
     velocity = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
     acceleration = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
     clock = times[:, None]
@@ -396,3 +409,53 @@ def _distance_to_polygon(points: Array, corners: Array) -> Array:
             crossing = begin[0] + edge[0] * (points[:, 1] - begin[1]) / edge[1]
             inside ^= straddles & (points[:, 0] < crossing)
     return np.where(inside, -nearest, nearest)
+
+
+def _distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
+    """Distance (n,) to a disc whose centre is somewhere in the confidence ellipse; negative inside.
+
+    The centre moves as a polynomial, fitted to the observations by generalised least squares.
+    """
+    name, model = obstacle["id"], obstacle.get("model") or {}
+    seen = obstacle.get("observations")
+    if seen is None or seen.get("covariance") is None or "disc" not in obstacle["shape"]:
+        raise ValueError(f"obstacle {name!r}: only discs with observations of known covariance can be checked")
+    if model.get("prior") is not None or model.get("process") is not None:
+        raise ValueError(f"obstacle {name!r}: this check knows neither priors nor process noise")
+    order = int(model.get("order", 2))
+    observed = np.asarray(seen["position"], dtype=float)
+    when = np.asarray(seen["time"], dtype=float)
+    covariance = np.broadcast_to(np.asarray(seen["covariance"], dtype=float), (when.size, 2, 2))
+    weights = np.linalg.inv(covariance)
+    # Times are shifted and scaled to [-1, 1] over the observations: the normal equations keep their digits.
+    middle, half = (when.max() + when.min()) / 2.0, max((when.max() - when.min()) / 2.0, 1e-9)
+    rows = np.vander((when - middle) / half, order + 1, increasing=True)
+    # Unknowns: coefficients (order + 1, 2), flattened.
+    size = 2 * (order + 1)
+    information = np.einsum("ni,nj,nab->iajb", rows, rows, weights).reshape(size, size)
+    fitted = np.linalg.solve(information, np.einsum("ni,nab,nb->ia", rows, weights, observed).ravel())
+    spread = np.linalg.inv(information).reshape(order + 1, 2, order + 1, 2)
+    powers = np.vander((times - middle) / half, order + 1, increasing=True)
+    centres = powers @ fitted.reshape(order + 1, 2)
+    errors = region * np.einsum("ni,iajb,nj->nab", powers, spread, powers)
+    return _distance_to_ellipses(positions - centres, errors) - float(obstacle["shape"]["disc"])
+
+
+def _distance_to_ellipses(points: Array, matrices: Array) -> Array:
+    """Distance (n,) from points (n, 2) to the ellipses z' M^-1 z <= 1 of matrices (n, 2, 2); zero inside.
+
+    Along the axes of the ellipse, of half lengths a and b, its nearest point to y is
+    (a^2 y1 / (a^2 + t), b^2 y2 / (b^2 + t)), t >= 0 the root of a decreasing function: bisection.
+    """
+    squares, axes = np.linalg.eigh(matrices)
+    local = np.abs(np.einsum("nij,ni->nj", axes, points))
+    outside = (local**2 / squares).sum(axis=1) > 1.0
+    low = np.zeros(points.shape[0])
+    high = np.linalg.norm(local, axis=1) * np.sqrt(squares[:, 1])
+    for _ in range(80):
+        t = (low + high) / 2.0
+        beyond = (squares * local**2 / (squares + t[:, None]) ** 2).sum(axis=1) > 1.0
+        low, high = np.where(beyond, t, low), np.where(beyond, high, t)
+    nearest = squares * local / (squares + high[:, None])
+    distances: Array = np.where(outside, np.linalg.norm(local - nearest, axis=1), 0.0)
+    return distances

@@ -12,6 +12,7 @@ family                    what it tries
 ``crowd60``               many slow discs, most of them irrelevant at any moment
 ``walls``                 standing walls (polygons), each with one gap, to weave through
 ``convoy``                a column crosses the line with no room between its members: wait, or go round
+``noisy<n>``              crossing discs whose motions are only observed, with noise
 ``far<n>``                a crowd of 50, and n - 50 discs hundreds of metres away
 ========================  ==============================================================================
 """
@@ -40,7 +41,7 @@ NEAR_OBSTACLES = 50  # of a `far` scenario
 DIGITS = 6
 
 # All families that `random_scenario` knows without a number of its own.
-FAMILIES = ("crossing3", "crossing5", "crossing10", "crossing20", "headon", "crowd60", "walls", "convoy")
+FAMILIES = ("crossing3", "crossing5", "crossing10", "crossing20", "headon", "crowd60", "walls", "convoy", "noisy5")
 
 
 def random_scenario(family: str, rng: np.random.Generator, name: str | None = None) -> Scenario:
@@ -49,7 +50,7 @@ def random_scenario(family: str, rng: np.random.Generator, name: str | None = No
     Parameters
     ----------
     family : str
-        ``crossing<n>``, ``headon``, ``crowd<n>``, ``walls``, ``convoy`` or ``far<n>``.
+        ``crossing<n>``, ``headon``, ``crowd<n>``, ``walls``, ``convoy``, ``noisy<n>`` or ``far<n>``.
     rng : numpy.random.Generator
         Source of all randomness.
     name : str, optional
@@ -60,12 +61,13 @@ def random_scenario(family: str, rng: np.random.Generator, name: str | None = No
     ValueError
         If there is no such family.
     """
-    match = re.fullmatch(r"(crossing|crowd|far)(\d+)|(headon|walls|convoy)", family)
+    match = re.fullmatch(r"(crossing|crowd|noisy|far)(\d+)|(headon|walls|convoy)", family)
     if match is None:
         raise ValueError(f"no family {family!r}: known are {', '.join(FAMILIES)} and far<n>")
     counted: dict[str, Callable[[np.random.Generator, int], Scenario]] = {
         "crossing": crossing,
         "crowd": crowd,
+        "noisy": noisy,
         "far": far,
     }
     plain: dict[str, Callable[[np.random.Generator], Scenario]] = {
@@ -157,6 +159,33 @@ def convoy(rng: np.random.Generator) -> Scenario:
         for number in range(8)
     ]
     return _scenario([20.0, 0.0], obstacles)
+
+
+def noisy(rng: np.random.Generator, count: int) -> Scenario:
+    """Crossing discs that were seen ten times a second for 6 s, each position with noise of 1 to 4 cm.
+
+    Half of them move at constant velocity, and are known to; the others accelerate.
+    """
+    data = crossing(rng, count)
+    times = np.linspace(-5.9, 0.0, 60)
+    for number, obstacle in enumerate(data["obstacles"]):
+        order = 1 + number % 2
+        motion = {key: np.array(value) for key, value in obstacle.pop("motion").items()}
+        clock = times[:, None]
+        truth = motion["position"] + motion["velocity"] * clock
+        if order == 2:
+            truth = truth + motion["acceleration"] * clock**2 / 2.0
+        deviations = rng.uniform(0.01, 0.04, 2)
+        correlation = rng.uniform(-0.5, 0.5) * deviations.prod()
+        covariance = np.array([[deviations[0] ** 2, correlation], [correlation, deviations[1] ** 2]])
+        seen = truth + rng.multivariate_normal(np.zeros(2), covariance, times.size)
+        obstacle["observations"] = {
+            "time": [round(float(t), DIGITS) for t in times],
+            "position": [[round(float(x), DIGITS) for x in place] for place in seen],
+            "covariance": [[round(float(x), 2 * DIGITS) for x in row] for row in covariance],
+        }
+        obstacle["model"] = {"order": order}
+    return data
 
 
 def far(rng: np.random.Generator, count: int, near: int = NEAR_OBSTACLES) -> Scenario:

@@ -59,8 +59,32 @@ def run(data: families.Scenario, repeat: int, solver: str | None = None) -> Outc
         walls.append(perf_counter() - began)
         stages.append(plan.timings)
     timings = {name: common.median(stage.get(name, 0.0) for stage in stages) for name in stages[-1]}
-    report = check_trip(data, plan.position, plan.start_time, plan.arrival_time)
+    report = check_trip(
+        data, plan.position, plan.start_time, plan.arrival_time, regions=_regions(scenario, plan.arrival_time)
+    )
     return Outcome(plan, common.median(walls), timings, report)
+
+
+def _regions(scenario: scp_planner.Scenario, until: float) -> dict[str, float]:
+    """Size of each observed obstacle's confidence region; the level is the planner's business, not the check's.
+
+    The planner's regions hold for longer than the trip, and so are no smaller than these.
+    """
+    from scp_planner.confidence import region_scale
+    from scp_planner.estimation import estimate_obstacle
+
+    observed = [obstacle for obstacle in scenario.obstacles if obstacle.observations is not None]
+    return {
+        obstacle.id: region_scale(
+            str(scenario.confidence.level),
+            scenario.confidence.probability,
+            estimate_obstacle(obstacle),
+            obstacles=len(observed),
+            start=scenario.start.time,
+            stop=until,
+        )
+        for obstacle in observed
+    }
 
 
 def reference(options: argparse.Namespace) -> int:

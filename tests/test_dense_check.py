@@ -294,6 +294,53 @@ def test_free_ends_and_a_goal_radius_are_free() -> None:
     assert check_trip(data, position, 0.0, duration).ok
 
 
+def test_distances_to_ellipses_against_their_support() -> None:
+    """The distance to a convex set is the largest of n.y - h(n) over all unit vectors n."""
+    rng = np.random.default_rng(4)
+    roots = rng.normal(size=(60, 2, 2))
+    matrices = roots @ roots.transpose(0, 2, 1) + 1e-3 * np.eye(2)
+    points = rng.uniform(-6.0, 6.0, (60, 2))
+    angles = np.linspace(0.0, 2.0 * np.pi, 200_001)
+    normals = np.stack([np.cos(angles), np.sin(angles)])
+    for point, matrix, distance in zip(
+        points, matrices, dense_check._distance_to_ellipses(points, matrices), strict=True
+    ):
+        support = np.sqrt(np.einsum("in,ij,jn->n", normals, matrix, normals))
+        assert distance == pytest.approx(max(0.0, float((point @ normals - support).max())), abs=1e-8)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_observed_obstacles_are_judged_with_their_region(order: int) -> None:
+    """A disc that stands beside the track, seen with noise: the fit and its covariance by numpy's polyfit."""
+    position, duration = straight_trip()
+    rng = np.random.default_rng(8)
+    when = np.linspace(-3.0, 0.0, 31)
+    deviation = 0.02
+    seen = np.array([10.0, 2.0]) + deviation * rng.normal(size=(when.size, 2))
+    times = np.linspace(0.0, duration, 2001)
+    fits = [np.polyfit(when, seen[:, i], order, cov="unscaled") for i in range(2)]
+    centres = np.stack([np.polyval(fit, times) for fit, _ in fits], axis=1)
+    powers = np.vander(times, order + 1)
+    # Noise of one deviation in all directions: the region is a disc.
+    radii = deviation * np.sqrt(9.0 * np.einsum("ni,ij,nj->n", powers, fits[0][1], powers))
+    reach = np.linalg.norm(position(times) - centres, axis=1) - radii - 0.3
+    touching = float(reach.min())
+    for radius, names in ((touching - 1e-4, set()), (touching + 1e-3, {"clearance"})):
+        observed = {
+            "id": "seen",
+            "shape": {"disc": radius},
+            "observations": {
+                "time": when.tolist(),
+                "position": seen.tolist(),
+                "covariance": [[deviation**2, 0.0], [0.0, deviation**2]],
+            },
+            "model": {"order": order},
+        }
+        report = check_trip(scenario(obstacles=[observed]), position, 0.0, duration, regions={"seen": 9.0})
+        assert refused(report) == names
+        assert report["clearance"].value == pytest.approx(touching - radius, abs=1e-5)
+
+
 def test_a_position_that_is_not_a_number_is_refused() -> None:
     position, duration = straight_trip()
 
@@ -327,7 +374,11 @@ def test_unusable_input_is_refused() -> None:
         check_trip(scenario(), position, 1.0, 1.0)
     with pytest.raises(ValueError, match="shape"):
         check_trip(scenario(), lambda t: t, 0.0, duration)
-    seen = {"id": "seen", "shape": {"disc": 0.5}, "observations": {"time": [0.0], "position": [[1.0, 1.0]]}}
+    seen: dict[str, Any] = {
+        "id": "seen",
+        "shape": {"disc": 0.5},
+        "observations": {"time": [0.0], "position": [[1.0, 1.0]]},
+    }
     with pytest.raises(ValueError, match="'seen' has no exact motion"):
         check_trip(scenario(obstacles=[seen]), position, 0.0, duration)
     odd = {"id": "odd", "shape": {"star": 5}, "motion": {"position": [5.0, 5.0]}}
