@@ -119,7 +119,7 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
     if problem.zones.size:
         np.maximum(-clearance.min(axis=0), 0.0, out=violation)
         np.maximum.at(violation, zone, -contacts.distance)
-    sites = bend_sites(problem, trajectory, points.take(np.arange(problem.grid, len(samples.sigma))))
+    sites = bend_sites(problem, trajectory, points)
     gaps = box_gaps(problem, trajectory.path)
     return Evaluation(
         trajectory,

@@ -18,6 +18,7 @@ from scp_planner.constraints.kinematics import (
     both_gaps,
     curvature_rows,
     goal_speed_rows,
+    jump_sites,
     lateral_rows,
     station_sites,
 )
@@ -58,8 +59,8 @@ class Linearisation:
         Which of all candidates they are.
     sample, zone : (s,) arrays of int
         Samples that are candidates for clearance rows.
-    stations, jumps, bends : arrays of int
-        Stations and jumps that are candidates for lateral rows, stations for curvature rows.
+    stations, bends : arrays of int
+        Stations that are candidates for lateral rows, and for curvature rows.
     walls : (w,) array of int
         Stations and sides of the workspace box, flattened.
     """
@@ -70,7 +71,6 @@ class Linearisation:
     sample: Index
     zone: Index
     stations: Index
-    jumps: Index
     bends: Index
     walls: Index
 
@@ -84,7 +84,7 @@ class Linearisation:
             [
                 other.sites.stations.lateral[self.stations],
                 peaks.lateral,
-                other.sites.jump_lateral[self.jumps],
+                jump_sites(other.trajectory, other.points, base.sites.jumps).lateral,
             ]
         )
         gaps = np.concatenate(
@@ -120,7 +120,6 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     contacts = zones.contacts(zone, points.time, points.path.position)
     lateral, bend = problem.limits.lateral_acceleration, problem.limits.curvature
     stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - STATION_REACH) * lateral)
-    jumps = np.flatnonzero(np.abs(base.sites.jump_lateral) > (1.0 - STATION_REACH) * lateral)
     bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - STATION_REACH) * bend)
     walls = np.flatnonzero(base.box_gaps < near)
     order = np.zeros(len(base.minima_zone), dtype=np.intp)
@@ -130,14 +129,14 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
                 problem, trajectory, base.minima_zone, order, base.minima, base.minima_contacts
             ),
             clearance_rows(problem, trajectory, zone, sample, points, contacts),
-            lateral_rows(problem, trajectory, base.sites, stations, jumps, zones.size),
+            lateral_rows(problem, trajectory, base.sites, stations, zones.size),
             curvature_rows(problem, trajectory, base.sites, bends, zones.size + 1),
             box_rows(problem, base.box_gaps, walls, zones.size + 3),
             goal_speed_rows(problem, trajectory, zones.size + 4),
         ]
     )
     kept = np.flatnonzero(_reach(problem, rows, trust) >= rows.gap)
-    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, jumps, bends, walls)
+    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, bends, walls)
 
 
 def _reach(problem: Problem, rows: Rows, trust: TrustRegion) -> Array:

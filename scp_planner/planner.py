@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
 from time import perf_counter
 
 import numpy as np
@@ -15,7 +16,7 @@ from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
-from scp_planner.seeds import WaySearch, bows
+from scp_planner.seeds import Way, WaySearch, bows
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.trajectory import Trajectory
@@ -26,6 +27,7 @@ logger = logging.getLogger(__name__)
 
 DELAY_STEPS = (0.1, 0.4, 1.6)  # s; coarser ones are tried only where there is no way with short delays
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
+TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
 
@@ -67,19 +69,19 @@ def plan(
         settings = replace(settings, solver=solver)
     deadline = np.inf if time_limit is None else began + time_limit
     search = _Planning(scenario, zones(scenario), settings, deadline)
-    best = search.best()
-    status, reason = _verdict(best)
+    run, certificate = search.best()
+    status, reason = _verdict(run, certificate)
     return Plan(
         scenario=scenario.name,
         status=status,
         reason=reason,
-        trip=search.trip(best.run),
+        trip=search.trip(run),
         method="scp",
         solver=settings.solver,
         iterations=search.iterations,
         wall_time=perf_counter() - began,
-        clearance=best.certificate.clearance,
-        limits=best.certificate.limits,
+        clearance=certificate.clearance,
+        limits=certificate.limits,
         lower_bound=search.lower_bound,
         timings=search.timings,
     )
@@ -87,24 +89,85 @@ def plan(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A run and what its certificate says."""
+    """A run and what its certificate says; without one if the run was cut off."""
 
     run: Run
-    certificate: Certificate
+    certificate: Certificate | None
 
     @property
     def travel_time(self) -> float:
         return self.run.evaluation.trajectory.travel_time
 
+    @property
+    def holds(self) -> bool:
+        return self.certificate is not None and self.certificate.holds
+
     def better_than(self, other: _Attempt | None) -> bool:
         """Certified before not certified, then faster; without certificates the lesser violation."""
+        if self.certificate is None:
+            return False
         if other is None:
             return True
-        if self.certificate.holds != other.certificate.holds:
-            return self.certificate.holds
-        if self.certificate.holds:
+        if self.holds != other.holds:
+            return self.holds
+        if self.holds:
             return self.travel_time < other.travel_time
         return self.run.evaluation.worst_violation < other.run.evaluation.worst_violation
+
+
+@dataclass
+class _Branch:
+    """A start with the estimate of its travel time, and what the trip from it touched."""
+
+    estimate: float
+    start: Trajectory
+    touched: tuple[tuple[int, int], ...] = ()
+
+
+class _WayTree:
+    """Ways round, the fastest estimate first; each may be branched at obstacles whose side is then closed."""
+
+    def __init__(self, search: WaySearch, most: int) -> None:
+        self.search = search
+        self.sweeps = most
+        self.heap: list[tuple[float, int, Way, frozenset[tuple[int, int]]]] = []
+        self.seen: set[frozenset[tuple[int, int]]] = set()
+        self.tried: set[frozenset[tuple[int, int]]] = set()
+        self.closed: frozenset[tuple[int, int]] = frozenset()
+        self._look(self.closed)
+
+    def next(self) -> Way | None:
+        """The way with the fastest estimate that has not been taken."""
+        if not self.heap:
+            return None
+        _, _, way, self.closed = heappop(self.heap)
+        return way
+
+    def branch(self, touched: tuple[tuple[int, int], ...]) -> None:
+        """Look for ways that pass one of these obstacles on its other side than the way taken last."""
+        for side in touched:
+            self._look(self.closed | {side})
+
+    def _look(self, closed: frozenset[tuple[int, int]]) -> None:
+        if closed in self.tried or len(self.tried) >= self.sweeps:
+            return
+        self.tried.add(closed)
+        way = self.search.best(tuple(sorted(closed)))
+        if way is not None and way.sides_set not in self.seen:
+            self.seen.add(way.sides_set)
+            heappush(self.heap, (way.travel_time, len(self.tried), way, closed))
+
+
+def _touched(run: Run) -> tuple[tuple[int, int], ...]:
+    """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
+    evaluation = run.evaluation
+    contacts = evaluation.minima_contacts
+    near = np.flatnonzero(contacts.distance < TOUCHING)
+    order = near[np.argsort(contacts.distance[near], kind="stable")]
+    normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
+    side = np.einsum("ij,ij->i", contacts.normal, normal)
+    found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
+    return tuple(reversed(found.items()))
 
 
 @dataclass
@@ -133,54 +196,60 @@ class _Planning:
         """Return the trip that a run ended with."""
         return Trip(self.problem.frame, run.evaluation.trajectory)
 
-    def best(self) -> _Attempt:
-        """Try ways round, the fastest estimate first, until no other can be expected to be better."""
+    def best(self) -> tuple[Run, Certificate]:
+        """Try ways round, the fastest estimate first, until no other can be expected to be better.
+
+        Other ways than the one just tried differ in the side on which some obstacle is passed. Only obstacles that the
+        trip touches can hold it up, so only their sides are closed in turn.
+        """
         best: _Attempt | None = None
         reference = 0.0  # estimate less result, of the best way so far
-        for estimate, start in self._starts():
-            if best is not None and best.certificate.holds:
-                if estimate - reference - ESTIMATE_SLACK > best.travel_time:
+        for branch in self._branches():
+            if best is not None and best.holds:
+                if branch.estimate - reference - ESTIMATE_SLACK > best.travel_time:
                     break
                 cutoff = best.travel_time
             else:
                 cutoff = np.inf
-            attempt = self._attempt(start, cutoff)
-            if attempt is not None and attempt.better_than(best):
-                best, reference = attempt, estimate - attempt.travel_time
+            attempt = self._attempt(branch.start, cutoff)
+            branch.touched = _touched(attempt.run)
+            if attempt.better_than(best):
+                best, reference = attempt, branch.estimate - attempt.travel_time
             if perf_counter() > self.deadline or self._good_enough(best):
                 break
-        assert best is not None, "there is always a start, and the first one is never cut off"
-        return best
+        assert best is not None and best.certificate is not None, "the first start is never cut off"
+        return best.run, best.certificate
 
     def _good_enough(self, best: _Attempt | None) -> bool:
-        return (
-            best is not None and best.certificate.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
-        )
+        return best is not None and best.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
 
-    def _starts(self) -> Iterator[tuple[float, Trajectory]]:
-        """Estimated travel times and starts: ways round, or bows if the search finds none."""
+    def _branches(self) -> Iterator[_Branch]:
+        """Ways round with starts for the loop, or bows if the search finds none."""
         clock = perf_counter()
-        found = 0
+        runs = 0
         for delay_step in DELAY_STEPS:
             search = WaySearch(self.problem, delay_step)
-            for way in search.ways(self.settings.searches):
-                start = search.start(way)
-                found += 1
+            tree = _WayTree(search, self.settings.searches)
+            while runs < self.settings.max_runs:
+                way = tree.next()
+                if way is None:
+                    break
+                branch = _Branch(way.travel_time, search.start(way))
+                runs += 1
                 self.timings["search"] += perf_counter() - clock
-                yield way.travel_time, start
+                yield branch
                 clock = perf_counter()
-                if found >= self.settings.max_runs:
-                    return
-            if found:
+                tree.branch(branch.touched)
+            if runs:
                 break
         self.timings["search"] += perf_counter() - clock
-        if found == 0:
+        if runs == 0:
             logger.info("the search found no way; starting from bows")
             for start in bows(self.problem):
-                yield 0.0, start
+                yield _Branch(0.0, start)
 
-    def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt | None:
-        """Run the loop from a start and check the result; None if it was cut off or is no better than the cutoff."""
+    def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt:
+        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
         loop, problem = self.loop, self.problem
         for _ in range(TIGHTENINGS + 1):
             clock = perf_counter()
@@ -188,18 +257,17 @@ class _Planning:
             self.timings["scp"] += perf_counter() - clock
             self.iterations += len(run.record)
             if np.isfinite(cutoff) and (not run.feasible or run.evaluation.trajectory.travel_time >= cutoff):
-                return None
+                return _Attempt(run, None)
             clock = perf_counter()
             certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
             self.timings["certificate"] += perf_counter() - clock
-            attempt = _Attempt(run, certificate)
             if certificate.holds or not run.feasible:
-                return attempt
+                break
             # What the samples missed: ask for a little more of it, and go on from here.
             problem = _tightened(problem, certificate)
             loop = ScpLoop(problem, self.solver, loop.fallback)
             start = run.evaluation.trajectory
-        return attempt
+        return _Attempt(run, certificate)
 
 
 def _tightened(problem: Problem, certificate: Certificate) -> Problem:
@@ -230,10 +298,10 @@ def lower_bound(problem: Problem) -> float:
     return time
 
 
-def _verdict(best: _Attempt) -> tuple[PlanStatus, str | None]:
-    if best.certificate.holds:
+def _verdict(run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
+    if certificate.holds:
         return PlanStatus.CERTIFIED, None
-    reason = f"{best.run.status.value}: " + "; ".join(str(v) for v in best.certificate.violations)
-    if best.run.status is Status.SOLVER_FAILED and not best.run.record:
+    reason = f"{run.status.value}: " + "; ".join(str(v) for v in certificate.violations)
+    if run.status is Status.SOLVER_FAILED and not run.record:
         return PlanStatus.FAILED, reason
-    return (PlanStatus.FEASIBLE if best.run.feasible else PlanStatus.INFEASIBLE), reason
+    return (PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE), reason

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import sqrt, tan
 
 import numpy as np
@@ -131,6 +132,11 @@ class Problem:
     box: Box
     samples: TimeTable
     grid: int
+
+    @cached_property
+    def jumps(self) -> NDArray[np.intp]:
+        """Samples at which the acceleration jumps or bends."""
+        return np.arange(self.grid, len(self.samples.sigma))
 
     def tightened(self, zone_inflation: Array, lateral: float, curvature: float, box: float) -> Problem:
         """Return the same problem with larger zones, lower limits and a smaller box.

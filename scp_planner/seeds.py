@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from heapq import heappop, heappush
-from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +32,6 @@ OFFSET_MOVES = 2  # of the offset, from one station to the next
 CLEARANCE = 0.0  # m, kept from every obstacle by the search
 SIDEWAYS_COST = 0.002  # s for each step of the offset, besides the longer way
 BLOCKED = 1e9
-BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
 DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
@@ -224,34 +221,6 @@ class WaySearch:
                 found[zone] = (abs(distance), 1 if distance > 0 else -1)
         order = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
         return tuple((zone, side) for zone, (_, side) in order)
-
-    def ways(self, most: int) -> Iterator[Way]:
-        """Yield different ways round, the fastest estimate first, found as they are asked for.
-
-        Parameters
-        ----------
-        most : int
-            Sweeps at most.
-        """
-        best = self.best()
-        if best is None:
-            return
-        order = count()
-        heap = [(best.travel_time, next(order), best, frozenset[tuple[int, int]]())]
-        seen = {best.sides_set}
-        tried: set[frozenset[tuple[int, int]]] = {frozenset()}
-        while heap:
-            _, _, way, closed = heappop(heap)
-            yield way
-            for side in way.sides[:BRANCHES]:
-                child = closed | {side}
-                if len(tried) >= most or child in tried:
-                    continue
-                tried.add(child)
-                found = self.best(tuple(sorted(child)))
-                if found is not None and found.sides_set not in seen:
-                    seen.add(found.sides_set)
-                    heappush(heap, (found.travel_time, next(order), found, child))
 
     def start(self, way: Way) -> Trajectory:
         """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times."""

@@ -159,6 +159,8 @@ class _Tables:
         self.cells = path_spans * CELLS_PER_SPAN
         nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
         self.weights = self.antiderivative.sum(axis=0)
+        # A product with this matrix is quicker than a cumulative sum along the first axis.
+        self.running_sum = np.tri(self.cells + 1, self.cells, -1)
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)
         self.node_slopes = self.path.derivative.rows(self.node_parameters)
@@ -363,9 +365,7 @@ class Path:
             factor = -self.node_stretch * space.frame.curvature / self.node_speed * (space.length / tables.cells)
             rate += factor[:, None] * tables.node_rows
         nodes = rate.reshape(tables.cells, QUADRATURE_ORDER, -1)
-        until = np.zeros((tables.cells + 1, space.path_size))
-        np.cumsum(np.matmul(tables.weights, nodes), axis=0, out=until[1:])
-        return until, nodes
+        return tables.running_sum @ np.matmul(tables.weights, nodes), nodes
 
     @cached_property
     def _offset(self) -> Array:
@@ -378,6 +378,10 @@ class Path:
     @cached_property
     def _offset_bend(self) -> Array:
         return self.space.path.derivative.derivative.combine(self.theta) / self.space.length**2
+
+    @cached_property
+    def _offset_third(self) -> Array:
+        return self.space.path.derivative.derivative.derivative.combine(self.theta) / self.space.length**3
 
     def points(self, parameters: Array) -> PathPoints:
         """Return the path at normalised stations, (n,)."""
@@ -414,8 +418,23 @@ class Path:
 
     def curvature_rate(self, points: PathPoints) -> Array:
         """Rate of the curvature along the station at points of the path, (n,) 1/m^2; to the right at breakpoints."""
-        enclosure = self.bend_enclosure(points, np.zeros_like(points.station))
-        return enclosure.curvature_rate.lower
+        bend = evaluate(self._offset_bend, points.span, points.local)
+        third = evaluate(self._offset_third, points.span, points.local)
+        q, squared = points.slope, points.speed * points.speed
+        if self.space.frame is None:
+            return (third - 3.0 * q * bend * bend / squared) / (squared * points.speed)
+        guide = self.space.guide
+        frame = guide.frame(points.station)
+        k, rate, f = frame.curvature, frame.curvature_rate, points.offset
+        second = guide.curvature_ranges(points.station, np.zeros_like(points.station))[2].lower
+        p = points.stretch
+        p_rate = -rate * f - k * q
+        along, across = -rate * f - 2.0 * k * q, bend + k * p
+        along_rate = -second * f - 3.0 * rate * q - 2.0 * k * bend
+        across_rate = third + rate * p + k * p_rate
+        turn = p * across - q * along
+        turn_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
+        return (turn_rate - 3.0 * turn * (p * p_rate + q * bend) / squared) / (squared * points.speed)
 
     @cached_property
     def station_bend(self) -> PathBend:
@@ -466,12 +485,13 @@ class Path:
         BendEnclosure
         """
         f, q, bend, third = self._offset_ranges(points, width)
-        zero = Interval(np.zeros_like(width), np.zeros_like(width))
-        one = Interval(np.ones_like(width), np.ones_like(width))
         if self.space.frame is None:
-            k = rate = second = zero
-        else:
-            k, rate, second = self.space.guide.curvature_ranges(points.station, width)
+            squared = q.squared()
+            speed = Interval(np.sqrt(1.0 + squared.lower), np.sqrt(1.0 + squared.upper))
+            bulge = (q * bend.squared() * speed.power(-5.0)).scaled(3.0)
+            return BendEnclosure(speed, third * speed.power(-3.0) - bulge)
+        one = Interval(np.ones_like(width), np.ones_like(width))
+        k, rate, second = self.space.guide.curvature_ranges(points.station, width)
         p = one - k * f
         p_rate = -(rate * f) - k * q
         along = -(rate * f) - (k * q).scaled(2.0)

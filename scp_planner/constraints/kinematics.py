@@ -19,6 +19,11 @@ from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoint
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.array([-0.45, 0.0, 0.45])  # stations: a peak moves when it is pressed down in one place
 
+QUIET = 0.6  # of the limit; if no station is above, nothing between stations is looked at
+_ALL = slice(None)
+_NONE: Index = np.zeros(0, dtype=np.intp)
+_NOWHERE: Array = np.zeros(0)
+
 
 class KinematicRows:
     """Arrival, speed and acceleration rows: linear in (b, tau), made once and scaled at each iterate.
@@ -93,34 +98,50 @@ class BendSites:
         The M fixed stations.
     peaks : StationSites
         P stations between them.
-    jumps : TripPoints
-        The trip at the J times.
-    jump_bend : PathBend
-        Curvature there.
+    jumps : (J,) array of int
+        Samples at which the acceleration jumps.
+    at_jumps : JumpSites
+        The trip there.
     """
 
     stations: StationSites
     peaks: StationSites
-    jumps: TripPoints
-    jump_bend: PathBend
-
-    @cached_property
-    def jump_lateral(self) -> Array:
-        """Lateral acceleration at the jumps, (J,) m/s^2, signed."""
-        return self.jumps.speed**2 * self.jump_bend.curvature
+    jumps: Index
+    at_jumps: JumpSites
 
     @property
     def worst_lateral(self) -> float:
         """Largest lateral acceleration at all sites, m/s^2."""
         return max(
             float(np.abs(lateral).max(initial=0.0))
-            for lateral in (self.stations.lateral, self.peaks.lateral, self.jump_lateral)
+            for lateral in (self.stations.lateral, self.peaks.lateral, self.at_jumps.lateral)
         )
 
     @property
     def curvature(self) -> Array:
         """Curvature at the fixed stations, (M,) 1/m: it peaks at breakpoints of a cubic offset or close to them."""
         return self.stations.bend.curvature
+
+
+@dataclass(frozen=True)
+class JumpSites:
+    """A trip at times at which its acceleration jumps.
+
+    Attributes
+    ----------
+    points : TripPoints or None
+        None where there are no times.
+    bend : PathBend
+        Curvature there.
+    """
+
+    points: TripPoints | None
+    bend: PathBend
+
+    @cached_property
+    def lateral(self) -> Array:
+        """Lateral acceleration, (J,) m/s^2, signed."""
+        return np.zeros(0) if self.points is None else self.points.speed**2 * self.bend.curvature
 
 
 @dataclass(frozen=True)
@@ -150,16 +171,27 @@ class StationSites:
         return self.speed * self.speed * self.bend.curvature
 
 
-def bend_sites(problem: Problem, trajectory: Trajectory, jumps: TripPoints) -> BendSites:
-    """Return curvature and lateral acceleration of a trip where they are limited."""
+def bend_sites(problem: Problem, trajectory: Trajectory, points: TripPoints) -> BendSites:
+    """Return curvature and lateral acceleration of a trip where they are limited.
+
+    Parameters
+    ----------
+    problem, trajectory : Problem, Trajectory
+    points : TripPoints
+        The trip at the problem's samples. Their jumps, and peaks between stations, are only looked at when some station
+        comes near to the limit.
+    """
     path, tables = trajectory.path, problem.space.tables
     sigma = trajectory.sigma_at(path.station_arc_lengths)
     stations = StationSites(tables.station_parameters, path.station_bend, sigma, trajectory.speed_at(sigma))
-    return BendSites(stations, _lateral_peaks(problem, trajectory, stations), jumps, path.bend(jumps.path))
+    quiet = np.abs(stations.lateral).max() < QUIET * problem.limits.lateral_acceleration
+    jumps = _NONE if quiet else problem.jumps
+    around = _NOWHERE if quiet else _lateral_peaks(problem, stations)
+    return BendSites(stations, station_sites(trajectory, around), jumps, jump_sites(trajectory, points, jumps))
 
 
-def _lateral_peaks(problem: Problem, trajectory: Trajectory, stations: StationSites) -> StationSites:
-    """Peaks of the lateral acceleration between stations, by parabolas through its largest values at stations."""
+def _lateral_peaks(problem: Problem, stations: StationSites) -> Array:
+    """Normalised stations around peaks of the lateral acceleration, by parabolas through its largest values."""
     value = np.abs(stations.lateral)
     here = value[1:-1]
     high = (here >= value[:-2]) & (here >= value[2:]) & (here > PEAK_REACH * problem.limits.lateral_acceleration)
@@ -167,15 +199,25 @@ def _lateral_peaks(problem: Problem, trajectory: Trajectory, stations: StationSi
     before, after = value[index - 1], value[index + 1]
     bend = before - 2.0 * value[index] + after
     shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
-    around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel()
-    return station_sites(trajectory, np.clip(around / (len(value) - 1), 0.0, 1.0))
+    around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel() / (len(value) - 1)
+    return np.minimum(np.maximum(around, 0.0), 1.0)
 
 
 def station_sites(trajectory: Trajectory, parameters: Array) -> StationSites:
     """Return a trip at normalised stations."""
+    if len(parameters) == 0:
+        return _NO_STATIONS
     path = trajectory.path
     sigma = trajectory.sigma_at(path.arc_length_at(parameters))
     return StationSites(parameters, path.bend(path.points(parameters)), sigma, trajectory.speed_at(sigma))
+
+
+def jump_sites(trajectory: Trajectory, points: TripPoints, jumps: Index) -> JumpSites:
+    """Return a trip at some of its samples, at which the acceleration jumps."""
+    if len(jumps) == 0:
+        return _NO_JUMPS
+    there = points.take(jumps)
+    return JumpSites(there, trajectory.path.bend(there.path))
 
 
 @dataclass(frozen=True)
@@ -209,9 +251,7 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, i
     return _both_sides(np.concatenate([theta, zeros], axis=1), value, group, index)
 
 
-def lateral_rows(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, jumps: Index, group: int
-) -> Rows:
+def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int) -> Rows:
     """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
@@ -223,29 +263,22 @@ def lateral_rows(
     ----------
     problem, trajectory, sites, group
         As in :func:`curvature_rows`.
-    stations, jumps : (m,), (j,) arrays of int
-        Which of the fixed stations and of the jumps; all peaks are rows.
+    stations : (m,) array of int
+        Which of the fixed stations; all peaks and jumps are rows.
     """
-    limit, peaks = problem.limits.lateral_acceleration, sites.peaks
-    gradient = np.concatenate(
-        [
-            _lateral_at_stations(
-                problem, trajectory, sites.stations, stations, _fixed_basis(problem, trajectory, stations)
-            ),
-            _lateral_at_stations(
-                problem,
-                trajectory,
-                peaks,
-                np.arange(len(peaks.speed)),
-                _moving_basis(trajectory, peaks.parameters),
-            ),
-            _lateral_at_jumps(problem, trajectory, sites, jumps),
-        ]
-    )
-    value = np.concatenate([sites.stations.lateral[stations], peaks.lateral, sites.jump_lateral[jumps]])
+    limit, peaks, jumps = problem.limits.lateral_acceleration, sites.peaks, sites.at_jumps
+    basis = _fixed_basis(problem, trajectory, stations)
+    gradients = [_lateral_at_stations(problem, trajectory, sites.stations, stations, basis)]
+    if len(peaks.parameters):
+        basis = _moving_basis(trajectory, peaks.parameters)
+        every = np.arange(len(peaks.parameters))
+        gradients.append(_lateral_at_stations(problem, trajectory, peaks, every, basis))
+    if jumps.points is not None:
+        gradients.append(_lateral_at_jumps(problem, trajectory, jumps.points, jumps.bend))
+    value = np.concatenate([sites.stations.lateral[stations], peaks.lateral, jumps.lateral])
     # stations, then peaks, then jumps, each with numbers of its own
-    keys = np.concatenate([3 * stations, 3 * np.arange(len(peaks.speed)) + 1, 3 * jumps + 2])
-    return _both_sides(gradient / limit, value / limit, group, keys)
+    keys = np.concatenate([3 * stations, 3 * np.arange(len(peaks.speed)) + 1, 3 * sites.jumps + 2])
+    return _both_sides(np.concatenate(gradients) / limit, value / limit, group, keys)
 
 
 def _fixed_basis(problem: Problem, trajectory: Trajectory, index: Index) -> _StationBasis:
@@ -289,22 +322,21 @@ def _lateral_at_stations(
     return join_blocks(theta, beta, rho)
 
 
-def _lateral_at_jumps(problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index) -> Array:
+def _lateral_at_jumps(problem: Problem, trajectory: Trajectory, points: TripPoints, bend: PathBend) -> Array:
     space, free = problem.space, problem.ends.free
     tau, v0 = trajectory.travel_time, space.start_speed
-    points = sites.jumps.take(index)
     path, table, v = points.path, points.table, points.speed
-    curvature = sites.jump_bend.curvature[index]
+    curvature = bend.curvature
     basis = _moving_basis(trajectory, points.parameter)
     shift = v * v * trajectory.path.curvature_rate(path) / path.speed
-    theta = (v * v)[:, None] * _bend_gradient(problem, sites.jump_bend, index, basis)
+    theta = (v * v)[:, None] * _bend_gradient(problem, bend, _ALL, basis)
     theta -= shift[:, None] * basis.arc_length[:, free]
     beta = (2.0 * v * curvature * tau)[:, None] * table.speed + (shift * tau * tau)[:, None] * table.distance
     rho = -2.0 * v * curvature * (v - v0) + shift * v0 * tau * table.sigma
     return join_blocks(theta, beta, rho)
 
 
-def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _StationBasis) -> Array:
+def _bend_gradient(problem: Problem, bend: PathBend, index: Index | slice, basis: _StationBasis) -> Array:
     """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
     length, free = problem.space.length, problem.ends.free
     gradient = (bend.slope[index] / length)[:, None] * basis.slopes[:, free]
@@ -348,3 +380,8 @@ def _both_sides(gradient: Array, value: Array, group: int, key: Index) -> Rows:
         np.full(2 * len(value), group, dtype=np.intp),
         np.concatenate([2 * key, 2 * key + 1]),
     )
+
+
+_NO_BEND = PathBend(_NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE)
+_NO_STATIONS = StationSites(_NOWHERE, _NO_BEND, _NOWHERE, _NOWHERE)
+_NO_JUMPS = JumpSites(None, _NO_BEND)
