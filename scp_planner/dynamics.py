@@ -22,6 +22,7 @@ from scp_planner.process_model import (
 
 _SERIES = 0.05  # below this many time constants a series is used
 _SERIES_TERMS = 10
+_LAG_DIGITS = 12  # after the point, s, that tell lags apart
 _QUADRATURE = 1.0  # below this many time constants quadrature is used
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)  # exact to rounding for lags that short
 
@@ -100,6 +101,13 @@ class MeanReverting(Dynamics):
 
     def transition(self, lag: Array) -> Array:
         """Return to the kept velocity."""
+        return _once(self._transition, lag)
+
+    def process_noise(self, lag: Array) -> Array:
+        """Grow as the integrated Ornstein-Uhlenbeck process."""
+        return _once(self._process_noise, lag)
+
+    def _transition(self, lag: Array) -> Array:
         z = lag / self.time_constant
         stay, drift = np.exp(-z), lag * _phi1(z)
         f = np.zeros((*lag.shape, 3, 3))
@@ -108,8 +116,7 @@ class MeanReverting(Dynamics):
         f[..., 1, 1], f[..., 1, 2] = stay, -np.expm1(-z)
         return f
 
-    def process_noise(self, lag: Array) -> Array:
-        """Grow as the integrated Ornstein-Uhlenbeck process."""
+    def _process_noise(self, lag: Array) -> Array:
         z = lag / self.time_constant
         tau, fall = self.time_constant, -np.expm1(-z)
         q = np.zeros((*lag.shape, 3, 3))
@@ -144,6 +151,13 @@ class Singer(Dynamics):
 
     def transition(self, lag: Array) -> Array:
         """Let the acceleration die out."""
+        return _once(self._transition, lag)
+
+    def process_noise(self, lag: Array) -> Array:
+        """Add what new manoeuvres do."""
+        return _once(self._process_noise, lag)
+
+    def _transition(self, lag: Array) -> Array:
         z = lag / self.time_constant
         f = np.zeros((*lag.shape, 3, 3))
         f[..., 0, 0] = f[..., 1, 1] = 1.0
@@ -153,8 +167,7 @@ class Singer(Dynamics):
         f[..., 2, 2] = np.exp(-z)
         return f
 
-    def process_noise(self, lag: Array) -> Array:
-        """Add what new manoeuvres do."""
+    def _process_noise(self, lag: Array) -> Array:
         tau = self.time_constant
         z = lag / tau
         e, e2 = np.exp(-z), np.exp(-2.0 * z)
@@ -196,6 +209,14 @@ def dynamics_of(model: ProcessModel) -> Dynamics:
         return MeanReverting(process.diffusion, process.time_constant)
     assert isinstance(process, SingerAcceleration)
     return Singer(process.deviation, process.time_constant)
+
+
+def _once(matrices: Callable[[Array], Array], lag: Array) -> Array:
+    """Compute the matrices of lags that come many times, but for rounding, only once."""
+    if lag.ndim == 0:
+        return matrices(lag)
+    lags, places = np.unique(np.round(lag, _LAG_DIGITS), return_inverse=True)
+    return matrices(lags)[places.reshape(lag.shape)]
 
 
 def _phi1(z: Array) -> Array:

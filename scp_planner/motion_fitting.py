@@ -43,7 +43,8 @@ _logger = logging.getLogger(__name__)
 _LONGEST_PIECE = 40  # positions; longer tracks are cut, so that the filter runs over many at once
 _GROUPS = 20  # of tracks, for the jackknife
 _FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
-_BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit
+_BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
+_TIME_CONSTANTS = (1e-2, 1e3)  # s
 _LEAD_TOLERANCE = 0.25  # of the usual time between positions: how near to a lead time a position must be
 _LEVELS = np.array([0.1, 0.05, 0.02, 0.01])  # tail probabilities that one Student distribution is matched to
 _MATCHED = 1  # which of them exactly, for each lead time
@@ -53,7 +54,8 @@ _DEGREES = (1.0, 200.0)  # of freedom: bounds
 _STARTS: dict[str, dict[str, float]] = {
     "random_walk": {"diffusion": 0.1},
     "mean_reverting": {"diffusion": 0.1, "time_constant": 5.0},
-    "singer": {"deviation": 0.5, "time_constant": 1.0},
+    # the deviation follows: what a short manoeuvre does to the velocity is told apart from how long it lasts
+    "singer": {"diffusion": 0.1, "time_constant": 1.0},
 }
 
 
@@ -96,15 +98,13 @@ def fit_motion_model(
     if tails:
         errors = prediction_errors(tracks, model, window=window, lead_times=lead_times)
         model = model.model_copy(update={"tails": fit_tails(errors)})
-    about = FittedTo(
-        source=tracks.source, tracks=len(tracks), observations=tracks.observations, window=window
-    )
+    about = FittedTo(source=tracks.source, tracks=len(tracks), observations=tracks.observations, window=window)
     return model.model_copy(update={"fitted_to": about})
 
 
 def log_likelihood(tracks: Tracks, model: ProcessModel) -> float:
     """Give the log likelihood of the tracks, each given its first position; long ones are cut in pieces."""
-    return _log_likelihood(_batches(tracks), model)
+    return _log_likelihood(_pieces(tracks), model)
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class PredictionErrors:
     deviations : (m,) m
         Square root of the covariance's mean diagonal entry: the radius of a region is about this times
         sqrt(q).
-    tracks : (m,) int
-        Place of the track that each is from.
+    tracks, stretches : (m,) int
+        Which track and which stretch each is from.
     """
 
     lead_time: float
@@ -130,145 +130,43 @@ class PredictionErrors:
     distances: Array
     deviations: Array
     tracks: NDArray[np.intp]
-
-
-def prediction_errors(
-    tracks: Tracks, model: ProcessModel, *, window: int = 8, lead_times: Sequence[float] = LEAD_TIMES
-) -> list[PredictionErrors]:
-    """Predict from every stretch of ``window`` positions of every track, and compare with what came.
-
-    A lead time counts where the track has a position within a quarter of the usual time step of it; the
-    prediction is for the time of that position.
-    """
-    windows, targets = _windows(tracks, window, lead_times)
-    if not len(windows.times):
-        raise EstimationError(f"tracks: none has more than {window} positions")
-    state = _run_filter(model, windows.times, windows.positions)
-    dynamics = dynamics_of(model)
-    errors = []
-    for lead_time, target in zip(lead_times, targets, strict=True):
-        rows = target.window
-        later = FilterState(state.times[rows], state.mean[rows], state.covariance[rows])
-        predict_state(dynamics, later, target.times)
-        offsets, covariance = target.positions - later.mean[:, 0], later.covariance[:, :2, :2]
-        squares = np.einsum("na,na->n", offsets, np.linalg.solve(covariance, offsets[..., None])[..., 0])
-        deviations = np.sqrt(0.5 * np.trace(covariance, axis1=1, axis2=2))
-        errors.append(
-            PredictionErrors(
-                float(lead_time), squares, np.linalg.norm(offsets, axis=1), deviations, windows.tracks[rows]
-            )
-        )
-    return errors
-
-
-def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
-    """Fit Student tails to prediction errors; lead times that too few tracks reach are left out."""
-    usable = [e for e in errors if len(np.unique(e.tracks)) >= _FEWEST_TRACKS]
-    for e in errors:
-        if e not in usable:
-            _logger.warning(
-                "lead time %g s: fewer than %d tracks reach it; left out", e.lead_time, _FEWEST_TRACKS
-            )
-    if not usable:
-        raise EstimationError(
-            f"tracks: fewer than {_FEWEST_TRACKS} reach any of the lead times, too few to fit the tails to"
-        )
-    quantiles = np.array([_tail_quantiles(e) for e in usable])
-    degrees = _common_degrees(quantiles)
-    inflations = quantiles[:, _MATCHED] / _student_quantiles(degrees)[_MATCHED]
-    return Tails(
-        degrees_of_freedom=degrees,
-        lead_time=tuple(e.lead_time for e in usable),
-        inflation=tuple(inflations.tolist()),
-    )
+    stretches: NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class _Batch:
-    """Pieces of tracks of one length: (N, n) s, (N, n, 2) m."""
+class Stretches:
+    """Positions that predictions are made from.
 
+    Attributes
+    ----------
+    times, positions : (N, window) s and (N, window, 2) m
+    tracks : (N,)
+        Place of the track that each is from.
+    """
+
+    times: Array
+    positions: Array
+    tracks: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Positions that are predicted for one lead time.
+
+    Attributes
+    ----------
+    stretches : (M,)
+        From which stretch each is predicted.
+    times, positions : (M,) s and (M, 2) m
+    """
+
+    stretches: NDArray[np.intp]
     times: Array
     positions: Array
 
 
-def _batches(tracks: Tracks) -> list[_Batch]:
-    pieces: dict[int, list[Track]] = {}
-    for track in tracks:
-        count = math.ceil(len(track) / _LONGEST_PIECE)
-        for part in np.array_split(np.arange(len(track)), count):
-            if len(part) > 1:
-                piece = Track(track.id, track.times[part], track.positions[part])
-                pieces.setdefault(len(part), []).append(piece)
-    if not pieces:
-        raise EstimationError("tracks: none has more than one position")
-    return [
-        _Batch(np.array([p.times for p in own]), np.array([p.positions for p in own]))
-        for _, own in sorted(pieces.items())
-    ]
-
-
-def _log_likelihood(batches: Sequence[_Batch], model: ProcessModel) -> float:
-    return float(sum(_filtered(model, batch.times, batch.positions)[1].sum() for batch in batches))
-
-
-def _run_filter(model: ProcessModel, times: Array, positions: Array) -> FilterState:
-    return _filtered(model, times, positions)[0]
-
-
-def _filtered(model: ProcessModel, times: Array, positions: Array) -> tuple[FilterState, Array]:
-    """Run the filter over sequences of one length; give the last states and the log likelihoods."""
-    dynamics, count = dynamics_of(model), len(times)
-    noise = np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
-    state = first_state(dynamics, model.velocity_deviation**2, times[:, 0], positions[:, 0], noise)
-    likelihood = np.zeros(count)
-    for i in range(1, times.shape[1]):
-        likelihood += update_state(dynamics, state, times[:, i], positions[:, i], noise)
-    return state, likelihood
-
-
-def _most_likely(tracks: Tracks, kind: str) -> ProcessModel:
-    """Maximise the likelihood over the logarithms of the parameters."""
-    from scipy.optimize import minimize
-
-    batches = _batches(tracks)
-    count = sum(batch.times.size - len(batch.times) for batch in batches)
-    names = [*_STARTS[kind], "velocity_deviation", "noise_deviation"]
-    start = np.log([*_STARTS[kind].values(), 1.0, 0.05])
-
-    def model_at(logs: Array) -> ProcessModel:
-        values = dict(zip(names, np.exp(logs).tolist(), strict=True))
-        velocity, noise = values.pop("velocity_deviation"), values.pop("noise_deviation")
-        return ProcessModel(
-            process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=noise
-        )
-
-    result = minimize(
-        lambda logs: -_log_likelihood(batches, model_at(logs)) / count,
-        start,
-        method="L-BFGS-B",
-        bounds=[tuple(np.log(_BOUNDS))] * len(names),
-    )
-    _logger.info(
-        "log likelihood %.6g per position after %d iterations: %s", -result.fun, result.nit, result.message
-    )
-    return model_at(result.x)
-
-
-@dataclass(frozen=True)
-class _Windows:
-    times: Array  # (N, window) s
-    positions: Array  # (N, window, 2) m
-    tracks: NDArray[np.intp]  # (N,)
-
-
-@dataclass(frozen=True)
-class _Targets:
-    window: NDArray[np.intp]  # (M,)
-    times: Array  # (M,) s
-    positions: Array  # (M, 2) m
-
-
-def _windows(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tuple[_Windows, list[_Targets]]:
+def stretches_of(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tuple[Stretches, list[Targets]]:
+    """Cut every track into all its stretches of ``window`` positions, each with what came at the lead times."""
     steps = np.concatenate([np.diff(track.times) for track in tracks])
     if not len(steps):
         raise EstimationError("tracks: none has more than one position")
@@ -289,15 +187,151 @@ def _windows(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tuple[
                 near = int(np.argmin(np.abs(track.times[last:] - wanted))) + last
                 if near > last and abs(track.times[near] - wanted) <= tolerance:
                     found.append((index, float(track.times[near]), track.positions[near]))
-    windows = _Windows(np.array(times), np.array(positions), np.array(owners, dtype=np.intp))
-    return windows, [
-        _Targets(
+    stretches = Stretches(np.array(times), np.array(positions), np.array(owners, dtype=np.intp))
+    return stretches, [
+        Targets(
             np.array([row[0] for row in found], dtype=np.intp),
             np.array([row[1] for row in found]),
             np.array([row[2] for row in found]).reshape(-1, 2),
         )
         for found in targets
     ]
+
+
+def prediction_errors(
+    tracks: Tracks, model: ProcessModel, *, window: int = 8, lead_times: Sequence[float] = LEAD_TIMES
+) -> list[PredictionErrors]:
+    """Predict from every stretch of ``window`` positions of every track, and compare with what came.
+
+    A lead time counts where the track has a position within a quarter of the usual time step of it; the
+    prediction is for the time of that position.
+    """
+    stretches, targets = stretches_of(tracks, window, lead_times)
+    if not len(stretches.times):
+        raise EstimationError(f"tracks: none has more than {window} positions")
+    state = _run_filter(model, stretches.times, stretches.positions)
+    dynamics = dynamics_of(model)
+    errors = []
+    for lead_time, target in zip(lead_times, targets, strict=True):
+        rows = target.stretches
+        later = FilterState(state.times[rows], state.mean[rows], state.covariance[rows])
+        predict_state(dynamics, later, target.times)
+        offsets, covariance = target.positions - later.mean[:, 0], later.covariance[:, :2, :2]
+        squares = np.einsum("na,na->n", offsets, np.linalg.solve(covariance, offsets[..., None])[..., 0])
+        deviations = np.sqrt(0.5 * np.trace(covariance, axis1=1, axis2=2))
+        errors.append(
+            PredictionErrors(
+                float(lead_time),
+                squares,
+                np.linalg.norm(offsets, axis=1),
+                deviations,
+                stretches.tracks[rows],
+                rows,
+            )
+        )
+    return errors
+
+
+def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
+    """Fit Student tails to prediction errors; lead times that too few tracks reach are left out."""
+    usable = [e for e in errors if len(np.unique(e.tracks)) >= _FEWEST_TRACKS]
+    for e in errors:
+        if e not in usable:
+            _logger.warning("lead time %g s: fewer than %d tracks reach it; left out", e.lead_time, _FEWEST_TRACKS)
+    if not usable:
+        raise EstimationError(
+            f"tracks: fewer than {_FEWEST_TRACKS} reach any of the lead times, too few to fit the tails to"
+        )
+    quantiles = np.array([_tail_quantiles(e) for e in usable])
+    degrees = _common_degrees(quantiles)
+    inflations = quantiles[:, _MATCHED] / _student_quantiles(degrees)[_MATCHED]
+    return Tails(
+        degrees_of_freedom=degrees,
+        lead_time=tuple(e.lead_time for e in usable),
+        inflation=tuple(inflations.tolist()),
+    )
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Pieces of tracks, the longest first, filled up with their last position: (N, n) s, (N, n, 2) m, (N,)."""
+
+    times: Array
+    positions: Array
+    lengths: NDArray[np.intp]
+
+
+def _pieces(tracks: Tracks) -> _Pieces:
+    pieces: list[Track] = []
+    for track in tracks:
+        parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / _LONGEST_PIECE))
+        pieces += [Track(track.id, track.times[part], track.positions[part]) for part in parts if len(part) > 1]
+    if not pieces:
+        raise EstimationError("tracks: none has more than one position")
+    pieces.sort(key=len, reverse=True)
+    rows = np.minimum(np.arange(len(pieces[0])), np.array([len(p) - 1 for p in pieces])[:, None])
+    return _Pieces(
+        np.array([p.times[row] for p, row in zip(pieces, rows, strict=True)]),
+        np.array([p.positions[row] for p, row in zip(pieces, rows, strict=True)]),
+        np.array([len(p) for p in pieces], dtype=np.intp),
+    )
+
+
+def _log_likelihood(pieces: _Pieces, model: ProcessModel) -> float:
+    dynamics = dynamics_of(model)
+    state = _first(model, pieces.times, pieces.positions)
+    noise = _noise(model, len(pieces.times))
+    total = 0.0
+    for i in range(1, pieces.times.shape[1]):
+        left = int(np.searchsorted(-pieces.lengths, -i, "left"))  # those longer than i come first
+        state = FilterState(state.times[:left], state.mean[:left], state.covariance[:left])
+        total += float(
+            update_state(dynamics, state, pieces.times[:left, i], pieces.positions[:left, i], noise[:left]).sum()
+        )
+    return total
+
+
+def _run_filter(model: ProcessModel, times: Array, positions: Array) -> FilterState:
+    """Run the filter over sequences of one length; give the last states."""
+    dynamics, state, noise = dynamics_of(model), _first(model, times, positions), _noise(model, len(times))
+    for i in range(1, times.shape[1]):
+        update_state(dynamics, state, times[:, i], positions[:, i], noise)
+    return state
+
+
+def _first(model: ProcessModel, times: Array, positions: Array) -> FilterState:
+    dynamics, noise = dynamics_of(model), _noise(model, len(times))
+    return first_state(dynamics, model.velocity_deviation**2, times[:, 0], positions[:, 0], noise)
+
+
+def _noise(model: ProcessModel, count: int) -> Array:
+    return np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
+
+
+def _most_likely(tracks: Tracks, kind: str) -> ProcessModel:
+    """Maximise the likelihood over the logarithms of the parameters."""
+    from scipy.optimize import minimize
+
+    pieces = _pieces(tracks)
+    count = int(np.sum(pieces.lengths - 1))
+    names = [*_STARTS[kind], "velocity_deviation", "noise_deviation"]
+    start = np.log([*_STARTS[kind].values(), 1.0, 0.05])
+
+    def model_at(logs: Array) -> ProcessModel:
+        values = dict(zip(names, np.exp(logs).tolist(), strict=True))
+        velocity, noise = values.pop("velocity_deviation"), values.pop("noise_deviation")
+        if kind == "singer":
+            values["deviation"] = math.sqrt(0.5 * values.pop("diffusion") / values["time_constant"])
+        return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=noise)
+
+    result = minimize(
+        lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,
+        start,
+        method="L-BFGS-B",
+        bounds=[tuple(np.log(_TIME_CONSTANTS if "time" in name else _BOUNDS)) for name in names],
+    )
+    _logger.info("log likelihood %.6g per position after %d iterations: %s", -result.fun, result.nit, result.message)
+    return model_at(result.x)
 
 
 def _tail_quantiles(errors: PredictionErrors) -> Array:
@@ -321,7 +355,8 @@ def _tail_quantiles(errors: PredictionErrors) -> Array:
         middle = 0.5 * (low + high)
         is_above = above(middle)
         low, high = np.where(is_above, middle, low), np.where(is_above, high, middle)
-    # a Student distribution is not quite the right shape: take it where it matters most from the errors themselves
+    # a Student distribution is not quite the right shape: take it where it matters most from the errors
+    # themselves
     fitted = np.exp(best[0]) * _student_quantiles(math.exp(best[1]))[_MATCHED]
     anchor = float(np.quantile(errors.squares, 1.0 - _LEVELS[_MATCHED])) / fitted
     return anchor * 0.5 * (low + high)

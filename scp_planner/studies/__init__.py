@@ -1,0 +1,1 @@
+"""The published claims, and this package's own promises, measured."""

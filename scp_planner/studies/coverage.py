@@ -1,0 +1,352 @@
+"""How often the true position is where a region says it is, measured by simulation.
+
+For every level, noise covariance known or estimated, order and number of observations: many obstacles that
+move exactly as assumed are observed with normal noise, their motion is estimated, and it is counted how often
+the true centre is in its region - at one moment (``per_time``), at all times from the last observation on,
+for ever (``per_obstacle``), or that for all of several obstacles (``joint``). What the promise says, no more
+and no less.
+
+The motion itself does not matter, the estimate being linear and unbiased, so the truth is standing still at
+0; nor do the covariance of the noise and the time step, but a lopsided one is used. Thousands of runs are
+estimated at once by the estimate's own linear map; a test compares with `estimate_motion`, run by run.
+
+Command: ``python -m scp_planner.studies.coverage --help``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from scp_planner.confidence import LEVELS, region_scale
+from scp_planner.estimation import estimate_motion
+from scp_planner.files import write_text
+from scp_planner.motion_estimate import Array, PolynomialEstimate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RUNS = 20_000
+COUNTS = (5, 6, 8, 10, 20, 50, 100)
+LEADS = (0.0, 1.0, 5.0)
+"""s after the last observation, at which ``per_time`` is judged."""
+
+_TIME_STEP = 0.1  # s
+_NOISE = np.array([[0.02, 0.009], [0.009, 0.01]])  # m^2, lopsided
+_SPAN_TIMES = 240  # at which "at all times" is judged, evenly spread in angle up to infinity
+_CHUNK = 2_000  # runs at once
+_WILSON = 1.959963984540054  # standard normal quantile of a 95 % interval
+_HEIGHT, _WIDTH, _DPI = 3.4, 3.2, 150
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """One measured coverage.
+
+    Attributes
+    ----------
+    level : str
+    covariance : str
+        "known" or "estimated".
+    order, observations, obstacles : int
+    lead_time : float, s
+        After the last observation, for ``per_time``; NaN where it is all times.
+    nominal, coverage : float
+        What was promised and what was measured.
+    low, high : float
+        Wilson's 95 % interval of the coverage.
+    runs : int
+    scale : float
+        q of the regions.
+    """
+
+    level: str
+    covariance: str
+    order: int
+    observations: int
+    obstacles: int
+    lead_time: float
+    nominal: float
+    coverage: float
+    low: float
+    high: float
+    runs: int
+    scale: float
+
+
+def measure_coverage(
+    *,
+    probability: float = 0.95,
+    runs: int = RUNS,
+    counts: Sequence[int] = COUNTS,
+    orders: Sequence[int] = (0, 1, 2),
+    obstacles: int = 5,
+    seed: int = 0,
+) -> list[Coverage]:
+    """Measure the coverage of every level, with the covariance known and estimated.
+
+    Parameters
+    ----------
+    probability : float
+        The nominal level.
+    runs : int
+        Of each case; ``joint`` needs ``obstacles`` times as many estimates.
+    counts : sequence of int
+        Numbers of observations; those too few for an order are left out.
+    orders : sequence of int
+    obstacles : int
+        Of one run, for ``joint``.
+    seed : int
+
+    Returns
+    -------
+    list of Coverage
+    """
+    results: list[Coverage] = []
+    for order in orders:
+        for count in counts:
+            for known in (True, False):
+                if count >= order + (1 if known else 3):
+                    # each case has its own stream, whatever other cases there are
+                    generator = np.random.default_rng([seed, order, count, known])
+                    case = _Case(order, count, known, probability, obstacles)
+                    results += _measure(case, runs, generator)
+    return results
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """Give Wilson's 95 % confidence interval of a probability."""
+    share, z2 = successes / runs, _WILSON**2
+    middle = (share + 0.5 * z2 / runs) / (1.0 + z2 / runs)
+    half = _WILSON / (1.0 + z2 / runs) * math.sqrt(share * (1.0 - share) / runs + 0.25 * z2 / runs**2)
+    return middle - half, middle + half
+
+
+@dataclass(frozen=True)
+class _Case:
+    order: int
+    count: int
+    known: bool
+    probability: float
+    obstacles: int
+
+    def times(self) -> Array:
+        return np.asarray(np.arange(self.count) * _TIME_STEP, dtype=float)
+
+    def estimate(self, positions: Array) -> PolynomialEstimate:
+        return estimate_motion(self.times(), positions, _NOISE if self.known else None, self.order)
+
+
+def _measure(case: _Case, runs: int, generator: np.random.Generator) -> Iterator[Coverage]:
+    times = case.times()
+    pattern = case.estimate(generator.multivariate_normal(np.zeros(2), _NOISE, case.count))
+    start = float(times[-1])
+    scales = {
+        level: region_scale(level, case.probability, pattern, obstacles=case.obstacles, start=start) for level in LEVELS
+    }
+    inside_at, inside_span = np.zeros(len(LEADS), dtype=int), {"per_obstacle": 0, "joint": 0}
+    done = 0
+    while done < runs:
+        now = min(_CHUNK, runs - done)
+        shape = (now * case.obstacles, case.count)
+        errors = standardised_errors(
+            pattern, times, generator.multivariate_normal(np.zeros(2), _NOISE, shape), known=case.known
+        )
+        first = errors[:: case.obstacles]  # one obstacle of each run, for the levels that are about one
+        for i, lead in enumerate(LEADS):
+            inside_at[i] += int(
+                np.count_nonzero(squares_at(pattern, first, np.array([start + lead]))[:, 0] <= scales["per_time"])
+            )
+        worst = squares_at(pattern, errors, _span(pattern, start)).max(axis=1)
+        inside_span["per_obstacle"] += int(np.count_nonzero(worst[:: case.obstacles] <= scales["per_obstacle"]))
+        of_run = worst.reshape(now, case.obstacles).max(axis=1)
+        inside_span["joint"] += int(np.count_nonzero(of_run <= scales["joint"]))
+        done += now
+    for lead, inside in zip(LEADS, inside_at.tolist(), strict=True):
+        yield _coverage(case, "per_time", lead, inside, runs, scales["per_time"])
+    for level, inside in inside_span.items():
+        yield _coverage(case, level, math.nan, inside, runs, scales[level])
+
+
+def standardised_errors(pattern: PolynomialEstimate, times: Array, noise: Array, *, known: bool) -> Array:
+    """Estimate from many sets of noise at once; give the coefficients' errors, standardised by the noise covariance.
+
+    Parameters
+    ----------
+    pattern : PolynomialEstimate
+        The estimate of any one set; only its times and its order are used.
+    times : (n,) s
+    noise : (runs, n, 2) m
+    known : bool
+        Whether the true covariance standardises, or each run's estimate.
+
+    Returns
+    -------
+    (runs, p, 2), of powers of the pattern's scaled time
+    """
+    rows = ((times - pattern.center_time) / pattern.time_scale)[:, None] ** np.arange(pattern.order + 1)
+    errors = np.linalg.pinv(rows) @ noise
+    if known:
+        root = np.linalg.cholesky(_NOISE)
+    else:
+        residuals = noise - rows @ errors
+        degrees = rows.shape[0] - rows.shape[1]
+        root = np.linalg.cholesky(np.swapaxes(residuals, 1, 2) @ residuals / degrees)
+    return np.swapaxes(np.linalg.solve(root, np.swapaxes(errors, 1, 2)), 1, 2)
+
+
+def squares_at(pattern: PolynomialEstimate, errors: Array, times: Array) -> Array:
+    """Give z' C(t)^-1 z of each run's error at each time, which may be infinite: (runs, times)."""
+    angles = np.arctan((times - pattern.center_time) / pattern.time_scale)
+    powers = np.arange(pattern.order + 1)
+    rows = np.sin(angles)[:, None] ** powers * np.cos(angles)[:, None] ** (pattern.order - powers)
+    # h(t) Sigma is the covariance, and Sigma is in the standardised errors already
+    spread = pattern.coefficient_covariance[:, 0, :, 0] / pattern.noise_covariance[0, 0]
+    rows /= np.sqrt(np.einsum("tj,jk,tk->t", rows, spread, rows))[:, None]
+    at = rows @ errors
+    return np.einsum("rta,rta->rt", at, at)
+
+
+def _span(pattern: PolynomialEstimate, start: float) -> Array:
+    """Give times from start to infinity, evenly spread in angle."""
+    if pattern.order == 0:
+        return np.array([start])
+    first = math.atan((start - pattern.center_time) / pattern.time_scale)
+    angles = np.linspace(first, 0.5 * math.pi, _SPAN_TIMES)
+    times = pattern.center_time + pattern.time_scale * np.tan(angles)
+    times[-1] = math.inf
+    return times
+
+
+def _coverage(case: _Case, level: str, lead: float, inside: int, runs: int, scale: float) -> Coverage:
+    low, high = wilson_interval(inside, runs)
+    return Coverage(
+        level=level,
+        covariance="known" if case.known else "estimated",
+        order=case.order,
+        observations=case.count,
+        obstacles=case.obstacles if level == "joint" else 1,
+        lead_time=lead,
+        nominal=case.probability,
+        coverage=inside / runs,
+        low=low,
+        high=high,
+        runs=runs,
+        scale=scale,
+    )
+
+
+def save_csv(results: Sequence[Coverage], path: str | PathLike[str]) -> None:
+    """Write results as CSV, whole or not at all; floats keep every bit."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(Coverage)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(result) for result in results)
+    write_text(path, text.getvalue())
+
+
+def load_csv(path: str | PathLike[str]) -> list[Coverage]:
+    """Read what `save_csv` wrote."""
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        kinds = {"level": str, "covariance": str, "order": int, "observations": int, "obstacles": int, "runs": int}
+        return [
+            Coverage(**{name: kinds.get(name, float)(value) for name, value in row.items()})
+            for row in csv.DictReader(file)
+        ]
+
+
+def summary(results: Sequence[Coverage]) -> str:
+    """Tabulate, for each level and covariance, the least and the greatest coverage and where they are."""
+    lines = [f"{'level':<13}{'covariance':<11}{'nominal':>8}  {'least':<28}{'greatest':<28}"]
+    for level in LEVELS:
+        for covariance in ("known", "estimated"):
+            own = [r for r in results if (r.level, r.covariance) == (level, covariance)]
+            if own:
+                ends = (min(own, key=lambda r: r.coverage), max(own, key=lambda r: r.coverage))
+                texts = [f"{r.coverage:.4f} (order {r.order}, n = {r.observations})" for r in ends]
+                lines.append(f"{level:<13}{covariance:<11}{own[0].nominal:>8g}  {texts[0]:<28}{texts[1]:<28}")
+    return "\n".join(lines)
+
+
+def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None = None) -> Figure:
+    """Draw coverage against the number of observations: a column for each level, a row for each covariance.
+
+    Parameters
+    ----------
+    results : sequence of Coverage
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+    """
+    from matplotlib.figure import Figure
+
+    from scp_planner.plotting.style import COLOURS, GREY, save, style
+
+    with style():
+        figure = Figure(figsize=(3 * _WIDTH, 2 * _HEIGHT), dpi=_DPI, layout="constrained")
+        grid = figure.subplots(2, len(LEVELS), sharex=True, sharey=True)
+        for row, covariance in zip(grid, ("known", "estimated"), strict=True):
+            for axes, level in zip(row, LEVELS, strict=True):
+                own = [r for r in results if (r.level, r.covariance) == (level, covariance)]
+                for order in sorted({r.order for r in own}):
+                    # of the moments that per_time is judged at, the last
+                    last = {r.observations: r for r in own if r.order == order}
+                    rows = sorted(last.values(), key=lambda r: r.observations)
+                    middle = np.array([r.coverage for r in rows])
+                    bars = np.array([[r.coverage - r.low, r.high - r.coverage] for r in rows]).T
+                    counts = [r.observations * (1.0 + 0.03 * (order - 1)) for r in rows]  # side by side
+                    axes.errorbar(
+                        counts,
+                        middle,
+                        bars,
+                        color=COLOURS[order],
+                        marker="o",
+                        markersize=3,
+                        lw=1,
+                        label=f"order {order}",
+                    )
+                for r in own[:1]:
+                    axes.axhline(r.nominal, color=GREY, lw=0.8, zorder=0)
+                axes.set_title(f"{level}, covariance {covariance}")
+                axes.set_xscale("log")
+                ticks = sorted({r.observations for r in results})
+                axes.set_xticks(ticks, [str(tick) for tick in ticks], minor=False)
+                axes.minorticks_off()
+        for axes in grid[-1]:
+            axes.set_xlabel("observations")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("coverage")
+        grid[0, 0].legend()
+        nominal = results[0].nominal
+        low, high = min(r.low for r in results), max(r.high for r in results)
+        grid[0, 0].set_ylim(min(low, nominal - 0.01), max(high, min(1.0, nominal + 0.03)))
+        if path is not None:
+            save(figure, path)
+    return figure
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the study from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m scp_planner.studies.coverage", description=__doc__.split("\n")[0])
+    parser.add_argument("--runs", type=int, default=RUNS, help="of each case")
+    parser.add_argument("--probability", type=float, default=0.95, help="nominal level")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, default=Path("coverage"), help="folder for coverage.csv and .png")
+    chosen = parser.parse_args(arguments)
+    results = measure_coverage(probability=chosen.probability, runs=chosen.runs, seed=chosen.seed)
+    chosen.output.mkdir(parents=True, exist_ok=True)
+    save_csv(results, chosen.output / "coverage.csv")
+    plot_coverage(results, chosen.output / "coverage.png")
+    print(summary(results))
+
+
+if __name__ == "__main__":
+    main()

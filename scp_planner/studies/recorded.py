@@ -1,0 +1,296 @@
+"""How often recorded people and vehicles are where a fitted motion model says they will be.
+
+Half of the tracks (every other one) is fitted, the other half tested, and then the other way round. From
+every stretch of positions of a tested track its motion is predicted, and at each lead time it is counted how
+often the recorded position is in the region, and compared how large the region is:
+
+- ``random_walk`` and the other kinds of `scp_planner.process_model`, fitted;
+- ``quadratic`` and ``linear``: polynomial motions believed exactly, the noise estimated from the residuals,
+  as the published method does;
+- ``quadratic, inflated`` and ``linear, inflated``: discs about the same predictions, just so large that they
+  cover as many of the tested positions as the first fitted model does. They are told the answer; a fitted
+  model should still need less room.
+
+Neighbouring stretches of a track are not independent, so the uncertainty of a coverage is the spread between
+tracks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.confidence import HotellingErrors, StudentErrors, uniform_scale
+from scp_planner.files import write_text
+from scp_planner.motion_estimate import Array
+from scp_planner.motion_fitting import LEAD_TIMES, fit_motion_model, prediction_errors, stretches_of
+from scp_planner.motion_models import estimate_process
+from scp_planner.process_model import ProcessModel
+from scp_planner.tracks import Tracks
+
+KINDS = ("random_walk", "mean_reverting")
+WINDOW = 8
+
+_POLYNOMIALS = {"linear": 1, "quadratic": 2}
+_BOTH = 2  # folds
+_SPAN_STEPS = 12  # lead times at which "at all times" is judged
+_LEAST_DETERMINANT = 1e-24  # m^4, of a noise covariance: below it people stand as still as numbers can
+
+
+@dataclass(frozen=True)
+class RecordedCoverage:
+    """One measured coverage of recorded positions.
+
+    Attributes
+    ----------
+    data, model : str
+    level : str
+        "per_time", or "per_obstacle": at all lead times up to this one.
+    fold : int
+        Which half was tested: 0, 1, or 2 for both, each with the fit to the other.
+    lead_time : float, s
+    nominal, coverage : float
+    error : float
+        Standard error of the coverage, from the spread between tracks.
+    radius : float, m
+        Of a disc of the regions' mean area.
+    predictions, tracks : int
+        How many were tested.
+    """
+
+    data: str
+    model: str
+    level: str
+    fold: int
+    lead_time: float
+    nominal: float
+    coverage: float
+    error: float
+    radius: float
+    predictions: int
+    tracks: int
+
+
+def measure_recorded_coverage(
+    tracks: Tracks,
+    *,
+    data: str = "",
+    kinds: Sequence[str] = KINDS,
+    window: int = WINDOW,
+    lead_times: Sequence[float] = LEAD_TIMES,
+    probability: float = 0.95,
+) -> list[RecordedCoverage]:
+    """Fit motion models to half of the tracks and test them on the other half, both ways.
+
+    Parameters
+    ----------
+    tracks : Tracks
+    data : str
+        Name of the tracks in the results.
+    kinds : sequence of str
+        Of motions with process noise.
+    window : int
+        Positions that a prediction is made from.
+    lead_times : sequence of float, s
+    probability : float
+        The nominal level.
+    """
+    halves = tracks.halves()
+    samples: list[_Sample] = []
+    for fold, tested in enumerate(halves):
+        fitted = halves[1 - fold]
+        for kind in kinds:
+            model = fit_motion_model(fitted, kind, window=window, lead_times=lead_times)
+            samples += _of_model(fold, kind, model, tested, window, lead_times, probability)
+        shares = {
+            s.lead_time: float(s.inside.mean())
+            for s in samples
+            if (s.fold, s.model, s.level) == (fold, kinds[0], "per_time")
+        }
+        for name, order in _POLYNOMIALS.items():
+            samples += _of_polynomial(fold, name, order, tested, window, shares, probability)
+    cases = dict.fromkeys((s.model, s.level, s.lead_time) for s in samples)
+    results = []
+    for case in cases:
+        own = [s for s in samples if (s.model, s.level, s.lead_time) == case]
+        results += [_measured(data, probability, s.fold, [s]) for s in own]
+        results.append(_measured(data, probability, _BOTH, own))
+    return results
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Which predictions of one fold were inside, and how large their regions were."""
+
+    fold: int
+    model: str
+    level: str
+    lead_time: float
+    inside: Array  # (m,) 0 or 1
+    areas: Array  # (m,) m^2 / pi
+    tracks: NDArray[np.intp]  # (m,)
+
+
+def _of_model(
+    fold: int,
+    kind: str,
+    model: ProcessModel,
+    tested: Tracks,
+    window: int,
+    lead_times: Sequence[float],
+    probability: float,
+) -> Iterator[_Sample]:
+    tails = model.tails
+    assert tails is not None
+    law = StudentErrors(tails.degrees_of_freedom)
+    scale = law.pointwise_scale(1.0 - probability)
+    for errors in prediction_errors(tested, model, window=window, lead_times=lead_times):
+        limit = scale * np.interp(errors.lead_time, tails.lead_time, tails.inflation)
+        yield _Sample(
+            fold,
+            kind,
+            "per_time",
+            errors.lead_time,
+            (errors.squares <= limit).astype(float),
+            limit * errors.deviations**2,
+            errors.tracks,
+        )
+    # at all times up to the last lead time at once
+    leads = np.linspace(lead_times[-1] / _SPAN_STEPS, lead_times[-1], _SPAN_STEPS)
+    some = next(track for track in tested if len(track) >= window)
+    pattern = estimate_process(some.times[:window], some.positions[:window], model)
+    length = pattern.standardised_length(pattern.reference_time, pattern.reference_time + float(leads[-1]))
+    scale = uniform_scale(1.0 - probability, length, law)
+    each = prediction_errors(tested, model, window=window, lead_times=leads.tolist())
+    whole = each[-1]
+    inside = np.ones(len(whole.squares))
+    for errors in each:
+        limit = scale * np.interp(errors.lead_time, tails.lead_time, tails.inflation)
+        outside = errors.stretches[errors.squares > limit]
+        inside[np.isin(whole.stretches, outside)] = 0.0
+    yield _Sample(fold, kind, "per_obstacle", whole.lead_time, inside, limit * whole.deviations**2, whole.tracks)
+
+
+def _of_polynomial(
+    fold: int, name: str, order: int, tested: Tracks, window: int, shares: Mapping[float, float], probability: float
+) -> Iterator[_Sample]:
+    """Predict by polynomials: with regions that believe them, and with discs that cover given shares."""
+    stretches, targets = stretches_of(tested, window, list(shares))
+    ends, powers = stretches.times[:, -1:], np.arange(order + 1)
+    rows = (stretches.times - ends)[..., None] ** powers
+    solve = np.linalg.pinv(rows)
+    coefficients = solve @ stretches.positions
+    residuals = stretches.positions - rows @ coefficients
+    degrees = window - order - 1
+    noise = np.swapaxes(residuals, 1, 2) @ residuals / degrees
+    spread = solve @ np.swapaxes(solve, 1, 2)
+    scale = HotellingErrors(degrees).pointwise_scale(1.0 - probability)
+    for (lead_time, share), target in zip(shares.items(), targets, strict=True):
+        which = target.stretches
+        at = (target.times - ends[which, 0])[:, None] ** powers
+        offsets = target.positions - np.einsum("mj,mja->ma", at, coefficients[which])
+        owners = stretches.tracks[which]
+        reach = float(np.quantile(np.linalg.norm(offsets, axis=1), share))
+        inside = np.linalg.norm(offsets, axis=1) <= reach
+        yield _Sample(
+            fold,
+            f"{name}, inflated",
+            "per_time",
+            lead_time,
+            inside.astype(float),
+            np.full(len(which), reach**2),
+            owners,
+        )
+        determinant = np.linalg.det(noise[which])
+        sure = determinant > _LEAST_DETERMINANT
+        growth = np.einsum("mj,mjk,mk->m", at, spread[which], at)[sure]
+        squares = np.einsum(
+            "ma,ma->m", offsets[sure], np.linalg.solve(noise[which][sure], offsets[sure][..., None])[..., 0]
+        )
+        yield _Sample(
+            fold,
+            name,
+            "per_time",
+            lead_time,
+            (squares <= scale * growth).astype(float),
+            scale * growth * np.sqrt(determinant[sure]),
+            owners[sure],
+        )
+
+
+def _measured(data: str, probability: float, fold: int, samples: Sequence[_Sample]) -> RecordedCoverage:
+    inside = np.concatenate([s.inside for s in samples])
+    areas = np.concatenate([s.areas for s in samples])
+    owners = np.concatenate([s.tracks + 1j * s.fold for s in samples])  # halves number their tracks alike
+    coverage = float(inside.mean())
+    _, owner = np.unique(owners, return_inverse=True)
+    of_track = np.bincount(owner, inside - coverage)
+    return RecordedCoverage(
+        data=data,
+        model=samples[0].model,
+        level=samples[0].level,
+        fold=fold,
+        lead_time=samples[0].lead_time,
+        nominal=probability,
+        coverage=coverage,
+        error=float(np.sqrt(np.sum(of_track**2))) / len(inside),
+        radius=math.sqrt(float(areas.mean())),
+        predictions=len(inside),
+        tracks=len(of_track),
+    )
+
+
+def save_csv(results: Sequence[RecordedCoverage], path: str | PathLike[str]) -> None:
+    """Write results as CSV, whole or not at all; floats keep every bit."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(RecordedCoverage)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(result) for result in results)
+    write_text(path, text.getvalue())
+
+
+def summary(results: Sequence[RecordedCoverage]) -> str:
+    """Tabulate coverage in % with its standard error, and radius in m, for each lead time; both halves together."""
+    leads = sorted({r.lead_time for r in results if r.level == "per_time"})
+    lines = [f"{'data':<8}{'model':<22}{'level':<14}" + "".join(f"{f'{lead:g} s':^24}" for lead in leads)]
+    for data, model, level in dict.fromkeys((r.data, r.model, r.level) for r in results):
+        cells = []
+        for lead in leads:
+            own = {r.fold: r for r in results if (r.data, r.model, r.level, r.lead_time) == (data, model, level, lead)}
+            both = own.get(_BOTH)
+            cells.append(
+                "" if both is None else f"{100 * both.coverage:.1f} +- {100 * both.error:.1f} %, {both.radius:.2f} m"
+            )
+        lines.append(f"{data:<8}{model:<22}{level:<14}" + "".join(f"{cell:^24}" for cell in cells))
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the study from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m scp_planner.studies.recorded", description=__doc__.split("\n")[0])
+    parser.add_argument("tracks", type=Path, nargs="+", help="files or folders of tracks")
+    parser.add_argument("--window", type=int, default=WINDOW, help="positions that a prediction is made from")
+    parser.add_argument("--probability", type=float, default=0.95, help="nominal level")
+    parser.add_argument("-o", "--output", type=Path, default=Path("coverage"), help="folder for recorded.csv")
+    chosen = parser.parse_args(arguments)
+    results: list[RecordedCoverage] = []
+    for path in chosen.tracks:
+        tracks = Tracks.load(path)
+        name = path.stem.removesuffix("_obsmat")
+        results += measure_recorded_coverage(tracks, data=name, window=chosen.window, probability=chosen.probability)
+    chosen.output.mkdir(parents=True, exist_ok=True)
+    save_csv(results, chosen.output / "recorded.csv")
+    print(summary(results))
+
+
+if __name__ == "__main__":
+    main()
