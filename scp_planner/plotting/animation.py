@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scp_planner.files import replacing
 from scp_planner.plotting.maps import draw_ends, draw_tracks, key_to_symbols, lay_out
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
-from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, style
+from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
 from scp_planner.recording import ObstacleRecord, Recording, Truth, record_plan
 
 if TYPE_CHECKING:
@@ -132,9 +132,7 @@ class Film:
         # Lay out once, while what moves still counts: text of changing width must not make the axes jump.
         canvas: Any = FigureCanvasAgg(figure)
         self._move_to(0)
-        for _ in range(2):  # titles count from the second time on
-            figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        settle(figure)
         for _, artist in self._moving:
             artist.set_animated(True)
         canvas.draw()

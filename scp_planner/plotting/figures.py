@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
-from scp_planner.plotting.style import COLOURS, FIGURE_SUFFIXES, check_suffix, save, style
+from scp_planner.plotting.style import COLOURS, FIGURE_SUFFIXES, check_suffix, save, settle, style
 from scp_planner.recording import Recording, Truth, nearest_indices, nice_times, record_plan
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def plot_plan(
         panels = profile_part.subplots(6, 1) if narrow else profile_part.subplots(2, 3)
         draw_map(map_part.subplots(), recording, indices, narrow=narrow)
         draw_profiles(list(panels.ravel()), recording, indices, stacked=narrow)
+        settle(figure)
         if path is not None:
             save(figure, path)
     return figure

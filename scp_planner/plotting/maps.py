@@ -43,7 +43,7 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
     draw_tracks(axes, recording)
     for index, colour in zip(indices, COLOURS, strict=False):
         for obstacle in recording.obstacles:
-            _draw_zone(axes, recording, obstacle, int(index), colour)
+            _draw_obstacle(axes, recording, obstacle, int(index), colour)
     _draw_speed(axes, recording)
     for index, colour in zip(indices, COLOURS, strict=False):
         _draw_vehicle(axes, recording, int(index), colour)
@@ -118,9 +118,12 @@ class Key:
 
     def set_above(self, axes: Axes, side: Literal["left", "right"]) -> None:
         """Set the entries in one row above the left or right end of axes."""
+        from matplotlib.legend import Legend
+
         place: Any = {"loc": f"lower {side}", "bbox_to_anchor": (0.0 if side == "left" else 1.0, 1.0)}
         columns = len(self.labels)
-        axes.add_artist(axes.legend(self.handles, self.labels, ncols=columns, **place, **_KEY_SPACING))
+        # Not axes.legend: axes have one, and there may be two rows.
+        axes.add_artist(Legend(axes, self.handles, self.labels, ncols=columns, **place, **_KEY_SPACING))
 
 
 def key_to_symbols(recording: Recording) -> Key:
@@ -151,18 +154,22 @@ def _key_to_times(recording: Recording, indices: Index) -> Key:
     return Key(handles, [time_text(recording.time[index] - recording.epoch) for index in indices])
 
 
-def _draw_zone(axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str) -> None:
-    """Draw a zone: filled if it is near to the vehicle at that time, an outline if it is not."""
+def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str) -> None:
+    """Draw an obstacle at a time: its zone, filled if near to the vehicle, else an outline; and its shape.
+
+    What would only hide what matters is left out: large zones that are far away, and in a crowd all that are.
+    """
     from matplotlib.patches import Polygon
 
     length = float(np.ptp(recording.position, axis=0).max())
     near = obstacle.clearance[index] < NEAR * length
     large = float(np.ptp(obstacle.boundary[index], axis=0).max()) > 2.0 * NEAR * length
-    if not near and (large or len(recording.obstacles) > CROWD):
-        return  # it would only hide what matters
-    edge = (colour, 0.9 if near else 0.35)
-    fill: Any = (colour, 0.22) if near else "none"
-    axes.add_patch(Polygon(obstacle.zone_at(index), facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
+    if not near and len(recording.obstacles) > CROWD:
+        return
+    if near or not large:
+        edge = (colour, 0.9 if near else 0.35)
+        fill: Any = (colour, 0.22) if near else "none"
+        axes.add_patch(Polygon(obstacle.zone_at(index), facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
     true_center = obstacle.truth_at(index)
     if true_center is not None:
         body = obstacle.body_at(index, true_center)

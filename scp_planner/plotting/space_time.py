@@ -17,6 +17,7 @@ from scp_planner.plotting.style import (
     INK,
     check_suffix,
     save,
+    settle,
     style,
     time_label,
 )
@@ -111,6 +112,7 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
         _draw_vehicle(above, below, grids)
         above.set_title(f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold")
         _draw_key(figure, regions)
+        settle(figure)
         if path is not None:
             save(figure, path)
     return figure

@@ -80,6 +80,13 @@ def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
     return suffix
 
 
+def settle(figure: Figure) -> None:
+    """Lay a figure out for good: what is moved by the first pass may ask for other margins in the second."""
+    for _ in range(2):
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
 def save(figure: Figure, path: str | PathLike[str]) -> None:
     """Save a figure whole or not at all, without the date: the same figure is the same file."""
     suffix = check_suffix(path, FIGURE_SUFFIXES)
