@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from heapq import heappop, heappush
 from time import perf_counter
 
 import numpy as np
@@ -16,7 +15,7 @@ from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
-from scp_planner.seeds import Way, WaySearch, bows
+from scp_planner.seeds import WaySearch, WayTree, bows
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.trajectory import Trajectory
@@ -124,40 +123,6 @@ class _Branch:
     touched: tuple[tuple[int, int], ...] = ()
 
 
-class _WayTree:
-    """Ways round, the fastest estimate first; each may be branched at obstacles whose side is then closed."""
-
-    def __init__(self, search: WaySearch, most: int) -> None:
-        self.search = search
-        self.sweeps = most
-        self.heap: list[tuple[float, int, Way, frozenset[tuple[int, int]]]] = []
-        self.seen: set[frozenset[tuple[int, int]]] = set()
-        self.tried: set[frozenset[tuple[int, int]]] = set()
-        self.closed: frozenset[tuple[int, int]] = frozenset()
-        self._look(self.closed)
-
-    def next(self) -> Way | None:
-        """The way with the fastest estimate that has not been taken."""
-        if not self.heap:
-            return None
-        _, _, way, self.closed = heappop(self.heap)
-        return way
-
-    def branch(self, touched: tuple[tuple[int, int], ...]) -> None:
-        """Look for ways that pass one of these obstacles on its other side than the way taken last."""
-        for side in touched:
-            self._look(self.closed | {side})
-
-    def _look(self, closed: frozenset[tuple[int, int]]) -> None:
-        if closed in self.tried or len(self.tried) >= self.sweeps:
-            return
-        self.tried.add(closed)
-        way = self.search.best(tuple(sorted(closed)))
-        if way is not None and way.sides_set not in self.seen:
-            self.seen.add(way.sides_set)
-            heappush(self.heap, (way.travel_time, len(self.tried), way, closed))
-
-
 def _touched(run: Run) -> tuple[tuple[int, int], ...]:
     """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
     evaluation = run.evaluation
@@ -229,7 +194,7 @@ class _Planning:
         runs = 0
         for delay_step in DELAY_STEPS:
             search = WaySearch(self.problem, delay_step)
-            tree = _WayTree(search, self.settings.searches)
+            tree = WayTree(search, self.settings.searches)
             while runs < self.settings.max_runs:
                 way = tree.next()
                 if way is None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ OFFSET_MOVES = 2  # of the offset, from one station to the next
 CLEARANCE = 0.0  # m, kept from every obstacle by the search
 SIDEWAYS_COST = 0.002  # s for each step of the offset, besides the longer way
 BLOCKED = 1e9
+BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
 DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
@@ -297,6 +299,56 @@ def _fastest_times(stations: Array, start_speed: float, top: float, acceleration
     )
     cruising = (top - start_speed) / acceleration + (stations - ramp) / top
     return np.where(stations <= ramp, rising, cruising)
+
+
+class WayTree:
+    """Ways round, the fastest estimate first; each may be branched at obstacles whose side is then closed."""
+
+    def __init__(self, search: WaySearch, most: int) -> None:
+        """Search for the first way; at most so many sweeps in all."""
+        self.search = search
+        self.sweeps = most
+        self.heap: list[tuple[float, int, Way, frozenset[tuple[int, int]]]] = []
+        self.seen: set[frozenset[tuple[int, int]]] = set()
+        self.tried: set[frozenset[tuple[int, int]]] = set()
+        self.closed: frozenset[tuple[int, int]] = frozenset()
+        self._look(self.closed)
+
+    def next(self) -> Way | None:
+        """The way with the fastest estimate that has not been taken."""
+        if not self.heap:
+            return None
+        _, _, way, self.closed = heappop(self.heap)
+        return way
+
+    def branch(self, touched: tuple[tuple[int, int], ...]) -> None:
+        """Look for ways that pass one of these obstacles on its other side than the way taken last."""
+        for side in touched:
+            self._look(self.closed | {side})
+
+    def _look(self, closed: frozenset[tuple[int, int]]) -> None:
+        if closed in self.tried or len(self.tried) >= self.sweeps:
+            return
+        self.tried.add(closed)
+        way = self.search.best(tuple(sorted(closed)))
+        if way is not None and way.sides_set not in self.seen:
+            self.seen.add(way.sides_set)
+            heappush(self.heap, (way.travel_time, len(self.tried), way, closed))
+
+
+def ways(search: WaySearch, most: int) -> Iterator[Way]:
+    """Yield different ways round, the fastest estimate first, found as they are asked for.
+
+    Parameters
+    ----------
+    search : WaySearch
+    most : int
+        Sweeps at most.
+    """
+    tree = WayTree(search, most)
+    while (way := tree.next()) is not None:
+        yield way
+        tree.branch(way.sides[:BRANCHES])
 
 
 def bows(problem: Problem) -> Iterator[Trajectory]:
