@@ -71,9 +71,9 @@ class Figures:
         """Save as SVG; return the Markdown that shows it."""
         import matplotlib.pyplot as plt
 
-        figure.savefig(self._folder / f"{name}.svg", metadata={"Date": None})
+        figure.savefig(self._folder / f"benchmarks-{name}.svg", metadata={"Date": None})
         plt.close(figure)
-        return f"![{alternative}]({self._folder.name}/{name}.svg)"
+        return f"![{alternative}]({self._folder.name}/benchmarks-{name}.svg)"
 
 
 def reference_part(rows: list[Row], figures: Figures) -> list[str]:
