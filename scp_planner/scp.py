@@ -138,6 +138,7 @@ class ScpLoop:
         max_iterations: int,
         cutoff: float = np.inf,
         deadline: float = np.inf,
+        trust: TrustRegion = FIRST_TRUST,
     ) -> Run:
         """Improve a trip until it has converged.
 
@@ -149,9 +150,10 @@ class ScpLoop:
             The run is given up when it can hardly become faster than this, s.
         deadline : float
             Value of :func:`time.perf_counter` at which the run ends.
+        trust : TrustRegion
+            The first one.
         """
         penalties = Penalties(np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY))
-        trust = FIRST_TRUST
         self._active = None
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         for number in range(1, max_iterations + 1):
