@@ -232,9 +232,7 @@ def region_scale(
         return estimate.errors.pointwise_scale(alpha)
     if level == "joint":
         alpha = shared_alpha(alpha, obstacles)
-    return uniform_scale(
-        alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors
-    )
+    return uniform_scale(alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors)
 
 
 def shared_alpha(alpha: float, obstacles: int) -> float:
@@ -270,9 +268,7 @@ def uniform_scale(alpha: float, length: float, errors: ErrorLaw, regressors: int
     if regressors is not None and errors.largest_root_exceedance(floor, regressors) is not None:
         bounds.append(_largest_root_scale(alpha, floor, errors, regressors))
     if not bounds:
-        raise EstimationError(
-            "span of time: it is unbounded, and over it no region of this motion model holds"
-        )
+        raise EstimationError("span of time: it is unbounded, and over it no region of this motion model holds")
     return min(bounds)
 
 
@@ -287,39 +283,31 @@ def _largest_root_scale(alpha: float, floor: float, errors: ErrorLaw, regressors
 
 
 def _solve(tail: Callable[[float], float], alpha: float, floor: float) -> float:
-    """Solve tail(q) = alpha for q >= floor, where tails fall: the Illinois method in log q and log tail."""
+    """Solve tail(q) = alpha for q >= floor, where tails fall: the secant method in log q and log tail, bracketed."""
     target = math.log(alpha)
 
     def excess(log_scale: float) -> float:
         return math.log(tail(math.exp(log_scale))) - target
 
-    low = math.log(floor)
-    high = low + 0.1
-    f_low, f_high = excess(low), excess(high)
-    if f_low <= 0.0:
+    low = before = math.log(floor)
+    f_before = excess(before)
+    if f_before <= 0.0:
         return floor
-    while f_high > 0.0:
-        low, f_low = high, f_high
-        high += 0.5
-        f_high = excess(high)
-    side = 0
-    while high - low > _SCALE_TOLERANCE:
-        middle = high - f_high * (high - low) / (f_high - f_low)
-        if not low < middle < high:
-            break
-        f_middle = excess(middle)
-        # an end that stays twice has its value halved: plain regula falsi would creep
-        if f_middle > 0.0:
-            low, f_low = middle, f_middle
-            f_high *= 0.5 if side > 0 else 1.0
-            side = 1
-        else:
-            high, f_high = middle, f_middle
-            f_low *= 0.5 if side < 0 else 1.0
-            side = -1
-        if f_middle == 0.0:
-            break
-    return math.exp(high)
+    high = now = low + 0.1
+    f_now = excess(now)
+    while f_now > 0.0:
+        low = before = now
+        f_before = f_now
+        high = now = now + 0.5
+        f_now = excess(now)
+    while abs(now - before) > _SCALE_TOLERANCE and f_now != f_before:
+        step = now - f_now * (now - before) / (f_now - f_before)
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        before, f_before = now, f_now
+        now, f_now = step, excess(step)
+        low, high = (now, high) if f_now > 0.0 else (low, now)
+    return max(math.exp(now), floor)
 
 
 def _checked(probability: float) -> float:
