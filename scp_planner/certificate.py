@@ -18,6 +18,7 @@ intervals get too short.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import Flag, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MAX_HALVINGS = 22
-INTERVALS = 192  # at the first level, besides those between knots
+INTERVALS = 192  # at the first level, at most, besides those between knots
+FIRST_WIDTH = 0.04  # s, of shorter trips' intervals at the first level
+FEWEST_INTERVALS = 16
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
 END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
 GOAL_SPEED_TOLERANCE = 1e-3  # m/s
@@ -107,10 +110,41 @@ def certify(scenario: Scenario, plan: Plan, threat_zones: tuple[ThreatZone, ...]
     return certify_trip(scenario, plan.trip, zones(scenario) if threat_zones is None else threat_zones)
 
 
-def certify_trip(scenario: Scenario, trip: Trip, threat_zones: tuple[ThreatZone, ...]) -> Certificate:
-    """Check a trip against a scenario in continuous time. See :func:`certify`."""
+class Ends(Flag):
+    """Ends of a trip that must be those of the scenario."""
+
+    START = auto()
+    GOAL = auto()
+    BOTH = START | GOAL
+
+
+def certify_trip(
+    scenario: Scenario,
+    trip: Trip,
+    threat_zones: tuple[ThreatZone, ...],
+    *,
+    since: float | None = None,
+    ends: Ends = Ends.BOTH,
+) -> Certificate:
+    """Check a trip against a scenario in continuous time. See :func:`certify`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trip : Trip
+    threat_zones : tuple of ThreatZone
+    since : float, optional
+        Absolute time, s, from which on clearance, curvature, lateral acceleration and the workspace box are checked:
+        what has been driven is driven. Speed and acceleration are checked all along, and the start not at all.
+    ends : Ends
+        ``Ends.START`` for a trip that stops on its way. Clearance is checked up to the end of the trip: what comes
+        to a vehicle that stands there is not.
+    """
     check = _Check(scenario, trip, ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius))
-    return check.run()
+    if since is not None:
+        check.begin(since)
+        ends &= Ends.GOAL
+    return check.run(ends)
 
 
 @dataclass(frozen=True)
@@ -159,10 +193,17 @@ class _Check:
         self.limits = Limits.of(scenario)
         self.violations: list[Violation] = []
         self.accelerations = batch.centers.derivative.derivative
+        self.first_sigma = 0.0
+        self.start_speed = scenario.start.speed
 
-    def run(self) -> Certificate:
-        ends = self._ends()
-        self.violations.extend(ends)
+    def begin(self, since: float) -> None:
+        """Leave out what lies before an absolute time, s."""
+        sigma = (since - self.trip.frame.time) / self.trajectory.travel_time
+        self.first_sigma = min(max(sigma, 0.0), 1.0 - 1e-9)
+        self.start_speed = self.trajectory.space.start_speed
+
+    def run(self, ends: Ends = Ends.BOTH) -> Certificate:
+        self.violations.extend(self._ends(ends))
         limits = self._speed_and_acceleration()
         pieces = self._first_pieces()
         enclosure = self._enclose(pieces)
@@ -175,30 +216,31 @@ class _Check:
     def _absolute(self, sigma: float) -> float:
         return self.trip.frame.time + self.trajectory.travel_time * float(sigma)
 
-    def _ends(self) -> list[Violation]:
+    def _ends(self, ends: Ends) -> list[Violation]:
         scenario, trajectory = self.scenario, self.trajectory
         points = trajectory.at(trajectory.space.time_table(np.array([0.0, 1.0])))
         position = self.trip.frame.to_world(points.path.position)
         direction = self.trip.frame.vectors_to_world(points.path.direction)
         start, goal = scenario.start, scenario.goal
         times = (self._absolute(0.0), self._absolute(1.0))
-        found = [
-            ("start time", abs(times[0] - start.time), 0.0, times[0]),
-            ("distance from the start", float(np.hypot(*(position[0] - start.position))), 0.0, times[0]),
-            (
-                "distance from the goal",
-                float(np.hypot(*(position[1] - goal.position))),
-                goal.radius,
-                times[1],
-            ),
-            ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
-        ]
-        if goal.speed is not None:
-            found.append(("goal speed error", abs(float(points.speed[1]) - goal.speed), GOAL_SPEED_TOLERANCE, times[1]))
-        for name, wanted, vector, time in (
-            ("start heading", start.heading, direction[0], times[0]),
-            ("goal heading", goal.heading, direction[1], times[1]),
-        ):
+        # A trip that goes on beyond its path would be held at the goal, at a speed that it does not have.
+        found = [("distance beyond the path", float(points.distance[1]) - trajectory.path.arc_length, 0.0, times[1])]
+        headings: list[tuple[str, float | None, Array, float]] = []
+        if Ends.START in ends:
+            found += [
+                ("start time", abs(times[0] - start.time), 0.0, times[0]),
+                ("distance from the start", float(np.hypot(*(position[0] - start.position))), 0.0, times[0]),
+                ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
+            ]
+            headings.append(("start heading", start.heading, direction[0], times[0]))
+        if Ends.GOAL in ends:
+            away = float(np.hypot(*(position[1] - goal.position)))
+            found.append(("distance from the goal", away, goal.radius, times[1]))
+            if goal.speed is not None:
+                error = abs(float(points.speed[1]) - goal.speed)
+                found.append(("goal speed error", error, GOAL_SPEED_TOLERANCE, times[1]))
+            headings.append(("goal heading", goal.heading, direction[1], times[1]))
+        for name, wanted, vector, time in headings:
             if wanted is not None:
                 turn = np.arctan2(vector[1], vector[0]) - wanted
                 found.append((name, abs(float(np.arctan2(np.sin(turn), np.cos(turn)))), 0.0, time))
@@ -216,7 +258,7 @@ class _Check:
         sites = _greville(trajectory.space.acceleration.breakpoints, degree)
         fastest, slowest = int(np.argmax(speeds)), int(np.argmin(speeds))
         # Driving faster than allowed at the start is the scenario's business, not the plan's.
-        top = max(limits.speed, self.scenario.start.speed)
+        top = max(limits.speed, self.start_speed)
         self._note(
             "speed",
             float(speeds[fastest]),
@@ -257,9 +299,19 @@ class _Check:
         trajectory = self.trajectory
         space = trajectory.space
         knots = trajectory.path.arc_length_at(space.path.breakpoints[1:-1])
-        grid = np.linspace(0.0, 1.0, INTERVALS + 1)
-        edges = np.unique(np.concatenate([grid, space.acceleration.breakpoints, trajectory.sigma_at(knots)]))
+        first = self.first_sigma
+        duration = (1.0 - first) * trajectory.travel_time
+        grid = np.linspace(first, 1.0, int(np.clip(duration / FIRST_WIDTH, FEWEST_INTERVALS, INTERVALS)) + 1)
+        inner = np.concatenate([space.acceleration.breakpoints, trajectory.sigma_at(knots), self._zone_knots()])
+        edges = np.unique(np.concatenate([grid, inner[inner > first]]))
         return _Pieces(0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges))
+
+    def _zone_knots(self) -> Array:
+        """Normalised times inside the trip at which a zone's motion or growth changes to another polynomial."""
+        batch = self.batch
+        pieces = [batch.centers] if batch.covariances is None else [batch.centers, batch.covariances]
+        knots = np.concatenate([part.breakpoints[:, 1:-1].ravel() for part in pieces]) / self.trajectory.travel_time
+        return np.unique(knots[(knots > 0.0) & (knots < 1.0)])
 
     def _enclose(self, pieces: _Pieces) -> _Enclosure:
         trajectory = self.trajectory

@@ -45,7 +45,7 @@ class PiecewisePolynomials:
         for item in items:
             count, have, order, _ = item.coefficients.shape
             breaks = np.full((count, pieces + 1), np.inf)
-            breaks[:, : have + 1] = item.breakpoints
+            breaks[:, :have] = item.breakpoints[:, :have]  # the last piece goes on, padding never begins
             padded = np.zeros((count, pieces, powers, item.coefficients.shape[3]))
             padded[:, :have, :order] = item.coefficients
             breakpoints.append(breaks)

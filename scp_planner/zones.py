@@ -381,7 +381,7 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     pieces = estimate.polynomials(start, start + HORIZON)
     return ThreatZone(
         obstacle.id,
-        radius,
+        radius + pieces.center_error,
         PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
         PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
     )

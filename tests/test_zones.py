@@ -8,6 +8,7 @@ from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.ellipse import ellipse_contact, support
+from scp_planner.estimation import estimate_obstacle
 from scp_planner.frames import PlanningFrame
 from scp_planner.zones import ThreatZone, ZoneBatch
 
@@ -184,3 +185,13 @@ def test_the_search_radius_covers_the_zone() -> None:
         for a in angle:
             on_disc = center + reach[:, k, None] * [np.cos(a), np.sin(a)]
             assert np.all(batch.contacts(np.full(13, k), times, on_disc).distance >= -1e-9)
+
+
+def test_a_zone_covers_what_its_polynomials_miss_of_the_estimate() -> None:
+    process = {"kind": "singer", "deviation": 0.5, "time_constant": 1.0}
+    model = {"process": {"process": process, "velocity_deviation": 1.0, "noise_deviation": 0.1}}
+    (zone,) = sp.zones(scene({**observed("seen", 1), "model": model}))
+    estimate = estimate_obstacle(scene({**observed("seen", 1), "model": model}).obstacles[0])
+    error = estimate.polynomials(0.0, 120.0).center_error
+    assert error > 0.0
+    assert zone.radius == pytest.approx(0.4 + error, rel=1e-12)
