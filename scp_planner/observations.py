@@ -54,7 +54,7 @@ class Screening:
         observations.
     outliers : Outliers
     gate_probability : float
-        Probability that gating leaves out anything at all if nothing is wrong.
+        Greatest probability that gating leaves out anything at all if nothing is wrong.
     """
 
     missing: Faulty = Faulty.REFUSE

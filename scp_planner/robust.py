@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from scp_planner.confidence import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
+from scp_planner.errors import EstimationError
 from scp_planner.least_squares import MotionFit, MotionProblem, Noise, fit_motion
 from scp_planner.motion_estimate import Array, PolynomialEstimate
 from scp_planner.observations import CheckedObservations
@@ -16,38 +17,54 @@ HUBER_DISTANCE = 2.0
 """Mahalanobis distance beyond which Huber's weights fall; 13.5 % of normal observations lie beyond it."""
 
 _STEPS = 200
-_TOLERANCE = 1e-10  # of the residuals, relative to the noise
+_TOLERANCE = 1e-8  # of the residuals, relative to the noise
 _TINY = float(np.finfo(float).tiny)
 _FEWEST_DEGREES = 2  # to judge an observation by the others with a general covariance
 
 
 def gated(problem: MotionProblem, seen: CheckedObservations, probability: float) -> PolynomialEstimate:
-    """Leave out, one at a time, the observation that the others call least probable, while it is improbable.
+    """Leave out the observations that the others call improbable.
+
+    The least probable one is taken out, again and again, up to a third of all. Then all those up to the last
+    that was improbable, given what was left, are left out and the rest comes back: outliers that hide each
+    other are found so (B. Rosner, Technometrics 25, 1983, with Bonferroni's bound for the least of n chances
+    and for the rounds).
 
     Parameters
     ----------
     problem : MotionProblem
     seen : CheckedObservations
     probability : float
-        That anything is left out if nothing is wrong: the least of n chances is compared with probability /
-        n.
+        Of leaving out anything if nothing is wrong, at most.
     """
-    while True:
-        fit = fit_motion(problem, seen)
-        chances = _chances(fit)
+    fits = [fit_motion(problem, seen)]
+    improbable = 0
+    spare = len(seen.times) - problem.order - 1 - (0 if seen.covariance is not None else _FEWEST_DEGREES)
+    rounds = max(min(len(seen.times) // 3, spare), 0)
+    for taken in range(1, rounds + 1):
+        chances = _chances(fits[-1])
         worst = int(np.argmin(chances))
-        if chances[worst] * len(chances) >= probability:
-            return fit.estimate()
-        kept = np.arange(len(chances)) != worst
-        sigma = seen.covariance
-        seen = replace(
-            seen,
-            times=seen.times[kept],
-            positions=seen.positions[kept],
-            covariance=sigma[kept] if sigma is not None and sigma.ndim == 3 else sigma,
-            rows=seen.rows[kept],
-            rejected=tuple(sorted((*seen.rejected, int(seen.rows[worst])))),
-        )
+        if chances[worst] * len(chances) * rounds < probability:
+            improbable = taken
+        seen = _without(seen, worst)
+        try:
+            fits.append(fit_motion(problem, seen))
+        except EstimationError:  # what is left does not determine the motion
+            break
+    return fits[min(improbable, len(fits) - 1)].estimate()
+
+
+def _without(seen: CheckedObservations, place: int) -> CheckedObservations:
+    kept = np.arange(len(seen.times)) != place
+    sigma = seen.covariance
+    return replace(
+        seen,
+        times=seen.times[kept],
+        positions=seen.positions[kept],
+        covariance=sigma[kept] if sigma is not None and sigma.ndim == 3 else sigma,
+        rows=seen.rows[kept],
+        rejected=tuple(sorted((*seen.rejected, int(seen.rows[place])))),
+    )
 
 
 def huber(problem: MotionProblem, seen: CheckedObservations) -> PolynomialEstimate:
@@ -73,9 +90,7 @@ def huber(problem: MotionProblem, seen: CheckedObservations) -> PolynomialEstima
     known = replace(seen, covariance=sigma) if seen.covariance is None else seen
     errors: ErrorLaw = NormalErrors()
     if seen.covariance is None:
-        errors = (
-            StudentErrors(2.0 * degrees) if problem.noise is Noise.ISOTROPIC else HotellingErrors(degrees)
-        )
+        errors = StudentErrors(2.0 * degrees) if problem.noise is Noise.ISOTROPIC else HotellingErrors(degrees)
     spread = _spread_factor(_distances(residuals, sigma), degrees) * fit_motion(problem, known).covariance
     return replace(fit, covariance=spread, noise=sigma, errors=errors, regressors=None).estimate()
 
