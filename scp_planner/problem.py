@@ -195,7 +195,12 @@ def straight_travel_time(
     return rise + cruise + fall, (rise, rise + cruise)
 
 
-def build_problem(scenario: Scenario, zones: tuple[ThreatZone, ...], settings: Settings) -> Problem:
+def build_problem(
+    scenario: Scenario,
+    zones: tuple[ThreatZone, ...],
+    settings: Settings,
+    breakpoints: tuple[float, ...] | None = None,
+) -> Problem:
     """Make a scenario ready for planning.
 
     Parameters
@@ -204,19 +209,23 @@ def build_problem(scenario: Scenario, zones: tuple[ThreatZone, ...], settings: S
     zones : tuple of ThreatZone
         One an obstacle.
     settings : Settings
+    breakpoints : tuple of float, optional
+        Of the acceleration, in normalised time: the same ones for many problems share their tables.
     """
     start, goal = scenario.start, scenario.goal
     frame = PlanningFrame.between(start.position, goal.position, start.time)
     guide: Guide = StraightGuide(float(np.hypot(*np.subtract(goal.position, start.position))))
     limits = Limits.of(scenario, settings.limit_margin)
-    time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
+    if breakpoints is None:
+        time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
+        breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
     space = TripSpace(
         guide,
         start.speed,
         settings.path_degree,
         max(4, round(guide.length / settings.path_span)),
         settings.acceleration_degree,
-        acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches)),
+        breakpoints,
     )
     inflation = scenario.vehicle.radius + settings.clearance_margin
     return Problem(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +27,30 @@ from scp_planner.observations import Faulty, Mask, check_covariance, usable
 
 _MEMORIES = 2.0
 """Times are counted from a new origin after this many memories, each of 1 / (1 - forgetting) observations."""
+
+
+@dataclass(frozen=True)
+class SquareRoots:
+    """Square roots of the information about K motions: R c = d for the coefficients c of powers of t - center.
+
+    Attributes
+    ----------
+    factor : (K, m, m)
+        R, triangular.
+    right : (K, m, sides)
+        d, m; relative to the origins.
+    center : (K,) s
+    origin : (K, 2) m
+    first, last : (K,) s
+        Times of the first and the last observation.
+    """
+
+    factor: Array
+    right: Array
+    center: Array
+    origin: Array
+    first: Array
+    last: Array
 
 
 class RecursiveEstimator:
@@ -106,6 +131,19 @@ class RecursiveEstimator:
         Several mean that the obstacle moves otherwise than estimated, not that the sensor fails: `reset` it.
         """
         return self._rejected.copy()
+
+    @property
+    def roots(self) -> SquareRoots:
+        """What the estimates are made from, for those who make many of them at once."""
+        m = self._unknowns
+        return SquareRoots(
+            self._factor[:, :m].transpose(2, 0, 1),
+            self._factor[:, m:].transpose(2, 0, 1),
+            self._center,
+            self._origin,
+            self._first,
+            self._last,
+        )
 
     def reset(self, obstacle: int = 0) -> None:
         """Forget all that was seen of an obstacle."""
