@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 SAMPLE_STRIDE = 3  # every third sample near a zone is a row, besides the minima of clearance
-STATION_REACH = 1.0  # stations whose use of a limit is further from it than this are no rows; 1: all are candidates
+LATERAL_REACH = 0.8  # stations whose use of the lateral limit is further from it than this are no rows
+CURVATURE_REACH = 0.5  # the same for curvature
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,8 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     points = base.points.take(sample)
     contacts = zones.contacts(zone, points.time, points.path.position)
     lateral, bend = problem.limits.lateral_acceleration, problem.limits.curvature
-    stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - STATION_REACH) * lateral)
-    bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - STATION_REACH) * bend)
+    stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - LATERAL_REACH) * lateral)
+    bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - CURVATURE_REACH) * bend)
     walls = np.flatnonzero(base.box_gaps < near)
     order = np.zeros(len(base.minima_zone), dtype=np.intp)
     rows = Rows.stack(

@@ -24,7 +24,7 @@ from scp_planner.zones import ThreatZone, zones
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
-DELAY_STEPS = (0.1, 0.4, 1.6)  # s; coarser ones are tried only where there is no way with short delays
+DELAY_STEPS = (0.05, 0.2, 0.8)  # s; coarser ones are tried only where there is no way with short delays
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
