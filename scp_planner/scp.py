@@ -25,7 +25,7 @@ FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflate
 NEAR = 1.5  # m; obstacles nearer than this are looked at closely
 FIRST_PENALTY = 5.0  # s per m, or per unit of relative excess
 ESCALATION = 5.0
-LAST_PENALTY = 1e3
+LAST_PENALTY = 100.0
 FIRST_TRUST = TrustRegion(theta=1.0, beta=3.0, rho=0.3)
 LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
 SMALLEST_TRUST = 1e-5  # m
@@ -34,7 +34,10 @@ SHRINK_BELOW, GROW_ABOVE = 0.25, 0.7
 SHRINK, GROW = 0.4, 1.7
 SMALLEST_SHRINK = 0.1
 CORRECT_BELOW = 0.5  # ratio below which a second-order correction is tried
-HOPELESS_AFTER = 5  # iterations without getting nearer to feasibility, at the last penalty
+PATIENCE = 6  # iterations without coming nearer to feasibility, after which penalties are raised
+PROGRESS = 0.8  # of the violation: what counts as nearer
+GRAVE = 5e-3  # violations below this are no reason to lose patience
+RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
 
 
 class Status(Enum):
@@ -99,6 +102,14 @@ class Run:
 
 
 @dataclass(frozen=True)
+class _Progress:
+    """The last iteration that came clearly nearer to feasibility."""
+
+    number: int
+    violation: float
+
+
+@dataclass(frozen=True)
 class _Step:
     """A candidate of one iteration."""
 
@@ -156,6 +167,7 @@ class ScpLoop:
         penalties = Penalties(np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY))
         self._active = None
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
+        progress = _Progress(0, run.evaluation.worst_violation)
         for number in range(1, max_iterations + 1):
             if perf_counter() > deadline:
                 run.status = Status.TIME_LIMIT
@@ -174,6 +186,13 @@ class ScpLoop:
             if accepted:
                 run.evaluation = step.evaluation
             ended = self._ended(run, step, penalties, cutoff)
+            violation = run.evaluation.worst_violation
+            if violation < max(PROGRESS * progress.violation, GRAVE):
+                progress = _Progress(number, violation)
+            elif ended is None and number - progress.number >= PATIENCE:
+                ended = self._escalated(run.evaluation, penalties)
+                progress = _Progress(number, violation)
+                trust = RETRY_TRUST
             if ended is not None:
                 run.status = ended
                 break
@@ -253,12 +272,17 @@ class ScpLoop:
         if step.predicted < self.problem.settings.tolerance * max(1.0, 10.0 * violation):
             if violation <= FEASIBILITY:
                 return Status.CONVERGED
-            stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
-            weights = np.concatenate([penalties.zones, penalties.limits])
-            if weights[stuck].max() >= LAST_PENALTY:
-                return Status.INFEASIBLE
-            penalties.zones[stuck[: self.zone_count]] *= ESCALATION
-            penalties.limits[stuck[self.zone_count :]] *= ESCALATION
+            return self._escalated(current, penalties)
+        return None
+
+    def _escalated(self, current: Evaluation, penalties: Penalties) -> Status | None:
+        """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""
+        stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
+        weights = np.concatenate([penalties.zones, penalties.limits])
+        if weights[stuck].max(initial=0.0) >= LAST_PENALTY:
+            return Status.INFEASIBLE
+        penalties.zones[stuck[: self.zone_count]] *= ESCALATION
+        penalties.limits[stuck[self.zone_count :]] *= ESCALATION
         return None
 
 
