@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
     from scp_planner.estimation import estimate_motion as estimate_motion
+    from scp_planner.penalty_descent import penalty_descent as penalty_descent
     from scp_planner.plan import Plan as Plan
     from scp_planner.planner import plan as plan
     from scp_planner.scenario import Bounds as Bounds
@@ -63,6 +64,7 @@ _MODULE_OF = {
     "Vehicle": "scenario",
     "certify": "certificate",
     "estimate_motion": "estimation",
+    "penalty_descent": "penalty_descent",
     "plan": "planner",
     "zones": "zones",
 }
