@@ -438,7 +438,7 @@ class TestScreening:
     def test_huber_weights_cover_with_clean_and_with_spoiled_observations(self, known: bool) -> None:
         rng = np.random.default_rng(23)
         times, runs = np.arange(30) * 0.1, 150
-        for share, least in ((0.0, 0.91), (0.1, 0.90)):
+        for share in (0.0, 0.1):  # 3,000 runs give 0.95 to 0.97 and 0.94 to 0.97
             inside = 0
             for _ in range(runs):
                 positions = rng.multivariate_normal(np.zeros(2), SIGMA, 30)
@@ -447,7 +447,7 @@ class TestScreening:
                 seen = estimate_motion(times, positions, SIGMA if known else None, 1, screening=screening)
                 z = seen.position(4.0)
                 inside += z @ np.linalg.solve(seen.covariance(4.0), z) <= seen.errors.pointwise_scale(0.05)
-            assert least < inside / runs < 0.99
+            assert 0.94 - 4 * math.sqrt(0.94 * 0.06 / runs) < inside / runs < 1.0
 
     def test_huber_weights_solve_their_equation(self) -> None:
         """At the solution the sum of psi(residual) x vanishes, psi(r) = r min(1, k / |r|)."""
