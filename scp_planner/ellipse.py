@@ -92,7 +92,7 @@ def far_ellipse_contact(offset: Array, covariance: Array) -> Contact:
     """The other local maximum of nu . d - sqrt(nu' C nu) over unit vectors, across the major axis; -inf without one.
 
     For points near the middle of a flat ellipse the boundary is near on both sides. The left side of the equation of
-    :func:`ellipse_contact` is convex between its poles too, and Newton's method from the upper pole finds its upper root.
+    :func:`ellipse_contact` is convex between its poles too; Newton's method from the upper pole finds its upper root.
 
     Parameters
     ----------

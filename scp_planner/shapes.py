@@ -2,9 +2,9 @@
 
 The Minkowski sum of an outline K, an uncertainty ellipse {z : z' C^-1 z <= 1} and a disc of radius R has the support
 h(nu) = h_K(nu) + sqrt(nu' C nu) + R, and the signed distance of a point d to it is the largest of nu . d - h(nu)
-over unit vectors nu, negative inside. h_K of a polygon is linear between its edge normals, so the largest value is found
-among finitely many nu: an edge normal, or for a vertex v the nu of the distance of d - v to the ellipse, where
-v is the support point of that nu. Any nu gives a lower bound.
+over unit vectors nu, negative inside. h_K of a polygon is linear between its edge normals, so the largest value is
+found among finitely many nu: an edge normal, or for a vertex v the nu of the distance of d - v to the ellipse, where v is
+the support point of that nu. Any nu gives a lower bound.
 """
 
 from __future__ import annotations
