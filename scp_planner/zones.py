@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scp_planner.ellipse import ellipse_contact, support
 from scp_planner.intervals import Interval
 from scp_planner.polynomials import PiecewisePolynomials
-from scp_planner.scenario import Disc, Ellipse, Obstacle, Rectangle, Scenario
+from scp_planner.scenario import Disc, Ellipse, Motion, Obstacle, Rectangle, Scenario, Shape
 
 if TYPE_CHECKING:
     from scp_planner.frames import PlanningFrame
@@ -356,15 +356,9 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
 
 
 def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
-    radius = _covering_radius(obstacle) + obstacle.margin
+    radius = covering_radius(obstacle.shape) + obstacle.margin
     if obstacle.motion is not None:
-        motion = obstacle.motion
-        half = (0.5 * motion.acceleration[0], 0.5 * motion.acceleration[1])
-        return ThreatZone(
-            obstacle.id,
-            radius,
-            PiecewisePolynomials.single(0.0, np.array([motion.position, motion.velocity, half])),
-        )
+        return ThreatZone(obstacle.id, radius, motion_polynomials(obstacle.motion))
     from scp_planner.confidence import region_scale
     from scp_planner.estimation import estimate_obstacle
 
@@ -387,9 +381,14 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     )
 
 
-def _covering_radius(obstacle: Obstacle) -> float:
+def motion_polynomials(motion: Motion) -> PiecewisePolynomials:
+    """The centre of a motion that is known, of absolute time."""
+    half = (0.5 * motion.acceleration[0], 0.5 * motion.acceleration[1])
+    return PiecewisePolynomials.single(0.0, np.array([motion.position, motion.velocity, half]))
+
+
+def covering_radius(shape: Shape) -> float:
     """Radius of the disc around an obstacle's centre that covers its shape, m."""
-    shape = obstacle.shape
     if isinstance(shape, Disc):
         return shape.disc
     if isinstance(shape, Rectangle):
