@@ -58,8 +58,8 @@ class CvxpySolver:
         points of the acceleration (m/s^2), and the travel time. ``start`` is what the step starts from, the travel time
         in s; ``step`` is added to it, and its last entry is relative, rho = (tau - tau_k) / tau_k. Which variables
         there are is told in :mod:`scp_planner.subproblem`. Where a program does not say what it starts from, ``step``
-        has all its variables and ``start`` is 0. These constraints bind the optimisation only; the certificate knows
-        nothing of them.
+        has all its variables and ``start`` is 0. These constraints bind every step, so that a run whose start is
+        farther from them than the trust region reaches fails; the certificate knows nothing of them.
     options : mapping, optional
         Passed to the solver, over this module's own.
 
