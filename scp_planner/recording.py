@@ -221,9 +221,7 @@ def clock_of(time: Array) -> float:
     return float(time[0]) if abs(time[0]) > FAR_CLOCK else 0.0
 
 
-def record_plan(
-    plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None
-) -> Recording:
+def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None) -> Recording:
     """Sample a plan and the zones of its scenario.
 
     Parameters
@@ -276,9 +274,7 @@ def record_plan(
         bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=(plan.position(np.linspace(plan.start_time, plan.arrival_time, 400)),),
         path_index=np.zeros(len(time), dtype=np.intp),
-        profiles=profiles_of(
-            scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)
-        ),
+        profiles=profiles_of(scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)),
         obstacles=obstacles,
     )
 
@@ -330,9 +326,7 @@ def boundary_of(zone: Zone, times: Array, count: int = BOUNDARY_POINTS) -> Array
     for axis in (0, 1):
         step = np.zeros(2)
         step[axis] = _STEP
-        points[..., axis] = (zone.support(t, directions + step) - zone.support(t, directions - step)) / (
-            2.0 * _STEP
-        )
+        points[..., axis] = (zone.support(t, directions + step) - zone.support(t, directions - step)) / (2.0 * _STEP)
     return points
 
 
@@ -377,9 +371,7 @@ def _true_centers(
     if callable(truth):
         return np.asarray(truth(time), dtype=float)
     times, centers = (np.asarray(part, dtype=float) for part in truth)
-    return np.stack(
-        [np.interp(time, times, centers[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)], axis=-1
-    )
+    return np.stack([np.interp(time, times, centers[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)], axis=-1)
 
 
 def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
@@ -425,9 +417,7 @@ def nice_times(start: float, end: float, most: int = 6) -> Array:
     span = end - start
     power = 10.0 ** np.floor(np.log10(span / most))
     step = next(
-        power * factor
-        for factor in (1, 1.5, 2, 3, 4, 5, 10, 20)
-        if span / (power * factor) <= most - 1 + 1e-9
+        power * factor for factor in (1, 1.5, 2, 3, 4, 5, 10, 15, 20) if span / (power * factor) <= most - 1 + 1e-9
     )
     times = start + step * np.arange(int(span / step) + 1)
     if end - times[-1] < 0.4 * step and len(times) > 1:
