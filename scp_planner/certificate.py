@@ -124,6 +124,7 @@ def certify_trip(
     threat_zones: tuple[ThreatZone, ...],
     *,
     since: float | None = None,
+    until: float | None = None,
     ends: Ends = Ends.BOTH,
 ) -> Certificate:
     """Check a trip against a scenario in continuous time. See :func:`certify`.
@@ -136,14 +137,17 @@ def certify_trip(
     since : float, optional
         Absolute time, s, from which on clearance, curvature, lateral acceleration and the workspace box are checked:
         what has been driven is driven. Speed and acceleration are checked all along, and the start not at all.
+    until : float, optional
+        Absolute time, s, up to which they are checked: a vehicle that stands can be hit by what moves.
     ends : Ends
-        ``Ends.START`` for a trip that stops on its way. Clearance is checked up to the end of the trip: what comes
-        to a vehicle that stands there is not.
+        ``Ends.START`` for a trip that stops on its way.
     """
     check = _Check(scenario, trip, ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius))
     if since is not None:
         check.begin(since)
         ends &= Ends.GOAL
+    if until is not None:
+        check.end(until)
     return check.run(ends)
 
 
@@ -193,7 +197,7 @@ class _Check:
         self.limits = Limits.of(scenario)
         self.violations: list[Violation] = []
         self.accelerations = batch.centers.derivative.derivative
-        self.first_sigma = 0.0
+        self.first_sigma, self.last_sigma = 0.0, 1.0
         self.start_speed = scenario.start.speed
 
     def begin(self, since: float) -> None:
@@ -201,6 +205,11 @@ class _Check:
         sigma = (since - self.trip.frame.time) / self.trajectory.travel_time
         self.first_sigma = min(max(sigma, 0.0), 1.0 - 1e-9)
         self.start_speed = self.trajectory.space.start_speed
+
+    def end(self, until: float) -> None:
+        """Leave out what lies after an absolute time, s."""
+        sigma = (until - self.trip.frame.time) / self.trajectory.travel_time
+        self.last_sigma = min(max(sigma, self.first_sigma + 1e-9), 1.0)
 
     def run(self, ends: Ends = Ends.BOTH) -> Certificate:
         self.violations.extend(self._ends(ends))
@@ -299,11 +308,11 @@ class _Check:
         trajectory = self.trajectory
         space = trajectory.space
         knots = trajectory.path.arc_length_at(space.path.breakpoints[1:-1])
-        first = self.first_sigma
-        duration = (1.0 - first) * trajectory.travel_time
-        grid = np.linspace(first, 1.0, int(np.clip(duration / FIRST_WIDTH, FEWEST_INTERVALS, INTERVALS)) + 1)
-        inner = np.concatenate([space.acceleration.breakpoints, trajectory.sigma_at(knots), self._zone_knots()])
-        edges = np.unique(np.concatenate([grid, inner[inner > first]]))
+        first, last = self.first_sigma, self.last_sigma
+        duration = (last - first) * trajectory.travel_time
+        grid = np.linspace(first, last, int(np.clip(duration / FIRST_WIDTH, FEWEST_INTERVALS, INTERVALS)) + 1)
+        inner = np.concatenate([space.acceleration.breakpoints, trajectory.arrivals(knots).sigma, self._zone_knots()])
+        edges = np.unique(np.concatenate([grid, inner[(inner > first) & (inner < last)]]))
         return _Pieces(0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges))
 
     def _zone_knots(self) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scp_planner.constraints import Rows
 from scp_planner.constraints.bounds import box_rows
-from scp_planner.constraints.clearance import clearance_rows
+from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
 from scp_planner.constraints.kinematics import (
     both_gaps,
     curvature_rows,
@@ -123,13 +123,13 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - LATERAL_REACH) * lateral)
     bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - CURVATURE_REACH) * bend)
     walls = np.flatnonzero(base.box_gaps < near)
-    order = np.zeros(len(base.minima_zone), dtype=np.intp)
+    minima = np.zeros(len(base.minima_zone), dtype=np.intp)
+    sites = ClearanceSites.of(base.minima_zone, minima, base.minima, base.minima_contacts).joined(
+        ClearanceSites.of(zone, sample, points, contacts)
+    )
     rows = Rows.stack(
         [
-            clearance_rows(
-                problem, trajectory, base.minima_zone, order, base.minima, base.minima_contacts
-            ),
-            clearance_rows(problem, trajectory, zone, sample, points, contacts),
+            clearance_rows(problem, trajectory, sites),
             lateral_rows(problem, trajectory, base.sites, stations, zones.size),
             curvature_rows(problem, trajectory, base.sites, bends, zones.size + 1),
             box_rows(problem, base.box_gaps, walls, zones.size + 3),

@@ -133,6 +133,11 @@ class Problem:
     samples: TimeTable
     grid: int
 
+    @property
+    def step_size(self) -> int:
+        """Number of variables of a step: free offsets, accelerations, and rho."""
+        return self.ends.free.stop - self.ends.free.start + self.space.acceleration_size + 1
+
     @cached_property
     def jumps(self) -> NDArray[np.intp]:
         """Samples at which the acceleration jumps or bends."""

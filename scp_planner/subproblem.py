@@ -39,7 +39,7 @@ class ActiveSet:
     hard : (h,) array of int
         Of the hard rows.
     keys : (k,) array of int
-        Keys of the active rows that may be violated at a price.
+        Sorted keys of the active rows that may be violated at a price.
     violated : (g,) array of int
         Groups whose slack was positive.
     """
@@ -53,7 +53,7 @@ class ActiveSet:
         """Return the guess for a program with these rows and slacks."""
         slacks = -np.ones(len(groups), dtype=np.int8)
         slacks[np.isin(groups, self.violated)] = 0
-        return np.concatenate([self.step, slacks, self.hard, np.isin(rows.key, self.keys).astype(np.int8)])
+        return np.concatenate([self.step, slacks, self.hard, _among(rows.key, self.keys)])
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Subproblem:
         return ActiveSet(
             signs[:size],
             signs[total:soft],
-            self.rows.key[signs[soft:] != 0],
+            np.sort(self.rows.key[signs[soft:] != 0]),
             self.groups[signs[size:total] == 0],
         )
 
@@ -113,7 +113,9 @@ def build_subproblem(
     active : ActiveSet, optional
         Of the last subproblem.
     """
-    groups, slack = np.unique(rows.group, return_inverse=True)
+    present = np.bincount(rows.group, minlength=len(weights)) > 0
+    groups = np.flatnonzero(present)
+    slack = (np.cumsum(present) - 1)[rows.group]
     hard, bound = kinematics.at(trajectory)
     size = hard.shape[1]
     count = len(groups)
@@ -161,6 +163,14 @@ def build_subproblem(
         None if active is None else active.guess(rows, groups),
     )
     return Subproblem(program, rows, size, groups)
+
+
+def _among(keys: NDArray[np.intp], wanted: NDArray[np.intp]) -> NDArray[np.int8]:
+    """1 where a key is among the wanted ones, which are sorted, else 0."""
+    if len(wanted) == 0:
+        return np.zeros(len(keys), dtype=np.int8)
+    place = np.minimum(wanted.searchsorted(keys), len(wanted) - 1)
+    return (wanted[place] == keys).astype(np.int8)
 
 
 def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:

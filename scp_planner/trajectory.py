@@ -169,6 +169,7 @@ class _Tables:
         self.station_slopes = self.path.derivative.rows(self.station_parameters)
         self.station_bends = self.path.derivative.derivative.rows(self.station_parameters)
         self.breaks = self.time_table(self.acceleration.breakpoints)
+        self.constant = acceleration_degree == 0  # the acceleration, between its breakpoints
         self.leverage = _leverage(path_degree, path_spans)
         self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
         self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
@@ -588,6 +589,14 @@ class TripPoints:
         )
 
 
+@dataclass(frozen=True)
+class Arrivals:
+    """When and how fast a vehicle gets somewhere: normalised times (n,) and speeds (n,) in m/s."""
+
+    sigma: Array
+    speed: Array
+
+
 class Trajectory:
     """A path and the motion along it.
 
@@ -640,35 +649,39 @@ class Trajectory:
         span, x = self.space.acceleration.locate(sigma)
         return self.space.start_speed + evaluate(self._speed, span, x)
 
-    def sigma_at(self, distance: Array) -> Array:
-        """Normalised times at which the distance driven equals ``distance``, (n,) m; one of them where it stands."""
-        tau, v0 = self.travel_time, self.space.start_speed
-        breaks = self.space.tables.breaks
+    def arrivals(self, distance: Array) -> Arrivals:
+        """When, and how fast, the vehicle has driven given distances, (n,) m; one of the times where it stands."""
+        tau, v0, tables = self.travel_time, self.space.start_speed, self.space.tables
+        breaks = tables.breaks
         driven = (v0 * tau) * breaks.sigma + (tau * tau) * (breaks.distance @ self.beta)
-        last = len(driven) - 2
-        span = np.minimum(np.maximum(np.searchsorted(driven, distance, "right") - 1, 0), last)
-        width = self.space.acceleration.widths[span]
-        local = self._distance[span]
-        slope = self._speed[span]
-        # A span at constant acceleration, and exact there: D = v w tau x + a (w tau x)^2 / 2 from the span's start
-        speed = (slope[:, 0] + v0) * (tau * width)
-        bend = 2.0 * local[:, 2]
-        target = np.maximum(distance - driven[span], 0.0)
-        x = 2.0 * target / np.maximum(speed + np.sqrt(np.maximum(speed * speed + 2.0 * bend * target, 0.0)), 1e-300)
-        x = np.minimum(x, 1.0)
-        if local.shape[1] > 3:
-            low, high = np.zeros_like(x), np.ones_like(x)
-            base = self.space.acceleration.breakpoints[span]
-            for _ in range(MAX_BISECTIONS):
-                sigma = base + width * x
-                excess = _horner(local, x) + (v0 * tau) * sigma - distance
-                if np.all(np.abs(excess) <= 1e-13 * max(self.path.arc_length, 1.0)):
-                    break
-                low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
-                rate = (tau * width) * (_horner(slope, x) + v0)
-                newton = x - excess / np.where(rate > 0.0, rate, np.inf)
-                x = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
-        return self.space.acceleration.breakpoints[span] + width * x
+        span = driven[1:-1].searchsorted(distance, "right")
+        speeds = np.maximum(v0 + tau * (breaks.speed @ self.beta), 0.0)
+        start, target = speeds[span], np.maximum(distance - driven[span], 0.0)
+        if tables.constant:
+            # D = v t + a t^2 / 2 from the span's start, in the form that loses no digits
+            speed = np.sqrt(np.maximum(start * start + 2.0 * self.beta[span] * target, 0.0))
+            elapsed = 2.0 * target / np.maximum(start + speed, 1e-300)
+            sigma = breaks.sigma[span] + elapsed / tau
+            return Arrivals(np.minimum(sigma, breaks.sigma[span + 1]), speed)
+        sigma = self._bisected(distance, span)
+        return Arrivals(sigma, self.speed_at(sigma))
+
+    def _bisected(self, distance: Array, span: Index) -> Array:
+        """Normalised times in given spans of the acceleration at which given distances have been driven."""
+        tau, v0 = self.travel_time, self.space.start_speed
+        base, width = self.space.acceleration.breakpoints[span], self.space.acceleration.widths[span]
+        local, slope = self._distance[span], self._speed[span]
+        low, high = np.zeros_like(distance), np.ones_like(distance)
+        x = np.full_like(distance, 0.5)
+        for _ in range(MAX_BISECTIONS):
+            excess = _horner(local, x) + (v0 * tau) * (base + width * x) - distance
+            if np.all(np.abs(excess) <= 1e-13 * max(self.path.arc_length, 1.0)):
+                break
+            low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
+            rate = (tau * width) * (_horner(slope, x) + v0)
+            newton = x - excess / np.where(rate > 0.0, rate, np.inf)
+            x = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        return base + width * x
 
     def at(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table."""

@@ -11,7 +11,7 @@ from test_zones import observed
 
 import scp_planner as sp
 from scp_planner.constraints.bounds import box_gaps, box_rows
-from scp_planner.constraints.clearance import clearance_rows
+from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
 from scp_planner.constraints.kinematics import (
     KinematicRows,
     bend_sites,
@@ -72,7 +72,7 @@ def test_clearance_rows(degree: int) -> None:
     zone = np.arange(40) % problem.zones.size
     points = trip.at(table)
     contacts = problem.zones.contacts(zone, points.time, points.path.position)
-    rows = clearance_rows(problem, trip, zone, np.arange(40), points, contacts)
+    rows = clearance_rows(problem, trip, ClearanceSites.of(zone, np.arange(40), points, contacts))
 
     def distance(other: Trajectory) -> Array:
         there = other.at(table)

@@ -122,7 +122,9 @@ def test_times_are_found_back_from_distances(degree: int) -> None:
     trip = random_trip(space(degree))
     sigma = np.sort(np.random.default_rng(7).uniform(0.0, 1.0, 200))
     points = trip.at(trip.space.time_table(sigma))
-    np.testing.assert_allclose(trip.sigma_at(points.distance), sigma, atol=1e-10)
+    arrivals = trip.arrivals(points.distance)
+    np.testing.assert_allclose(arrivals.sigma, sigma, atol=1e-10)
+    np.testing.assert_allclose(arrivals.speed, points.speed, atol=1e-8)
     np.testing.assert_allclose(trip.speed_at(sigma), points.speed, atol=1e-12)
 
 
@@ -140,7 +142,7 @@ def test_a_standing_vehicle_has_some_time_for_its_distance() -> None:
     trip = Trajectory(trips.trajectory(theta, np.abs(beta)).path, beta, tau)
     stopped = trip.at(trips.time_table(np.array([0.19, 0.3, 0.4])))
     np.testing.assert_allclose(stopped.speed, 0.0, atol=1e-9)
-    sigma = trip.sigma_at(stopped.distance)
+    sigma = trip.arrivals(stopped.distance).sigma
     assert np.all((sigma > 0.18) & (sigma < 0.41))
 
 

@@ -39,12 +39,21 @@ class Rows:
     @classmethod
     def stack(cls, parts: list[Rows]) -> Rows:
         """Return the rows of several constraints as one; the place in the list becomes part of the keys."""
+        numbered = [(place, part) for place, part in enumerate(parts) if len(part.gap)]
+        if not numbered:
+            return parts[0]
+        parts = [part for _, part in numbered]
         return cls(
             np.concatenate([part.matrix for part in parts]),
             np.concatenate([part.gap for part in parts]),
             np.concatenate([part.group for part in parts]),
-            np.concatenate([part.key + place * KEYS for place, part in enumerate(parts)]),
+            np.concatenate([part.key + place * KEYS for place, part in numbered]),
         )
+
+    @classmethod
+    def none(cls, width: int) -> Rows:
+        """Return no rows."""
+        return cls(np.zeros((0, width)), np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
 
     def take(self, index: NDArray[np.intp]) -> Rows:
         """Return some of the rows."""

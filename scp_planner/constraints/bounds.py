@@ -42,7 +42,9 @@ def box_rows(problem: Problem, gaps: Array, index: Index, group: int) -> Rows:
     group : int
         Index of the violation in the merit.
     """
-    station, side = np.divmod(index, gaps.shape[1]) if gaps.shape[1] else (index, index)
+    if len(index) == 0:
+        return Rows.none(problem.step_size)
+    station, side = np.divmod(index, gaps.shape[1])
     tables, frame = problem.space.tables, problem.space.station_frame
     normal = np.array([[0.0, 1.0]]) if frame is None else frame.normal[station]
     outward = np.einsum("ij,ij->i", np.broadcast_to(normal, (len(index), 2)), problem.box.normals[side])

@@ -11,6 +11,8 @@ of the zone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 
 from scp_planner.constraints import Rows
@@ -21,41 +23,92 @@ from scp_planner.zones import ZoneContacts
 MOST_SAMPLES = 100_000
 
 
-def clearance_rows(
-    problem: Problem,
-    trajectory: Trajectory,
-    zone: Index,
-    sample: Index,
-    points: TripPoints,
-    contacts: ZoneContacts,
-) -> Rows:
-    """Return the rows -dc z <= c of contacts with zones.
+@dataclass(frozen=True)
+class ClearanceSites:
+    """What clearance rows need to know of m places in time and zones.
+
+    Attributes
+    ----------
+    zone, sample : (m,) arrays of int
+        Which zone each row is about; number of the sample, or 0 for a minimum between samples, for the row's key.
+    span, local, parameter : (m,) arrays
+        Where the vehicle is on the path.
+    sigma : (m,) array
+        When.
+    distance_rows : (m, K2) array
+        C2 there.
+    sideways, along : (m,) arrays
+        nu . n and nu . r' / |r'|.
+    rate : (m,) array
+        dc/dt at a fixed point, m/s.
+    clearance : (m,) array
+        m.
+    """
+
+    zone: Index
+    sample: Index
+    span: Index
+    local: Array
+    parameter: Array
+    sigma: Array
+    distance_rows: Array
+    sideways: Array
+    along: Array
+    rate: Array
+    clearance: Array
+
+    @classmethod
+    def of(cls, zone: Index, sample: Index, points: TripPoints, contacts: ZoneContacts) -> ClearanceSites:
+        """Return the sites of contacts with zones, (m,), at points of a trip."""
+        path, normal = points.path, contacts.normal
+        x, y = normal[:, 0], normal[:, 1]
+        along = (x * path.direction[:, 0] + y * path.direction[:, 1]) / path.speed
+        sideways = x * path.normal[:, 0] + y * path.normal[:, 1]
+        return cls(
+            zone,
+            sample,
+            path.span,
+            path.local,
+            points.parameter,
+            points.table.sigma,
+            points.table.distance,
+            sideways,
+            along,
+            contacts.rate,
+            contacts.distance,
+        )
+
+    def joined(self, other: ClearanceSites) -> ClearanceSites:
+        """Return both sets of sites."""
+        return ClearanceSites(
+            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _SITE_FIELDS)
+        )
+
+
+_SITE_FIELDS = tuple(field.name for field in fields(ClearanceSites))
+
+
+def clearance_rows(problem: Problem, trajectory: Trajectory, sites: ClearanceSites) -> Rows:
+    """Return the rows -dc z <= c at places near zones.
 
     Parameters
     ----------
     problem : Problem
     trajectory : Trajectory
-    zone : (m,) array of int
-        Which zone each row is about.
-    sample : (m,) array of int
-        Number of the sample, or of the minimum, for the row's key.
-    points : TripPoints
-        The trip at the m times.
-    contacts : ZoneContacts
-        Signed distances there.
+    sites : ClearanceSites
     """
-    path, free = points.path, problem.ends.free
+    free = problem.ends.free
     tau, v0 = trajectory.travel_time, problem.space.start_speed
-    normal = contacts.normal
-    sideways = np.einsum("ij,ij->i", normal, np.broadcast_to(path.normal, normal.shape))
-    along = np.einsum("ij,ij->i", normal, path.direction) / path.speed
+    along = sites.along
+    theta = trajectory.path.arc_length_gradient(sites.parameter)
+    theta *= along[:, None]
+    theta -= sites.sideways[:, None] * problem.space.path.rows_at(sites.span, sites.local)
     matrix = join_blocks(
-        (along[:, None] * trajectory.path.arc_length_gradient(points.parameter))[:, free]
-        - (sideways[:, None] * problem.space.path.rows_at(path.span, path.local))[:, free],
-        (-tau * tau * along)[:, None] * points.table.distance,
-        -tau * points.table.sigma * (along * v0 + contacts.rate),
+        theta[:, free],
+        (-tau * tau * along)[:, None] * sites.distance_rows,
+        -tau * sites.sigma * (along * v0 + sites.rate),
     )
-    return Rows(matrix, contacts.distance, zone, zone * MOST_SAMPLES + sample)
+    return Rows(matrix, sites.clearance, sites.zone, sites.zone * MOST_SAMPLES + sites.sample)
 
 
 def join_blocks(theta: Array, beta: Array, rho: Array) -> Array:

@@ -19,7 +19,7 @@ from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoint
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.array([-0.45, 0.0, 0.45])  # stations: a peak moves when it is pressed down in one place
 
-QUIET = 0.6  # of the limit; if no station is above, nothing between stations is looked at
+QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
 _ALL = slice(None)
 _NONE: Index = np.zeros(0, dtype=np.intp)
 _NOWHERE: Array = np.zeros(0)
@@ -182,8 +182,8 @@ def bend_sites(problem: Problem, trajectory: Trajectory, points: TripPoints) -> 
         comes near to the limit.
     """
     path, tables = trajectory.path, problem.space.tables
-    sigma = trajectory.sigma_at(path.station_arc_lengths)
-    stations = StationSites(tables.station_parameters, path.station_bend, sigma, trajectory.speed_at(sigma))
+    arrivals = trajectory.arrivals(path.station_arc_lengths)
+    stations = StationSites(tables.station_parameters, path.station_bend, arrivals.sigma, arrivals.speed)
     quiet = np.abs(stations.lateral).max() < QUIET * problem.limits.lateral_acceleration
     jumps = _NONE if quiet else problem.jumps
     around = _NOWHERE if quiet else _lateral_peaks(problem, stations)
@@ -208,8 +208,8 @@ def station_sites(trajectory: Trajectory, parameters: Array) -> StationSites:
     if len(parameters) == 0:
         return _NO_STATIONS
     path = trajectory.path
-    sigma = trajectory.sigma_at(path.arc_length_at(parameters))
-    return StationSites(parameters, path.bend(path.points(parameters)), sigma, trajectory.speed_at(sigma))
+    arrivals = trajectory.arrivals(path.arc_length_at(parameters))
+    return StationSites(parameters, path.bend(path.points(parameters)), arrivals.sigma, arrivals.speed)
 
 
 def jump_sites(trajectory: Trajectory, points: TripPoints, jumps: Index) -> JumpSites:
@@ -244,6 +244,8 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, i
     group : int
         Index of the violation in the merit.
     """
+    if len(index) == 0:
+        return Rows.none(problem.step_size)
     basis = _fixed_basis(problem, trajectory, index)
     theta = _bend_gradient(problem, sites.stations.bend, index, basis) / problem.limits.curvature
     zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
@@ -356,10 +358,9 @@ def goal_speed_rows(problem: Problem, trajectory: Trajectory, group: int) -> Row
         Index of the violation in the merit, in m/s.
     """
     space, goal = problem.space, problem.ends.goal_speed
-    width = problem.ends.free.stop - problem.ends.free.start + space.acceleration_size + 1
     if goal is None:
-        return Rows(np.zeros((0, width)), np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
-    gradient = np.zeros(width)
+        return Rows.none(problem.step_size)
+    gradient = np.zeros(problem.step_size)
     gradient[-1 - space.acceleration_size : -1] = trajectory.travel_time * space.tables.final_speed
     gradient[-1] = space.start_speed - goal
     excess = trajectory.final_speed - goal
