@@ -103,8 +103,9 @@ def fit_motion(problem: MotionProblem, seen: CheckedObservations, weights: Array
     _check_enough(problem, seen)
     if weights is None and problem.forgetting < 1.0:
         weights = problem.forgetting ** np.arange(len(t) - 1, -1, -1.0)
-    center = float(t[0] + np.mean(t - t[0]))
-    scale = float(np.max(np.abs(t - center))) or 1.0
+    # where the weight is: what is forgotten must not spoil the conditioning
+    center = float(t[0] + np.average(t - t[0], weights=weights))
+    scale = math.sqrt(float(np.average((t - center) ** 2, weights=weights))) or 1.0
     p = problem.order + 1
     rows = ((t - center) / scale)[:, None] ** np.arange(p)
     origin = z[0]  # coordinates of a map lose no digits either
@@ -124,9 +125,7 @@ def fit_motion(problem: MotionProblem, seen: CheckedObservations, weights: Array
         coefficients, covariance = _general_fit(rows, z - origin, sigma, weights, prior)
         residuals = z - origin - rows @ coefficients
     coefficients[0] += origin
-    return MotionFit(
-        problem, seen, center, scale, rows, residuals, coefficients, covariance, sigma, errors, regressors
-    )
+    return MotionFit(problem, seen, center, scale, rows, residuals, coefficients, covariance, sigma, errors, regressors)
 
 
 def _check_enough(problem: MotionProblem, seen: CheckedObservations) -> None:

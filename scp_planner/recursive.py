@@ -191,14 +191,8 @@ class RecursiveEstimator:
         in_order = self.forgetting < 1.0
         used = usable(t, z, seen, self.missing, self._last, self._newest, in_order=in_order)
         if self._varying is (covariance is None):
-            raise EstimationError(
-                f"covariance: it {'must' if self._varying else 'must not'} come with an observation"
-            )
-        sigma = (
-            None
-            if covariance is None
-            else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
-        )
+            raise EstimationError(f"covariance: it {'must' if self._varying else 'must not'} come with an observation")
+        sigma = None if covariance is None else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
         if self.gate_probability is not None:
             inside = self._gate(t, z, sigma, used)
             self._rejected += used & ~inside
@@ -220,8 +214,8 @@ class RecursiveEstimator:
         self._count += used
         if sigma is not None:
             self._noise_sum[used] += sigma[used]
-        np.minimum(self._first, t, out=self._first, where=used)
         np.copyto(self._newest, z, where=(used & (t >= self._last))[:, None])
+        np.minimum(self._first, t, out=self._first, where=used)
         np.maximum(self._last, t, out=self._last, where=used)
         if self.forgetting < 1.0:
             self._since_centred += used
@@ -237,18 +231,16 @@ class RecursiveEstimator:
         """Give the estimate of one obstacle, the same as `estimate_motion` makes of its observations."""
         n, p, k = int(self._count[obstacle]), self.order + 1, obstacle
         known = self._varying or self._sigma is not None
+        if prior_rows(prior, 0.0, 1.0, p) is None:
+            prior = None  # it says nothing about a motion of this order
         distinct = p if prior is None else 0
         least = p + 2 if not known else max(distinct, 1)
         if n < least:
-            raise EstimationError(
-                f"obstacle {k}: {n} observations are too few for order {self.order}; need {least}"
-            )
+            raise EstimationError(f"obstacle {k}: {n} observations are too few for order {self.order}; need {least}")
         m = self._unknowns
         r, d = self._factor[:, :m, k], self._factor[:, m:, k]
         if distinct and not np.all(np.abs(np.diag(r)) > 0.0):
-            raise EstimationError(
-                f"obstacle {k}: its observations are at too few times for order {self.order}"
-            )
+            raise EstimationError(f"obstacle {k}: its observations are at too few times for order {self.order}")
         errors: ErrorLaw = NormalErrors()
         regressors: int | None = p
         if self._varying or prior is not None:
@@ -261,8 +253,8 @@ class RecursiveEstimator:
             inverse = np.asarray(np.linalg.inv(r), dtype=float)
             coefficients = inverse @ d
             covariance = np.einsum("jk,ab->jakb", self._spread(k, inverse), sigma)
-        first, last = float(self._first[k]), float(self._last[k])
-        middle, scale = 0.5 * (first + last), 0.5 * (last - first) or 1.0
+        last = float(self._last[k])
+        middle, scale = self._where_the_weight_is(k)
         # s = (t - middle) / scale in place of u = t - center
         shift = shift_powers(p, middle - self._center[k], 1.0 / scale)
         coefficients = shift @ coefficients
@@ -271,6 +263,16 @@ class RecursiveEstimator:
         return PolynomialEstimate(
             last, self.order, n, sigma, errors, regressors, middle, scale, coefficients, covariance
         )
+
+    def _where_the_weight_is(self, k: int) -> tuple[float, float]:
+        """Give the weighted mean and deviation of the times seen, s, from X'WX = R'R."""
+        center, step = float(self._center[k]), self._unknowns // (self.order + 1)
+        if self.order == 0:
+            return center, 1.0
+        r = self._factor[:, : self._unknowns : step, k]
+        weight, first, second = (float(r[:, 0] @ r[:, 0]), float(r[:, 0] @ r[:, 1]), float(r[:, 1] @ r[:, 1]))
+        variance = second / weight - (first / weight) ** 2
+        return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
 
     def _powers(self, t: Array) -> Array:
         u = t - self._center
@@ -365,13 +367,8 @@ class RecursiveEstimator:
         if rows is not None:
             design, target = np.vstack([design, rows[0]]), np.concatenate([target, rows[1]])
             middle = middle + rows[0].T @ rows[0]
-        if (
-            np.linalg.matrix_rank(design / np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny))
-            < 2 * p
-        ):
-            raise EstimationError(
-                f"obstacle {k}: what was seen does not determine a motion of order {self.order}"
-            )
+        if np.linalg.matrix_rank(design / np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)) < 2 * p:
+            raise EstimationError(f"obstacle {k}: what was seen does not determine a motion of order {self.order}")
         q, r = np.linalg.qr(design)
         inverse = np.linalg.inv(r)
         covariance = inverse @ (inverse.T @ middle @ inverse) @ inverse.T
@@ -426,9 +423,7 @@ class ObservationWindow:
         """Take in one observation: s, (2,) m and, if each comes with its own, (2, 2) m^2."""
         z = np.asarray(position, dtype=float)
         if z.shape != (2,) or not (math.isfinite(time) and np.isfinite(z).all()):
-            raise EstimationError(
-                f"observation: time {time!r}, position {position!r} is not finite or not (2,)"
-            )
+            raise EstimationError(f"observation: time {time!r}, position {position!r} is not finite or not (2,)")
         if self._rows and (covariance is None) is not (self._rows[0][2] is None):
             raise EstimationError("covariance: either all observations come with one or none does")
         sigma = None if covariance is None else check_covariance(covariance, 1)
