@@ -12,6 +12,7 @@ import json
 import logging
 import math
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from enum import IntEnum, StrEnum
@@ -31,7 +32,9 @@ BUILT_IN = "builtin:"
 """What the name of a built-in scenario follows where a file is wanted."""
 
 DEMO_SCENARIO = "radar"
-FIGURE_SUFFIXES = (".pdf", ".png", ".svg")
+PAGE_SUFFIX = ".html"
+FILM_SUFFIXES = (".gif", ".mp4")
+PICTURE_SUFFIXES = (".pdf", ".png", ".svg", *FILM_SUFFIXES, PAGE_SUFFIX)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -79,14 +82,10 @@ MethodName = Annotated[Method, typer.Option("--method", help="How to plan.")]
 SolverName = Annotated[str | None, typer.Option("--solver", help="daqp (default), clarabel, osqp or cvxpy.")]
 Seed = Annotated[
     int,
-    typer.Option(
-        "--seed", callback=_at_least(0), help="Seed of the starts, 0 or more; same seed, same plan."
-    ),
+    typer.Option("--seed", callback=_at_least(0), help="Seed of the starts, 0 or more; same seed, same plan."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print nothing but errors and what --json asks for.")
-]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and what --json asks for.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what the planner does.")]
 
 
@@ -141,16 +140,17 @@ def _options(
 def plan_command(
     scenario_file: ScenarioFile,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the plan, JSON.")] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="Draw the plan: .png, .pdf or .svg.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
+    ] = None,
     method: MethodName = Method.SCP,
     solver: SolverName = None,
     seed: Seed = 0,
     time_limit: Annotated[
         float | None, typer.Option("--time-limit", metavar="S", help="Seconds to plan in; default: no limit.")
     ] = None,
-    samples: Annotated[
-        int, typer.Option("--samples", callback=_at_least(2), help="Samples in the plan file.")
-    ] = 200,
+    samples: Annotated[int, typer.Option("--samples", callback=_at_least(2), help="Samples in the plan file.")] = 200,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -168,9 +168,7 @@ def plan_command(
     if plot is not None:
         _draw(plan, scenario, plot)
     _report(_summary_of_plan(scenario, plan), as_json, quiet)
-    _finish(
-        scenario_file, plan.certified, f"{plan.status}: {plan.reason}" if plan.reason else str(plan.status)
-    )
+    _finish(scenario_file, plan.certified, f"{plan.status}: {plan.reason}" if plan.reason else str(plan.status))
 
 
 @app.command("check")
@@ -212,7 +210,7 @@ def demo_command(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Plan a built-in scenario; write scenario, plan and figure into a folder."""
+    """Plan a built-in scenario; write scenario, plan, page and pictures into a folder."""
     _start_logging(quiet, verbose)
     _check_target("--output", output, "", is_folder=True)
     scenario = _load_scenario(BUILT_IN + name)
@@ -220,12 +218,17 @@ def demo_command(
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
     plan.save(output / "plan.json")
-    written = ["scenario.yaml", "plan.json"]
+    pictures = ["plan.html"]
     if _can_plot():
-        _draw(plan, scenario, output / "plan.png")
-        written.append("plan.png")
+        from scp_planner.plotting import plot_space_time
+
+        pictures += ["plan.png", "plan.gif"]
+        plot_space_time(plan, scenario, output / "space_time.png")
     else:
-        _tell("no figure: matplotlib is not installed (pip install 'scp-planner[plot]')")
+        _tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
+    for picture in pictures:
+        _draw(plan, scenario, output / picture)
+    written = ["scenario.yaml", "plan.json", *pictures, *(["space_time.png"] if _can_plot() else [])]
     _report(_summary_of_plan(scenario, plan), as_json, quiet)
     if not quiet:
         _tell(f"wrote {', '.join(str(output / file) for file in written)}")
@@ -257,9 +260,20 @@ def _make_plan(
 
 
 def _draw(plan: Plan, scenario: Scenario, path: Path) -> None:
-    from scp_planner.plotting import plot_plan
+    """Draw a plan as the file's suffix says: a page for a browser, an animation or a figure."""
+    suffix = path.suffix.lower()
+    if suffix == PAGE_SUFFIX:
+        from scp_planner.viewer import save_viewer
 
-    plot_plan(plan, scenario, path)
+        save_viewer(plan, scenario, path)
+    elif suffix in FILM_SUFFIXES:
+        from scp_planner.plotting import animate_plan
+
+        animate_plan(plan, scenario, path)
+    else:
+        from scp_planner.plotting import plot_plan
+
+        plot_plan(plan, scenario, path)
 
 
 def _can_plot() -> bool:
@@ -295,10 +309,13 @@ def _check_target(option: str, target: Path | None, source: str, *, is_folder: b
 def _check_figure(option: str, target: Path | None, source: str) -> None:
     if target is None:
         return
-    if target.suffix.lower() not in FIGURE_SUFFIXES:
-        raise _bad_option(option, target, f"must end in one of {', '.join(FIGURE_SUFFIXES)}")
-    if not _can_plot():
+    suffix = target.suffix.lower()
+    if suffix not in PICTURE_SUFFIXES:
+        raise _bad_option(option, target, f"must end in one of {', '.join(PICTURE_SUFFIXES)}")
+    if suffix != PAGE_SUFFIX and not _can_plot():
         raise _bad_option(option, target, "needs matplotlib: pip install 'scp-planner[plot]'")
+    if suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise _bad_option(option, target, "needs ffmpeg, which is not installed; .gif does without")
     _check_target(option, target, source)
 
 
@@ -379,9 +396,7 @@ def _finish(source: str, certified: bool, reason: str) -> None:
 
 def _start_logging(quiet: bool, verbose: bool) -> None:
     level = logging.DEBUG if verbose else logging.ERROR if quiet else logging.WARNING
-    logging.basicConfig(
-        stream=sys.stderr, level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s"
-    )
+    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     logging.getLogger("scp_planner").setLevel(level)
 
 

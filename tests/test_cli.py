@@ -128,6 +128,32 @@ def test_a_plan_that_is_not_certified_is_written_with_its_reason(hopeless: Path,
     assert data["reason"] in result.stderr
 
 
+@pytest.mark.parametrize(("suffix", "begins"), [(".html", b"<!DOCTYPE html>"), (".gif", b"GIF89a"), (".svg", b"<?xml")])
+def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "--plot", tmp_path / f"plan{suffix}")
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / f"plan{suffix}").read_bytes().startswith(begins)
+
+
+def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scp_planner.cli._can_plot", lambda: False)
+    assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
+    refused = run("plan", easy, "--plot", tmp_path / "plan.png")
+    assert refused.exit_code == 2 and "needs matplotlib" in refused.stderr
+    result = run("demo", "headon", "-o", tmp_path / "demo")
+    assert result.exit_code == 0 and "no figures: matplotlib is not installed" in result.stderr
+    assert {file.name for file in (tmp_path / "demo").iterdir()} == {"scenario.yaml", "plan.json", "plan.html"}
+
+
+def test_video_without_ffmpeg_is_refused_before_planning(
+    easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    result = run("plan", easy, "-o", tmp_path / "plan.json", "--plot", tmp_path / "plan.mp4")
+    assert result.exit_code == 2 and "needs ffmpeg" in result.stderr
+    assert not (tmp_path / "plan.json").exists()
+
+
 def test_plan_draws_a_figure(easy: Path, tmp_path: Path) -> None:
     result = run("plan", easy, "--plot", tmp_path / "plan.png")
     assert result.exit_code == 0, result.output
@@ -164,6 +190,7 @@ def test_an_interrupted_plan_exits_with_130(easy: Path, tmp_path: Path, monkeypa
         (["-o", "."], ["--output", ".", "must not be a folder"]),
         (["-o", "easy.yaml"], ["--output", "easy.yaml", "must not be the scenario file"]),
         (["--plot", "plan.doc"], ["--plot", "plan.doc", ".png"]),
+        (["--plot", "plan"], ["--plot", ".html"]),
         (["--plot", "no/such/plan.png"], ["--plot", "no/such/plan.png", "must exist"]),
         (["--colour"], ["--colour"]),
     ],
@@ -248,7 +275,8 @@ def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytes
     assert result.exit_code == 0, result.output
     for words in ("status:", "arrival time:", "least clearance:", "iterations:", "wall time:"):
         assert words in result.stdout
-    assert {file.name for file in (tmp_path / "demo").iterdir()} >= {"scenario.yaml", "plan.json", "plan.png"}
+    written = {"scenario.yaml", "plan.json", "plan.html", "plan.png", "plan.gif", "space_time.png"}
+    assert {file.name for file in (tmp_path / "demo").iterdir()} == written
     scenario = Scenario.load(tmp_path / "demo" / "scenario.yaml")
     assert scenario == builtin.load(scenario.name)
     assert Plan.load(tmp_path / "demo" / "plan.json").certified
