@@ -18,7 +18,6 @@ from scp_planner.constraints.kinematics import (
     both_gaps,
     curvature_rows,
     goal_speed_rows,
-    jump_sites,
     lateral_rows,
     station_sites,
 )
@@ -85,7 +84,6 @@ class Linearisation:
             [
                 other.sites.stations.lateral[self.stations],
                 peaks.lateral,
-                jump_sites(other.trajectory, other.points, base.sites.jumps).lateral,
             ]
         )
         gaps = np.concatenate(

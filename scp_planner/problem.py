@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import sqrt, tan
 
 import numpy as np
@@ -137,11 +136,6 @@ class Problem:
     def step_size(self) -> int:
         """Number of variables of a step: free offsets, accelerations, and rho."""
         return self.ends.free.stop - self.ends.free.start + self.space.acceleration_size + 1
-
-    @cached_property
-    def jumps(self) -> NDArray[np.intp]:
-        """Samples at which the acceleration jumps or bends."""
-        return np.arange(self.grid, len(self.samples.sigma))
 
     def tightened(self, zone_inflation: Array, lateral: float, curvature: float, box: float) -> Problem:
         """Return the same problem with larger zones, lower limits and a smaller box.

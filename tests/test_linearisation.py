@@ -116,8 +116,7 @@ def test_arrival_speed_and_acceleration_rows(degree: int) -> None:
 def test_curvature_and_lateral_rows(degree: int) -> None:
     problem, trip = problem_and_trip(degree)
     sites = bend_sites(problem, trip, trip.at(problem.samples))
-    jumps = sites.jumps
-    assert len(jumps) and len(sites.peaks.speed), "this trip is to come near the limit"
+    assert len(sites.peaks.speed) >= len(problem.samples.sigma) - problem.grid, "this trip is to come near the limit"
     stations = np.arange(len(sites.stations.speed))
     rows = curvature_rows(problem, trip, sites, stations, 0)
     half = len(stations)
@@ -133,20 +132,17 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
     lateral = lateral_rows(problem, trip, sites, stations, 0)
 
     def value(other: Trajectory) -> Array:
-        there = other.at(problem.samples.take(jumps))
-        jump = there.speed**2 * other.path.bend(there.path).curvature
         fixed = station_sites(other, problem.space.tables.station_parameters).lateral
         peaks = station_sites(other, sites.peaks.parameters).lateral
-        return np.concatenate([fixed, peaks, jump]) / problem.limits.lateral_acceleration
+        return np.concatenate([fixed, peaks]) / problem.limits.lateral_acceleration
 
     matrix = lateral.matrix[: len(lateral.gap) // 2]
     difference = differences(problem, trip, value, 1e-6)
     # Not where the one-sided derivatives differ: at knots of the path or of a piecewise constant acceleration.
     breaks = problem.space.acceleration.breakpoints
     sigma = np.concatenate([sites.stations.sigma, sites.peaks.sigma])
-    smooth = np.ones(len(matrix), dtype=bool)
-    smooth[: len(sigma)] = np.abs(sigma[:, None] - breaks).min(axis=1) > 1e-4
-    assert smooth.sum() > 0.8 * len(smooth)
+    smooth = np.abs(sigma[:, None] - breaks).min(axis=1) > 1e-4
+    assert smooth.sum() > 0.6 * len(smooth)
     assert_rows(matrix[smooth], difference[smooth], 1e-4)
     np.testing.assert_allclose(lateral.gap[: len(matrix)], 1.0 - value(trip), atol=1e-12)
 

@@ -20,8 +20,6 @@ PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration betwee
 PEAK_NEIGHBOURS = np.array([-0.45, 0.0, 0.45])  # stations: a peak moves when it is pressed down in one place
 
 QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
-_ALL = slice(None)
-_NONE: Index = np.zeros(0, dtype=np.intp)
 _NOWHERE: Array = np.zeros(0)
 
 
@@ -87,61 +85,30 @@ class KinematicRows:
 
 @dataclass(frozen=True)
 class BendSites:
-    """Where curvature and lateral acceleration of a trip are limited.
-
-    These are the fixed stations; the peaks of the lateral acceleration between them; and the times at which the
-    acceleration jumps, where the speed peaks wherever the vehicle then is.
+    """Where curvature and lateral acceleration of a trip are limited: fixed stations, and peaks between them.
 
     Attributes
     ----------
     stations : StationSites
         The M fixed stations.
     peaks : StationSites
-        P stations between them.
-    jumps : (J,) array of int
-        Samples at which the acceleration jumps.
-    at_jumps : JumpSites
-        The trip there.
+        P stations at which the lateral acceleration may peak: between the fixed ones, and where the vehicle is when its
+        acceleration jumps.
     """
 
     stations: StationSites
     peaks: StationSites
-    jumps: Index
-    at_jumps: JumpSites
-
-    @property
-    def worst_lateral(self) -> float:
-        """Largest lateral acceleration at all sites, m/s^2."""
-        return max(
-            float(np.abs(lateral).max(initial=0.0))
-            for lateral in (self.stations.lateral, self.peaks.lateral, self.at_jumps.lateral)
-        )
 
     @property
     def curvature(self) -> Array:
         """Curvature at the fixed stations, (M,) 1/m: it peaks at breakpoints of a cubic offset or close to them."""
         return self.stations.bend.curvature
 
-
-@dataclass(frozen=True)
-class JumpSites:
-    """A trip at times at which its acceleration jumps.
-
-    Attributes
-    ----------
-    points : TripPoints or None
-        None where there are no times.
-    bend : PathBend
-        Curvature there.
-    """
-
-    points: TripPoints | None
-    bend: PathBend
-
-    @cached_property
-    def lateral(self) -> Array:
-        """Lateral acceleration, (J,) m/s^2, signed."""
-        return np.zeros(0) if self.points is None else self.points.speed**2 * self.bend.curvature
+    @property
+    def worst_lateral(self) -> float:
+        """Largest lateral acceleration at all sites, m/s^2."""
+        worst = float(np.abs(self.stations.lateral).max())
+        return max(worst, float(np.abs(self.peaks.lateral).max())) if len(self.peaks.parameters) else worst
 
 
 @dataclass(frozen=True)
@@ -184,10 +151,10 @@ def bend_sites(problem: Problem, trajectory: Trajectory, points: TripPoints) -> 
     path, tables = trajectory.path, problem.space.tables
     arrivals = trajectory.arrivals(path.station_arc_lengths)
     stations = StationSites(tables.station_parameters, path.station_bend, arrivals.sigma, arrivals.speed)
-    quiet = np.abs(stations.lateral).max() < QUIET * problem.limits.lateral_acceleration
-    jumps = _NONE if quiet else problem.jumps
-    around = _NOWHERE if quiet else _lateral_peaks(problem, stations)
-    return BendSites(stations, station_sites(trajectory, around), jumps, jump_sites(trajectory, points, jumps))
+    if np.abs(stations.lateral).max() < QUIET * problem.limits.lateral_acceleration:
+        return BendSites(stations, _NO_STATIONS)
+    around = np.concatenate([_lateral_peaks(problem, stations), points.parameter[problem.grid :]])
+    return BendSites(stations, station_sites(trajectory, around))
 
 
 def _lateral_peaks(problem: Problem, stations: StationSites) -> Array:
@@ -210,14 +177,6 @@ def station_sites(trajectory: Trajectory, parameters: Array) -> StationSites:
     path = trajectory.path
     arrivals = trajectory.arrivals(path.arc_length_at(parameters))
     return StationSites(parameters, path.bend(path.points(parameters)), arrivals.sigma, arrivals.speed)
-
-
-def jump_sites(trajectory: Trajectory, points: TripPoints, jumps: Index) -> JumpSites:
-    """Return a trip at some of its samples, at which the acceleration jumps."""
-    if len(jumps) == 0:
-        return _NO_JUMPS
-    there = points.take(jumps)
-    return JumpSites(there, trajectory.path.bend(there.path))
 
 
 @dataclass(frozen=True)
@@ -253,34 +212,32 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, i
     return _both_sides(np.concatenate([theta, zeros], axis=1), value, group, index)
 
 
-def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int) -> Rows:
-    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
+def lateral_rows(
+    problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int
+) -> Rows:
+    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, then peaks.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
     d(v^2) = 2 v (C1 db / tau - (v - v0) dtau / tau) + 2 a (dS - C2 db - v0 sigma dtau), regular also at v = 0.
-    At a fixed time the station moves: d(v^2 k) = 2 v k dv + v^2 (dk/dtheta dtheta + k' ds),
-    ds = (dD - dS) / |r'|.
+    Where the acceleration jumps the one after the jump counts: v^2 peaks there, and lies below both tangents.
 
     Parameters
     ----------
     problem, trajectory, sites, group
         As in :func:`curvature_rows`.
     stations : (m,) array of int
-        Which of the fixed stations; all peaks and jumps are rows.
+        Which of the fixed stations; all peaks are rows.
     """
-    limit, peaks, jumps = problem.limits.lateral_acceleration, sites.peaks, sites.at_jumps
+    limit, peaks = problem.limits.lateral_acceleration, sites.peaks
     basis = _fixed_basis(problem, trajectory, stations)
-    gradients = [_lateral_at_stations(problem, trajectory, sites.stations, stations, basis)]
+    gradient = _lateral_gradient(problem, trajectory, sites.stations, stations, basis)
+    value, keys = sites.stations.lateral[stations], 2 * stations
     if len(peaks.parameters):
-        basis = _moving_basis(trajectory, peaks.parameters)
         every = np.arange(len(peaks.parameters))
-        gradients.append(_lateral_at_stations(problem, trajectory, peaks, every, basis))
-    if jumps.points is not None:
-        gradients.append(_lateral_at_jumps(problem, trajectory, jumps.points, jumps.bend))
-    value = np.concatenate([sites.stations.lateral[stations], peaks.lateral, jumps.lateral])
-    # stations, then peaks, then jumps, each with numbers of its own
-    keys = np.concatenate([3 * stations, 3 * np.arange(len(peaks.speed)) + 1, 3 * sites.jumps + 2])
-    return _both_sides(np.concatenate(gradients) / limit, value / limit, group, keys)
+        basis = _moving_basis(trajectory, peaks.parameters)
+        gradient = np.concatenate([gradient, _lateral_gradient(problem, trajectory, peaks, every, basis)])
+        value, keys = np.concatenate([value, peaks.lateral]), np.concatenate([keys, 2 * every + 1])
+    return _both_sides(gradient / limit, value / limit, group, keys)
 
 
 def _fixed_basis(problem: Problem, trajectory: Trajectory, index: Index) -> _StationBasis:
@@ -304,7 +261,7 @@ def _moving_basis(trajectory: Trajectory, parameters: Array) -> _StationBasis:
     )
 
 
-def _lateral_at_stations(
+def _lateral_gradient(
     problem: Problem,
     trajectory: Trajectory,
     sites: StationSites,
@@ -324,21 +281,7 @@ def _lateral_at_stations(
     return join_blocks(theta, beta, rho)
 
 
-def _lateral_at_jumps(problem: Problem, trajectory: Trajectory, points: TripPoints, bend: PathBend) -> Array:
-    space, free = problem.space, problem.ends.free
-    tau, v0 = trajectory.travel_time, space.start_speed
-    path, table, v = points.path, points.table, points.speed
-    curvature = bend.curvature
-    basis = _moving_basis(trajectory, points.parameter)
-    shift = v * v * trajectory.path.curvature_rate(path) / path.speed
-    theta = (v * v)[:, None] * _bend_gradient(problem, bend, _ALL, basis)
-    theta -= shift[:, None] * basis.arc_length[:, free]
-    beta = (2.0 * v * curvature * tau)[:, None] * table.speed + (shift * tau * tau)[:, None] * table.distance
-    rho = -2.0 * v * curvature * (v - v0) + shift * v0 * tau * table.sigma
-    return join_blocks(theta, beta, rho)
-
-
-def _bend_gradient(problem: Problem, bend: PathBend, index: Index | slice, basis: _StationBasis) -> Array:
+def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _StationBasis) -> Array:
     """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
     length, free = problem.space.length, problem.ends.free
     gradient = (bend.slope[index] / length)[:, None] * basis.slopes[:, free]
@@ -385,4 +328,3 @@ def _both_sides(gradient: Array, value: Array, group: int, key: Index) -> Rows:
 
 _NO_BEND = PathBend(_NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE)
 _NO_STATIONS = StationSites(_NOWHERE, _NO_BEND, _NOWHERE, _NOWHERE)
-_NO_JUMPS = JumpSites(None, _NO_BEND)
