@@ -7,7 +7,7 @@ acceleration are one polynomial each. Then, with interval enclosures of their de
 
 - Clearance. For *any* fixed unit vector nu, l(t) = nu . (r(t) - eta(t)) - h_E(nu, t) - R is a lower bound of the
   signed distance. With nu taken at m,  l(m + d) >= l(m) - |l'(m)| h - K h^2 / 2, where K bounds
-  |r''| + |eta''| + growth'' on the interval.
+  |r''| + |eta''| + growth'' on the interval. For a zone that turns, nu turns with it, and K contains that.
 - Curvature and lateral acceleration by the mean value form q(m) + [q'] h, q' enclosed by interval arithmetic.
 - Speed and acceleration by the control points of their splines (convex hull).
 
@@ -431,11 +431,8 @@ class _Check:
         half = enclosure.half[interval]
         slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
         own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)[interval]
-        bend = (
-            own
-            + batch.acceleration_bound(zone, times, half)
-            + batch.growth_bend_bound(zone, times, half, contacts.normal)
-        )
+        position = points.path.position[interval]
+        bend = batch.bend_bound(zone, times, half, contacts.normal, position, velocity, own)
         return _Bound(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
 
     def _inside_bounds(self, pieces: _Pieces, enclosure: _Enclosure) -> None:

@@ -25,15 +25,15 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation import estimate_motion
 from scp_planner.least_squares import MotionPrior
 from scp_planner.motion_estimate import POLYNOMIAL_TERMS, MotionEstimate
-from scp_planner.motion_models import MotionFilter, ProcessEstimate, estimate_process
+from scp_planner.motion_models import MotionFilter, ProcessEstimate
 from scp_planner.polynomials import PiecewisePolynomials
 from scp_planner.recursive import RecursiveEstimator
 from scp_planner.scenario import (
     Confidence,
     ConfidenceLevel,
     Model,
-    Obstacle,
     Observations,
+    Obstacle,
     Prior,
     Shape,
     Vector,

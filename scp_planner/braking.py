@@ -1,0 +1,138 @@
+"""Stops: what a vehicle falls back to.
+
+A stop follows a path, keeps the accelerations of a trip for a while (none, or the time until the next replan), then
+decelerates evenly until it stands. It lives in the space of the trip, so it is certified like one.
+
+What a certificate of a stop says: up to the time at which the vehicle stands, no zone touches it. A vehicle that
+stands can still be hit by what moves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.frames import PlanningFrame
+from scp_planner.guide import StraightGuide
+from scp_planner.plan import Trip
+from scp_planner.problem import Limits
+from scp_planner.remaining import State
+from scp_planner.settings import Settings
+from scp_planner.trajectory import Path, Trajectory, TripSpace
+from scp_planner.zones import ZoneBatch
+
+Array = NDArray[np.float64]
+
+STANDING = 1e-3
+"""m/s. A vehicle slower than this stands."""
+TINY = 1e-9
+SAMPLES = 25
+NEAR = 0.5
+"""m. Clearances beyond this need not be exact."""
+HOLD = 1.0
+"""s that a plan to stand lasts; it goes on standing after that."""
+
+
+def stop_after(trajectory: Trajectory, lead: float, deceleration: float) -> Trajectory:
+    """Return the stop that keeps to a trip for a time, then decelerates, then stands until its end.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The acceleration of its space is piecewise constant over equal spans.
+    lead : float
+        s, for which the trip is kept at least; more where its spans want it.
+    deceleration : float
+        At most, m/s2.
+    """
+    space = trajectory.space
+    spans = len(space.acceleration.widths)
+    if lead <= 0.0:
+        return stop_now(trajectory.path, space.start_speed, deceleration)
+    kept = int(spans * lead / (lead + _speed(trajectory, lead) / deceleration + TINY))
+    if kept >= 1:
+        width = lead / kept
+    else:
+        kept, width = 1, lead
+        while (spans - 1) * width * deceleration < _speed(trajectory, width):
+            width *= 1.1  # wider spans: the trip is kept for longer, and there is more time to stop in
+    times = width * np.arange(kept + 1)
+    speeds = np.empty(spans + 1)
+    speeds[: kept + 1] = np.maximum(trajectory.speed_at(np.minimum(times / trajectory.travel_time, 1.0)), 0.0)
+    falling = speeds[kept] - deceleration * width * np.arange(1, spans - kept + 1)
+    speeds[kept + 1 :] = np.maximum(falling, 0.0)
+    speeds[0] = space.start_speed
+    return Trajectory(trajectory.path, np.diff(speeds) / width, spans * width)
+
+
+def room_to_stop(trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch) -> Array:
+    """Least clearance, sampled, of the stops that leave a trip after different times.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    leads : (m,) array
+        s, increasing.
+    deceleration : float
+        m/s2.
+    zones : ZoneBatch
+
+    Returns
+    -------
+    (m,) array
+        m; -inf for a stop that needs more than what is left of the path, inf without zones.
+    """
+    tau, path = trajectory.travel_time, trajectory.path
+    before = np.linspace(0.0, float(leads[-1]), SAMPLES)
+    kept = trajectory.at(trajectory.space.time_table(np.concatenate([before, leads]) / tau))
+    speed, distance = np.maximum(kept.speed[SAMPLES:], 0.0), kept.distance[SAMPLES:]
+    braking = speed / deceleration
+    after = braking[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+    driven = distance[:, None] + after * (speed[:, None] - 0.5 * deceleration * after)
+    fit = driven[:, -1] <= path.arc_length
+    if zones.size == 0:
+        return np.where(fit, np.inf, -np.inf)
+    points = path.points(path.parameter_at(driven.ravel()))
+    stopping = zones.distances((leads[:, None] + after).ravel(), points.position, NEAR).min(axis=1)
+    least = stopping.reshape(len(leads), SAMPLES).min(axis=1)
+    keeping = zones.distances(before, kept.path.position[:SAMPLES], NEAR).min(axis=1)
+    sofar = np.minimum.accumulate(keeping)[np.minimum(np.searchsorted(before, leads, "right"), SAMPLES - 1)]
+    return np.where(fit, np.minimum(least, sofar), -np.inf)
+
+
+def standing_from(stop: Trajectory) -> float:
+    """Time after its start from which on the vehicle stands, s."""
+    speeds = stop.speed_control_points()
+    moving = np.flatnonzero(speeds > STANDING)
+    if not len(moving):
+        return 0.0
+    last = min(int(moving[-1]) + 1, len(speeds) - 1)
+    return float(stop.space.acceleration.breakpoints[last] * stop.travel_time)
+
+
+def stop_now(path: Path, speed: float, deceleration: float) -> Trajectory:
+    """Return the stop along a path that decelerates evenly from its start, or stands there."""
+    size = path.space.acceleration_size
+    if speed <= STANDING:
+        return Trajectory(path, np.zeros(size), HOLD)
+    return Trajectory(path, np.full(size, -deceleration), speed / deceleration)
+
+
+def straight_stop(state: State, limits: Limits, settings: Settings, breakpoints: tuple[float, ...]) -> Trip:
+    """Return the stop straight ahead: what is left where no path can be planned."""
+    heading = state.heading or 0.0
+    length = max(1.5 * state.speed**2 / (2.0 * limits.deceleration), 1.0)
+    space = TripSpace(StraightGuide(length), state.speed, settings.path_degree, 4, 0, breakpoints)
+    path = Path(space, np.zeros(space.path_size))
+    return Trip(PlanningFrame(state.position, heading, state.time), stop_now(path, state.speed, limits.deceleration))
+
+
+def fits(stop: Trajectory) -> bool:
+    """Whether a stop ends before its path does."""
+    distance = stop.at(stop.space.time_table(np.ones(1))).distance
+    return bool(distance[0] <= stop.path.arc_length)
+
+
+def _speed(trajectory: Trajectory, time: float) -> float:
+    sigma = np.array([min(time / trajectory.travel_time, 1.0)])
+    return max(float(trajectory.speed_at(sigma)[0]), 0.0)
