@@ -454,12 +454,13 @@ def test_polish_completes_a_rough_answer(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_polish_is_never_wrong(seed: int) -> None:
+def test_polish_mends_even_a_wrong_answer(seed: int) -> None:
     program, x = known_program(seed, weak=True)
     rng = np.random.default_rng(seed)
     nonsense = Solution(SolverStatus.OPTIMAL, rng.normal(size=len(x)), rng.normal(size=len(x) + len(program.bound)))
     polished = polish(program, nonsense)
-    assert polished is None or polished.x == pytest.approx(x, abs=1e-7)
+    assert polished is not None
+    assert polished.x == pytest.approx(x, abs=1e-9)
 
 
 def test_polish_finds_nothing_in_an_infeasible_program() -> None:
@@ -498,15 +499,9 @@ def test_solvers_agree_on_the_programs_of_the_loop(
     solver: QpSolver, programs_of_the_loop: list[QuadraticProgram]
 ) -> None:
     reference = solver_named("daqp")
-    failed = 0
     for program in programs_of_the_loop:
         expected, solution = reference.solve(program), solver.solve(program)
-        if solution.status is SolverStatus.FAILED:
-            failed += 1
-            continue
         assert solution.status is expected.status
         if expected.status is SolverStatus.OPTIMAL:
-            assert solution.x == pytest.approx(expected.x, abs=1e-6)
-            assert optimality(program, solution) < 1e-7
-    # Splitting may not get there, and says so; then the loop falls back to another solver.
-    assert failed <= (0.1 * len(programs_of_the_loop) if solver.name == "osqp" else 0)
+            assert solution.x == pytest.approx(expected.x, abs=1e-9)
+            assert optimality(program, solution) < 1e-9

@@ -1,22 +1,22 @@
-"""From an approximate answer to an exact one: find the active constraints, solve for them, and check the result.
+"""From an approximate answer to an exact one: take its active constraints, mend them, solve for them, check the result.
 
 Interior-point and splitting methods stop where their residuals are small, which under a weak Hessian can be far from
-the minimiser. Their answers tell the active constraints long before the last digits, and those then cost one linear
-system. So all solvers give the same step.
+the minimiser. But their answers tell nearly all active constraints long before the last digits. A few pivots of a dual
+active-set method put right the others, and one linear system gives the digits. So all solvers give the same step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import cho_factor, cho_solve, lu_factor, lu_solve
 
 from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
 
-TRIES = 8  # with each way of mending
+Index = NDArray[np.intp]
+
+MAX_PIVOTS = 400
+PASSES = 4  # of pivots and an exact solution; the second one mends what rounding hid from the first
 TOLERANCE = 1e-10  # of bounds, relative to their sizes
 PULL_TOLERANCE = 1e-13  # of multipliers, to the largest: a weak Hessian turns small ones into long ways
 REGULARISATION = 1e-10  # lets active rows depend on each other
@@ -24,14 +24,14 @@ REFINEMENTS = 4
 
 
 def polish(program: QuadraticProgram, guess: Solution) -> Solution | None:
-    """Solve a program from a guess of its active constraints, mended a few times.
+    """Solve a program from an approximate answer.
 
     Parameters
     ----------
     program : QuadraticProgram
         Well scaled: a constraint is first taken as active where its multiplier is larger than what is left of it.
     guess : Solution
-        An approximate answer.
+        Its status does not matter.
 
     Returns
     -------
@@ -39,132 +39,160 @@ def polish(program: QuadraticProgram, guess: Solution) -> Solution | None:
         Optimal within rounding: feasible, stationary and complementary. None if the guess led nowhere.
     """
     sides = _Sides(program)
-    for mend in (_mend_all, _mend_worst):
-        solution = _search(sides, sides.touched(guess), mend)
-        if solution is not None:
-            return solution
+    pivots = _Pivots(sides)
+    active = sides.touched(guess)
+    for _ in range(PASSES):
+        mended = pivots.mended(active)
+        if mended is None:
+            return None
+        active = mended
+        x, prices = sides.solve(active)
+        if sides.optimal(active, x, prices):
+            return sides.solution(active, x, prices)
     return None
 
 
 def violation(program: QuadraticProgram, x: Array) -> float:
     """Largest excess of x over the bounds and rows of a program, in their units."""
     sides = _Sides(program)
-    value = sides.normals @ x
-    return max(float((value - sides.upper).max()), float((sides.lower - value).max()), 0.0)
-
-
-@dataclass
-class _Active:
-    """Which constraints are taken as active, at which side."""
-
-    upper: NDArray[np.bool_]
-    lower: NDArray[np.bool_]
+    over = sides.normals @ x - sides.bounds
+    return float(np.maximum(over, np.where(sides.equal, -over, 0.0)).max(initial=0.0))
 
 
 class _Sides:
-    """Bounds and rows of a program alike: lower <= normals x <= upper."""
+    """Bounds and rows of a program alike: normals x <= bounds, some of them with equality.
+
+    ``source`` is the place of each among the multipliers, ``sign`` its sign there.
+    """
 
     def __init__(self, program: QuadraticProgram) -> None:
-        size = len(program.gradient)
+        size, rows, equalities = len(program.gradient), len(program.bound), program.equalities
+        eye = np.eye(size)
+        fixed = program.lower == program.upper
+        uppers = np.flatnonzero(np.isfinite(program.upper))
+        lowers = np.flatnonzero(np.isfinite(program.lower) & ~fixed)
+        kept = np.flatnonzero(np.isfinite(program.bound) | (np.arange(rows) < equalities))
         self.program = program
-        self.normals = np.concatenate([np.eye(size), program.matrix])
+        self.normals = np.concatenate([eye[uppers], -eye[lowers], program.matrix[kept]])
+        self.bounds = np.concatenate([program.upper[uppers], -program.lower[lowers], program.bound[kept]])
+        self.equal = np.concatenate([fixed[uppers], np.zeros(len(lowers), dtype=bool), kept < equalities])
+        self.source = np.concatenate([uppers, lowers, size + kept])
+        self.sign = np.ones(len(self.bounds))
+        self.sign[len(uppers) : len(uppers) + len(lowers)] = -1.0
         self.lengths = np.maximum(np.linalg.norm(self.normals, axis=1), 1e-12)
-        self.upper = np.concatenate([program.upper, program.bound])
-        self.lower = np.full(len(self.upper), -np.inf)
-        self.lower[:size] = program.lower
-        self.lower[size : size + program.equalities] = program.bound[: program.equalities]
-        self.equal = self.lower == self.upper
 
-    def touched(self, guess: Solution) -> _Active:
-        """Constraints whose multiplier is larger than what is left of them."""
-        value = self.normals @ guess.x
-        upper = self.equal | (guess.multipliers > self.upper - value)
-        return _Active(upper, ~upper & (-guess.multipliers > value - self.lower))
+    def touched(self, guess: Solution) -> Index:
+        """Sides whose multiplier is larger than what is left of them."""
+        left = self.bounds - self.normals @ guess.x
+        return np.flatnonzero(self.equal | (self.sign * guess.multipliers[self.source] > left))
 
-    def solve(self, active: _Active) -> Solution:
-        """Minimiser with the active constraints as equalities, and their multipliers."""
-        chosen = np.flatnonzero(active.upper | active.lower)
-        normals = self.normals[chosen]
-        size, count = len(self.program.gradient), len(chosen)
+    def excess(self, x: Array) -> Array:
+        """Distance beyond each side where it is more than rounding, else 0."""
+        over = self.normals @ x - self.bounds
+        over = np.where(self.equal, np.abs(over), over)
+        return np.where(over > TOLERANCE * (1.0 + np.abs(self.bounds)), over / self.lengths, 0.0)
+
+    def pull(self, active: Index, prices: Array) -> Array:
+        """How much each active side pulls instead of pushing, where it is more than rounding, else 0."""
+        wrong = np.where(self.equal[active], 0.0, -prices * self.lengths[active])
+        return np.where(wrong > PULL_TOLERANCE * (1.0 + np.abs(prices).max(initial=0.0)), wrong, 0.0)
+
+    def solve(self, active: Index) -> tuple[Array, Array]:
+        """Minimiser on the active sides, and their multipliers."""
+        normals = self.normals[active]
+        size, count = len(self.program.gradient), len(active)
         system = np.zeros((size + count, size + count))
         system[:size, :size] = self.program.hessian
         system[:size, size:] = normals.T
         system[size:, :size] = normals
-        right = np.concatenate([-self.program.gradient, np.where(active.upper, self.upper, self.lower)[chosen]])
+        right = np.concatenate([-self.program.gradient, self.bounds[active]])
         regular = system.copy()
         regular.flat[size * (size + count + 1) :: size + count + 1] = -REGULARISATION
         factors = lu_factor(regular, check_finite=False)
         solved = lu_solve(factors, right, check_finite=False)
         for _ in range(REFINEMENTS):
             solved += lu_solve(factors, right - system @ solved, check_finite=False)
-        multipliers = np.zeros(len(self.upper))
-        multipliers[chosen] = solved[size:]
-        return Solution(SolverStatus.OPTIMAL, solved[:size], multipliers)
+        return solved[:size], solved[size:]
+
+    def optimal(self, active: Index, x: Array, prices: Array) -> bool:
+        """Whether a minimiser on active sides is the minimiser of the program."""
+        return not (self.excess(x).any() or self.pull(active, prices).any())
+
+    def solution(self, active: Index, x: Array, prices: Array) -> Solution:
+        """The minimiser as an answer to the program."""
+        multipliers = np.zeros(len(x) + len(self.program.bound))
+        prices = np.where(self.equal[active], prices, np.maximum(prices, 0.0))
+        np.add.at(multipliers, self.source[active], self.sign[active] * prices)
+        return Solution(SolverStatus.OPTIMAL, x, multipliers)
 
 
-@dataclass(frozen=True)
-class _Faults:
-    """What is not optimal: multipliers of the wrong sign, and values beyond their bounds; 0 within rounding."""
+class _Pivots:
+    """A dual active-set method from any active set (Goldfarb and Idnani, Mathematical Programming 27, 1983)."""
 
-    pull: Array
-    above: Array
-    below: Array
+    def __init__(self, sides: _Sides) -> None:
+        self.sides = sides
+        factor = cho_factor(sides.program.hessian, check_finite=False)
+        self.ways = cho_solve(factor, sides.normals.T, check_finite=False)  # H^-1 normals'
+        self.free = -cho_solve(factor, sides.program.gradient, check_finite=False)  # minimiser without constraints
 
-    @classmethod
-    def of(cls, sides: _Sides, active: _Active, solution: Solution) -> _Faults:
-        value, multipliers = sides.normals @ solution.x, solution.multipliers
-        pull = np.where(active.upper, -multipliers, multipliers) * sides.lengths
-        pull[sides.equal] = 0.0
-        return cls(
-            np.where(pull > PULL_TOLERANCE * (1.0 + np.abs(multipliers).max(initial=0.0)), pull, 0.0),
-            _beyond((value - sides.upper) / sides.lengths, sides.upper),
-            _beyond((sides.lower - value) / sides.lengths, sides.lower),
-        )
-
-    @property
-    def none(self) -> bool:
-        return not (self.pull.any() or self.above.any() or self.below.any())
-
-
-def _beyond(excess: Array, bound: Array) -> Array:
-    """Excess where it is more than rounding, else 0."""
-    return np.where(excess > TOLERANCE * (1.0 + np.abs(np.where(np.isfinite(bound), bound, 0.0))), excess, 0.0)
-
-
-def _search(sides: _Sides, active: _Active, mend: Callable[[_Active, _Faults], _Active | None]) -> Solution | None:
-    for _ in range(TRIES):
-        solution = sides.solve(active)
-        faults = _Faults.of(sides, active, solution)
-        if faults.none:
-            multipliers = solution.multipliers
-            np.maximum(multipliers, 0.0, out=multipliers, where=active.upper & ~sides.equal)
-            np.minimum(multipliers, 0.0, out=multipliers, where=active.lower)
-            return solution
-        mended = mend(active, faults)
-        if mended is None:
-            return None
-        active = mended
-    return None
-
-
-def _mend_all(active: _Active, faults: _Faults) -> _Active | None:
-    """Change all faults at once (primal-dual active-set method): quick, but may go round in circles."""
-    pull, above, below = faults.pull > 0.0, faults.above > 0.0, faults.below > 0.0
-    if (above & active.upper).any() or (below & active.lower).any():
-        return None  # active constraints that depend on each other
-    return _Active((active.upper & ~pull & ~below) | above, (active.lower & ~pull & ~above) | below)
-
-
-def _mend_worst(active: _Active, faults: _Faults) -> _Active | None:
-    """Drop the constraint that pulls most; if none does, add the one that is violated most."""
-    upper, lower = active.upper.copy(), active.lower.copy()
-    worst = int(np.argmax(faults.pull))
-    if faults.pull[worst] > 0.0:
-        upper[worst] = lower[worst] = False
-        return _Active(upper, lower)
-    side, beyond = max(((upper, faults.above), (lower, faults.below)), key=lambda pair: float(pair[1].max()))
-    worst = int(np.argmax(beyond))
-    if side[worst]:
+    def mended(self, active: Index) -> Index | None:
+        """Return the active set of the minimiser; None if there is none, or it is too far."""
+        active, prices = self._pushing(active)
+        x = self.free - self.ways[:, active] @ prices
+        pivots = 0
+        while pivots < MAX_PIVOTS:
+            excess = self.sides.excess(x)
+            excess[active] = 0.0
+            entering = int(np.argmax(excess))
+            if excess[entering] == 0.0:
+                return active
+            price = 0.0
+            while True:
+                pivots += 1
+                step, leaving, against, direction = self._ratios(active, prices, entering, x)
+                if not np.isfinite(step) or pivots > MAX_PIVOTS:
+                    return None
+                x = x - step * direction
+                prices = prices - step * against
+                price += step
+                if leaving is None:
+                    active, prices = np.append(active, entering), np.append(prices, price)
+                    break
+                active, prices = np.delete(active, leaving), np.delete(prices, leaving)
         return None
-    side[worst] = True
-    return _Active(upper, lower)
+
+    def _pushing(self, active: Index) -> tuple[Index, Array]:
+        """Drop active sides, the worst first, until all push."""
+        while True:
+            normals = self.sides.normals[active]
+            prices = self._on_active(active, normals @ self.free - self.sides.bounds[active])
+            pull = self.sides.pull(active, prices)
+            if not pull.any():
+                return active, prices
+            active = np.delete(active, np.argmax(pull))
+
+    def _on_active(self, active: Index, right: Array) -> Array:
+        """Prices of active sides, (normals H^-1 normals') p = right."""
+        if not len(active):
+            return np.zeros(0)
+        system = self.sides.normals[active] @ self.ways[:, active]
+        system.flat[:: len(active) + 1] += 1e-14 * np.trace(system)
+        solved: Array = np.linalg.solve(system, right)
+        return solved
+
+    def _ratios(self, active: Index, prices: Array, entering: int, x: Array) -> tuple[float, int | None, Array, Array]:
+        """How far the price of an entering side can grow, and which side leaves then; rates of prices and of x."""
+        normal, way = self.sides.normals[entering], self.ways[:, entering]
+        against = self._on_active(active, self.sides.normals[active] @ way)
+        direction = way - self.ways[:, active] @ against
+        blocking = np.flatnonzero((against > 1e-12) & ~self.sides.equal[active])
+        ratios = np.maximum(prices[blocking] / against[blocking], 0.0)
+        partial = float(ratios.min(initial=np.inf))
+        curvature = float(normal @ direction)
+        if curvature > 1e-12 * float(normal @ way):
+            full = float(normal @ x - self.sides.bounds[entering]) / curvature
+            if full <= partial:
+                return full, None, against, direction
+        else:
+            direction = np.zeros_like(x)  # depends on the active sides: no step, only an exchange
+        return partial, int(blocking[np.argmin(ratios)]) if len(blocking) else None, against, direction
