@@ -409,8 +409,8 @@ class _Terms:
         if not np.isfinite(limit):
             return 0.0, 0.0
         trajectory, path = self.trajectory, self.trajectory.path
-        sigma = trajectory.sigma_at(path.station_arc_lengths)
-        speed, bend = trajectory.speed_at(sigma), path.station_bend
+        arrivals, bend = trajectory.arrivals(path.station_arc_lengths), path.station_bend
+        sigma, speed = arrivals.sigma, arrivals.speed
         jumps = self.points.take(self.objective.times.jumps)
         jump_bend = path.bend(jumps.path)
         value = np.concatenate([speed**2 * bend.curvature, jumps.speed**2 * jump_bend.curvature]) / limit
