@@ -105,10 +105,11 @@ class Rectangle(Part):
     """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
 
     rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
+    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
 
     def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
-        turned = planar.turned(point, -heading)
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
+        turned = planar.turned(point, -(heading if self.heading is None else self.heading))
         beyond = [max(0.0, abs(x) - 0.5 * side) for x, side in zip(turned, self.rectangle, strict=True)]
         return math.hypot(*beyond)
 
@@ -131,10 +132,12 @@ class Ellipse(Part):
     """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
 
     ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
+    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
 
     def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
-        return planar.distance_to_ellipse(planar.turned(point, -heading), *self.ellipse)
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
+        own = heading if self.heading is None else self.heading
+        return planar.distance_to_ellipse(planar.turned(point, -own), *self.ellipse)
 
 
 _SHAPE_KEYS: dict[str, type[Part]] = {

@@ -286,4 +286,6 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
         for p, c, v, a in zip(point, motion.position, motion.velocity, motion.acceleration, strict=True)
     )
     vx, vy = (v + a * time for v, a in zip(motion.velocity, motion.acceleration, strict=True))
+    if vx == vy == 0.0:
+        vx, vy = motion.acceleration  # what sets off will head there
     return (x, y), math.atan2(vy, vx)

@@ -1,0 +1,492 @@
+"""Many zones at once, in the planning frame: distances, contacts, and bounds on intervals of time.
+
+Zones of concave polygons are several convex parts of one id. Distances to outlines are exact only where a lower bound
+by the disc that covers them does not do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.ellipse import Contact, ellipse_contact, support
+from scp_planner.intervals import Interval
+from scp_planner.polynomials import PiecewisePolynomials
+from scp_planner.shapes import Outline, Outlines
+
+if TYPE_CHECKING:
+    from scp_planner.frames import PlanningFrame
+    from scp_planner.zones import ThreatZone
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class ZoneContacts:
+    """Signed distances of points to chosen zones, and how they change.
+
+    Attributes
+    ----------
+    distance : (n,) array
+        m, negative inside.
+    normal : (n, 2) array
+        Unit normal nu of the supporting line, from the zone towards the point: the gradient of the distance.
+    rate : (n,) array
+        Time derivative of the distance at a fixed point, m/s: -(nu . centre velocity + growth of the support).
+    """
+
+    distance: Array
+    normal: Array
+    rate: Array
+
+
+class ZoneBatch:
+    """All zones of a plan, in the planning frame, for evaluation at many times at once.
+
+    Parameters
+    ----------
+    zones : sequence of ThreatZone
+    frame : PlanningFrame
+        The planning frame (coordinates and clock).
+    inflation : float
+        Added to every radius, m: the vehicle's disc and the planner's own margin.
+    """
+
+    def __init__(self, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> None:
+        parts = [_Part.of(zone, outline) for zone in zones for outline in (zone.outlines or (None,))]
+        self.ids = tuple(part.id for part in parts)
+        self.size = len(parts)
+        self.radius = np.array([part.radius for part in parts]) + inflation
+        self.centers = frame.points_batch([part.centers for part in parts])
+        self.velocities = self.centers.derivative
+        uncertain = [index for index, part in enumerate(parts) if part.covariances is not None]
+        self.uncertain: Index = np.array(uncertain, dtype=np.intp)
+        self.slot = _slots(self.uncertain, self.size)
+        self.covariances: PiecewisePolynomials | None = None
+        if uncertain:
+            self.covariances = frame.covariances_batch(
+                [part.covariances for part in parts if part.covariances is not None]
+            )
+        shaped = [index for index, part in enumerate(parts) if part.outline is not None]
+        still = np.zeros(2)
+        self._shape(
+            np.array(shaped, dtype=np.intp),
+            [part.outline.moved(still, -frame.heading) for part in parts if part.outline is not None],
+        )
+
+    def _shape(self, shaped: Index, outlines: list[Outline]) -> None:
+        """Set the outlines of some of the zones; the others are discs."""
+        self.shaped = shaped
+        self.outline_slot = _slots(shaped, self.size)
+        self.outlines = Outlines(outlines) if outlines else None
+        self.extent = np.zeros(self.size)
+        self.turning = np.zeros(self.size, dtype=bool)
+        if self.outlines is not None:
+            self.extent[shaped] = self.outlines.reach
+            self.turning[shaped] = self.outlines.turning
+        self.any_turning = bool(self.turning.any())
+
+    def subset(self, index: Index) -> ZoneBatch:
+        """Return the batch of some of the zones."""
+        batch = object.__new__(ZoneBatch)
+        batch.ids = tuple(self.ids[i] for i in index)
+        batch.size = len(index)
+        batch.radius = self.radius[index]
+        batch.centers = self.centers.take(index)
+        batch.velocities = batch.centers.derivative
+        slots = self.slot[index]
+        batch.uncertain = np.flatnonzero(slots >= 0)
+        batch.slot = _slots(batch.uncertain, batch.size)
+        batch.covariances = None
+        if self.covariances is not None and len(batch.uncertain):
+            batch.covariances = self.covariances.take(slots[batch.uncertain])
+        slots = self.outline_slot[index]
+        outlines = [] if self.outlines is None else [self.outlines.outlines[k] for k in slots[slots >= 0]]
+        batch._shape(np.flatnonzero(slots >= 0), outlines)
+        return batch
+
+    def inflated(self, extra: Array) -> ZoneBatch:
+        """Return the batch with every zone larger by ``extra``, (L,) m."""
+        batch = copy(self)
+        batch.radius = self.radius + extra
+        return batch
+
+    def distances(self, times: Array, points: Array, exact_below: float = np.inf) -> Array:
+        """Signed distances of one moving point to all zones.
+
+        Parameters
+        ----------
+        times : (n,) array
+            Seconds on the planning clock.
+        points : (n, 2) array
+            Planning frame, m.
+        exact_below : float
+            Distances above this may be replaced by lower bounds that are still above it, or below their true value, m.
+
+        Returns
+        -------
+        (n, L) array
+            m, negative inside.
+        """
+        centers = self.centers.grid(times)
+        dx = points[:, 0, None] - centers[:, :, 0]
+        dy = points[:, 1, None] - centers[:, :, 1]
+        squared = dx * dx
+        squared += dy * dy
+        distance = np.sqrt(squared)
+        if self.covariances is not None:
+            columns = self.uncertain
+            covariance = self.covariances.grid(times)
+            # The support in the direction of the centre gives a lower bound; exact only where that is close.
+            offset = np.stack([dx[:, columns], dy[:, columns]], axis=-1)
+            length = np.maximum(distance[:, columns], 1e-300)
+            bound = length - support(covariance, offset / length[..., None])
+            near = bound < exact_below + self.radius[columns]
+            near[:, self.outline_slot[columns] >= 0] = False
+            if near.any():
+                bound[near] = ellipse_contact(offset[near], covariance[near]).distance
+            distance[:, columns] = bound
+        distance -= self.radius
+        if self.outlines is not None:
+            distance[:, self.shaped] -= self.extent[self.shaped]
+            row, column = np.nonzero(distance[:, self.shaped] < exact_below)
+            if len(row):
+                index = self.shaped[column]
+                offset = np.stack([dx[row, index], dy[row, index]], axis=1)
+                exact = self._outline_contacts(index, times[row], offset).distance
+                distance[row, index] = exact - self.radius[index]
+        return distance
+
+    def reach(self, times: Array) -> Array:
+        """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
+        radius = np.broadcast_to(self.radius + self.extent, (len(times), self.size))
+        if self.covariances is None:
+            return radius
+        covariance = self.covariances.grid(times)
+        mean = 0.5 * (covariance[..., 0] + covariance[..., 2])
+        spread = np.hypot(0.5 * (covariance[..., 0] - covariance[..., 2]), covariance[..., 1])
+        radius = radius.copy()
+        radius[:, self.uncertain] += np.sqrt(np.maximum(mean + spread, 0.0))
+        return radius
+
+    def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
+        """Exact contacts of points with chosen zones.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+            Which zone.
+        times : (n,) array
+            Planning clock, s.
+        points : (n, 2) array
+            Planning frame, m.
+        """
+        offset = points - self.centers.at(index, times)
+        distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+        normal = offset / np.maximum(distance, 1e-12)[:, None]
+        rate = -np.einsum("ij,ij->i", normal, self.velocities.at(index, times))
+        if self.covariances is not None:
+            rows = np.flatnonzero(self.slot[index] >= 0)
+            if len(rows):
+                slot = self.slot[index[rows]]
+                covariance = self.covariances.at(slot, times[rows])
+                exact = ellipse_contact(offset[rows], covariance)
+                growth = _support_rate(covariance, self.covariances.derivative.at(slot, times[rows]), exact.normal)
+                velocity = self.velocities.at(index[rows], times[rows])
+                normal[rows] = exact.normal
+                distance[rows] = exact.distance
+                rate[rows] = -np.einsum("ij,ij->i", exact.normal, velocity) - growth
+        if self.outlines is not None:
+            rows = np.flatnonzero(self.outline_slot[index] >= 0)
+            if len(rows):
+                shaped = self._outline_contacts(index[rows], times[rows], offset[rows])
+                normal[rows], distance[rows] = shaped.normal, shaped.distance
+                rate[rows] = self._outline_rate(index[rows], times[rows], offset[rows], shaped.normal)
+        return ZoneContacts(distance - self.radius[index], normal, rate)
+
+    def _outline_contacts(self, index: Index, times: Array, offset: Array) -> Contact:
+        """Contacts with outlines and their uncertainty, without the radius."""
+        assert self.outlines is not None
+        slot, turning = self.outline_slot[index], self.turning[index]
+        headings = np.zeros((0, 2))
+        if turning.any():
+            headings = np.where(turning[:, None], directions_of(self.velocities.at(index, times)), [1.0, 0.0])
+            offset = turned_back(offset, headings)
+        distance, normal = np.empty(len(index)), np.empty((len(index), 2))
+        blurred = self.slot[index] >= 0
+        for rows in (np.flatnonzero(blurred), np.flatnonzero(~blurred)):
+            if len(rows) == 0:
+                continue
+            covariance = None
+            if self.covariances is not None and blurred[rows[0]]:
+                covariance = self.covariances.at(self.slot[index[rows]], times[rows])
+                if len(headings):
+                    covariance = _covariance_turned_back(covariance, headings[rows])
+            contact = self.outlines.contacts(slot[rows], offset[rows], covariance)
+            distance[rows], normal[rows] = contact.distance, contact.normal
+        if len(headings):
+            normal = turned_back(normal, headings * [1.0, -1.0])
+        return Contact(distance, normal)
+
+    def _outline_rate(self, index: Index, times: Array, offset: Array, normal: Array) -> Array:
+        """Time derivative of the distance at fixed points: the contact moves with the centre, grows, and turns."""
+        velocity = self.velocities.at(index, times)
+        rate = -np.einsum("ij,ij->i", normal, velocity)
+        lever = offset
+        blurred = np.flatnonzero(self.slot[index] >= 0)
+        if self.covariances is not None and len(blurred):
+            slot, nu = self.slot[index[blurred]], normal[blurred]
+            covariance = self.covariances.at(slot, times[blurred])
+            rate[blurred] -= _support_rate(covariance, self.covariances.derivative.at(slot, times[blurred]), nu)
+            # The uncertainty does not turn with the shape.
+            lever = offset.copy()
+            lever[blurred] -= _support_point(covariance, nu)
+        rows = np.flatnonzero(self.turning[index])
+        if len(rows):
+            acceleration = self.velocities.derivative.at(index[rows], times[rows])
+            spin = _cross(velocity[rows], acceleration) / np.maximum((velocity[rows] ** 2).sum(axis=1), 1e-300)
+            rate[rows] += spin * _cross(normal[rows], lever[rows])
+        return rate
+
+    def acceleration_bound(self, index: Index, times: Array, half: Array) -> Array:
+        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+        """
+        return _magnitude_bound(self.velocities.derivative, index, times, half)
+
+    def bend_bound(
+        self,
+        index: Index,
+        times: Array,
+        half: Array,
+        normal: Array,
+        points: Array,
+        velocity: Array,
+        acceleration: Array,
+    ) -> Array:
+        """Bound of the second time derivative of nu . (r - centre) - h(nu) on intervals, nu turning with the zone.
+
+        For a zone that turns by the angle phi, with d = r - centre seen from the zone,
+        |d''| <= |r'' - centre''| + 2 |phi'| |r' - centre'| + (phi'^2 + |phi''|) |r - centre|.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+        normal : (n, 2) array
+            nu at the middles.
+        points, velocity : (n, 2) arrays
+            r and r' at the middles, m and m/s.
+        acceleration : (n,) array
+            Bound of |r''| on the intervals, m/s^2.
+        """
+        bound = acceleration + self.acceleration_bound(index, times, half)
+        growth = self.growth_bend_bound(index, times, half, normal)
+        rows = np.flatnonzero(self.turning[index]) if self.any_turning else _NONE
+        if len(rows) == 0:
+            return bound + growth
+        zone, t, h, relative = index[rows], times[rows], half[rows], bound[rows]
+        spin, spin_rate = self._spin_bounds(zone, t, h)
+        speed = np.hypot(*(velocity[rows] - self.velocities.at(zone, t)).T) + relative * h
+        gap = np.hypot(*(points[rows] - self.centers.at(zone, t)).T) + speed * h
+        bound[rows] += 2.0 * spin * speed + (spin * spin + spin_rate) * gap
+        blurred = np.flatnonzero(self.slot[zone] >= 0)
+        if self.covariances is not None and len(blurred):
+            growth[rows[blurred]] = self._turning_growth_bend_bound(
+                self.slot[zone[blurred]],
+                t[blurred],
+                h[blurred],
+                normal[rows[blurred]],
+                spin[blurred],
+                spin_rate[blurred],
+            )
+        return bound + growth
+
+    def _spin_bounds(self, index: Index, times: Array, half: Array) -> tuple[Array, Array]:
+        """Bounds of |phi'| in 1/s and |phi''| in 1/s^2 on intervals, phi the direction of the centre's velocity."""
+        v, a, j = (
+            _ranges(part, index, times, half)
+            for part in (self.velocities, self.velocities.derivative, self.velocities.derivative.derivative)
+        )
+        least = v[0].squared().lower + v[1].squared().lower
+        turn = (v[0] * a[1] - v[1] * a[0]).magnitude()
+        change = (v[0] * j[1] - v[1] * j[0]).magnitude()
+        gain = (v[0] * a[0] + v[1] * a[1]).magnitude()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spin = np.where(least > 0.0, turn / least, np.inf)
+            spin_rate = np.where(least > 0.0, change / least + 2.0 * turn * gain / least**2, np.inf)
+        return spin, spin_rate
+
+    def _turning_growth_bend_bound(
+        self, slot: Index, times: Array, half: Array, normal: Array, spin: Array, spin_rate: Array
+    ) -> Array:
+        """As :meth:`growth_bend_bound`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
+
+        |s'| <= |C'| + 2 |phi'| |C| and |s''| <= |C''| + 4 |phi'| |C'| + (4 phi'^2 + 2 |phi''|) |C|.
+        """
+        assert self.covariances is not None
+        rate = self.covariances.derivative
+        size, speed, bend = (_size_bound(part, slot, times, half) for part in (self.covariances, rate, rate.derivative))
+        value = support(self.covariances.at(slot, times), normal) ** 2
+        least = value - (speed + 2.0 * spin * size) * half
+        second = bend + 4.0 * spin * speed + (4.0 * spin * spin + 2.0 * spin_rate) * size
+        with np.errstate(invalid="ignore"):
+            return np.where(least > 0.0, second / (2.0 * np.sqrt(np.maximum(least, 1e-300))), np.inf)
+
+    def growth_bend_bound(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
+        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
+
+        With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.
+        """
+        bound = np.zeros(len(index))
+        if self.covariances is None:
+            return bound
+        rows = np.flatnonzero(self.slot[index] >= 0)
+        if len(rows):
+            slot, x, y = self.slot[index[rows]], normal[rows, 0], normal[rows, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            rate = self.covariances.derivative
+            value = _directed_range(self.covariances, slot, times[rows], half[rows], weights)
+            second = _directed_range(rate.derivative, slot, times[rows], half[rows], weights)
+            bound[rows] = np.where(
+                value.lower > 0.0,
+                np.maximum(second.upper, 0.0) / (2.0 * np.sqrt(np.maximum(value.lower, 1e-300))),
+                np.where(second.upper > 0.0, np.inf, 0.0),
+            )
+        return bound
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One convex part of a zone, in world coordinates, about a centre of its own."""
+
+    id: str
+    radius: float
+    centers: PiecewisePolynomials
+    covariances: PiecewisePolynomials | None
+    outline: Outline | None
+
+    @classmethod
+    def of(cls, zone: ThreatZone, outline: Outline | None) -> _Part:
+        """Return a part; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
+        if outline is None:
+            return cls(zone.id, zone.radius, zone.centers, zone.covariances, None)
+        if outline.matrix is not None and not outline.turning and zone.covariances is None:
+            constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
+            return cls(zone.id, zone.radius, zone.centers, constant, None)
+        coefficients = zone.centers.coefficients.copy()
+        coefficients[:, :, 0] += outline.middle
+        centers = PiecewisePolynomials(zone.centers.breakpoints, coefficients)
+        return cls(zone.id, zone.radius, centers, zone.covariances, outline.moved(-outline.middle))
+
+
+def _slots(index: Index, size: int) -> Index:
+    """Place of each of ``size`` items in a list of some of them; -1 where it is not there."""
+    slot = np.full(size, -1, dtype=np.intp)
+    slot[index] = np.arange(len(index))
+    return slot
+
+
+def directions_of(velocity: Array) -> Array:
+    """Unit vectors along velocities, (..., 2); the x axis for no velocity."""
+    speed = np.hypot(velocity[..., 0], velocity[..., 1])[..., None]
+    unit: Array = np.where(speed > 0.0, velocity / np.where(speed > 0.0, speed, 1.0), [1.0, 0.0])
+    return unit
+
+
+def turned_back(vectors: Array, headings: Array) -> Array:
+    """Components of vectors (..., 2) along headings, unit vectors (..., 2), and across them."""
+    c, s = headings[..., 0], headings[..., 1]
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([c * x + s * y, c * y - s * x], axis=-1)
+
+
+def _covariance_turned_back(covariance: Array, headings: Array) -> Array:
+    """(xx, xy, yy), (n, 3), seen from frames with these headings."""
+    c, s = headings[:, 0], headings[:, 1]
+    xx, xy, yy = covariance.T
+    along = c * c * xx + 2.0 * s * c * xy + s * s * yy
+    mixed = s * c * (yy - xx) + (c * c - s * s) * xy
+    return np.stack([along, mixed, s * s * xx - 2.0 * s * c * xy + c * c * yy], axis=1)
+
+
+def _support_point(covariance: Array, normal: Array) -> Array:
+    """The point C nu / sqrt(nu' C nu) of an ellipse at which a supporting line touches it."""
+    xx, xy, yy = covariance.T
+    x, y = normal.T
+    return (
+        np.stack([xx * x + xy * y, xy * x + yy * y], axis=1) / np.maximum(support(covariance, normal), 1e-300)[:, None]
+    )
+
+
+def _cross(first: Array, second: Array) -> Array:
+    product: Array = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    return product
+
+
+def _ranges(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> tuple[Interval, Interval]:
+    """Ranges of both components of chosen polynomials on intervals."""
+    terms = _taylor(polynomials, index, times)
+    radius = np.zeros((len(index), 2))
+    for order, term in enumerate(terms[1:], start=1):
+        radius += np.abs(term) * (half**order)[:, None]
+    lower, upper = terms[0] - radius, terms[0] + radius
+    return Interval(lower[:, 0], upper[:, 0]), Interval(lower[:, 1], upper[:, 1])
+
+
+def _size_bound(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> Array:
+    """Bound of the norm of packed symmetric matrices on intervals."""
+    bound = np.zeros(len(index))
+    for order, term in enumerate(_taylor(polynomials, index, times)):
+        bound += np.sqrt(term[:, 0] ** 2 + 2.0 * term[:, 1] ** 2 + term[:, 2] ** 2) * half**order
+    return bound
+
+
+_NONE: Index = np.zeros(0, dtype=np.intp)
+
+
+def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> list[Array]:
+    """Taylor coefficients, (n, d) each, of chosen polynomials about their times."""
+    terms, factor = [], 1.0
+    for order in range(polynomials.coefficients.shape[2]):
+        terms.append(polynomials.at(index, times) / factor)
+        polynomials = polynomials.derivative
+        factor *= order + 1
+    return terms
+
+
+def _magnitude_bound(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> Array:
+    terms = _taylor(polynomials, index, times)
+    bound = np.zeros(len(index))
+    for order, term in enumerate(terms):
+        bound += np.hypot(term[:, 0], term[:, 1]) * half**order
+    return bound
+
+
+def _directed_range(
+    polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array, weights: Array
+) -> Interval:
+    terms = [np.einsum("ij,ij->i", weights, term) for term in _taylor(polynomials, index, times)]
+    radius = np.zeros(len(index))
+    for order, term in enumerate(terms[1:], start=1):
+        radius += np.abs(term) * half**order
+    return Interval.around(terms[0], radius)
+
+
+def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
+    """Time derivative of sqrt(nu' C nu) at a fixed nu."""
+    x, y = normal[:, 0], normal[:, 1]
+    quadratic_rate = covariance_rate[:, 0] * x * x + 2.0 * covariance_rate[:, 1] * x * y + covariance_rate[:, 2] * y * y
+    return quadratic_rate / np.maximum(2.0 * support(covariance, normal), 1e-300)
