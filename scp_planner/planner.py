@@ -240,8 +240,8 @@ def _tightened(problem: Problem, certificate: Certificate) -> Problem:
     missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}
     for violation in certificate.violations:
         if violation.obstacle is not None:
-            index = problem.zones.ids.index(violation.obstacle)
-            inflation[index] = -1.5 * violation.value + 1e-3
+            parts = [name == violation.obstacle for name in problem.zones.ids]
+            inflation[parts] = -1.5 * violation.value + 1e-3
         elif violation.what == "workspace bounds":
             missing[violation.what] = -1.5 * violation.value + 1e-3
         elif violation.what in missing:
