@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -51,13 +52,13 @@ def test_noisy_radar_keeps_the_truth_in_its_zones(
     module = load("noisy_radar")
     monkeypatch.setattr(module, "plot_plan", lambda *_, **__: None)
     stayed = 0
-    for seed in range(12):
+    for seed in range(6):
         module.main(["-o", str(tmp_path / "figure.png"), "--seed", str(seed)])
         told = capsys.readouterr().out
         assert told.count("stayed in its zone") + told.count("LEFT its zone") == 3
         stayed += "LEFT" not in told
-    # At 95 % less than 10 of 12 has a probability of 2 %, and the seeds are always the same.
-    assert stayed >= 10
+    # At 95 % less than 5 of 6 has a probability of 3 %, and the seeds are always the same.
+    assert stayed >= 5
 
 
 def test_recorded_crowd(recorded_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,6 +101,7 @@ def test_watch(scenario: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_example_runs_as_a_script(tmp_path: Path) -> None:
     figure = tmp_path / "crossing.png"
     command = [sys.executable, str(EXAMPLES / "crossing.py"), "-o", str(figure)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=EXAMPLES.parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert figure.is_file()

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -203,7 +204,7 @@ def _assert_legible(figure: Figure) -> None:
         assert apart, (one, other)
 
 
-@pytest.mark.parametrize("name", [*builtin.names(), "tall", "alone"])
+@pytest.mark.parametrize("name", ["crossing", "radar", "tall", "alone"])
 def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
     plan, scenario = _case(name)
     _assert_legible(plot_plan(plan, scenario))
@@ -403,6 +404,17 @@ def test_vehicle_moves_through_the_film(radar: Case) -> None:
             column, row = round(place[0]), frame.shape[0] - 1 - round(place[1])
             if index not in (0, 3):  # start and goal have their own marks
                 assert frame[row, column].max() < 60  # the vehicle's ink
+
+
+def test_film_of_a_closed_loop_shows_the_plan_of_each_cycle(radar: Case) -> None:
+    """One path a cycle, as a closed loop has."""
+    recording = record_plan(*radar, 4)
+    straight = recording.paths[0] * [1.0, 0.0]
+    loop = replace(recording, paths=(recording.paths[0], straight), path_index=np.array([0, 1, 1, 0]))
+    with style():
+        film, alone = Film(loop), Film(recording)
+        same = [bool(np.array_equal(film.frame(i), alone.frame(i))) for i in range(4)]
+    assert same == [True, False, False, True]
 
 
 def test_film_without_obstacles(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -243,6 +244,23 @@ def test_clicking_a_profile_goes_to_that_time(opened: Browser, plan: sp.Plan) ->
     x, y = opened.middle_of(".chart")
     opened.drag((x, y), (x, y))
     assert abs(shown_time(opened) - plan.start_time - 0.5 * plan.travel_time) < 0.1 * plan.travel_time
+
+
+def test_closed_loop_shows_the_plan_of_each_cycle(
+    browser: Browser, plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path
+) -> None:
+    recording = record_plan(plan, scenario, 3)
+    detour = recording.paths[0] + [0.0, 1.0]
+    loop = replace(recording, paths=(recording.paths[0], detour), path_index=np.array([0, 1, 1]))
+    save_recording(loop, tmp_path / "loop.html")
+    browser.open((tmp_path / "loop.html").as_uri())
+    shown = "document.querySelector('path[stroke-width=\"3\"]').getAttribute('d')"
+    first = browser.evaluate(shown)
+    move_slider(browser, plan.arrival_time)
+    assert browser.evaluate(shown) != first
+    move_slider(browser, plan.start_time)
+    assert browser.evaluate(shown) == first
+    assert browser.faults == []
 
 
 def test_switches_hide_their_layers(opened: Browser) -> None:

@@ -82,8 +82,10 @@ def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
 
 def settle(figure: Figure) -> None:
     """Lay a figure out for good: what is moved by the first pass may ask for other margins in the second."""
-    for _ in range(2):
-        figure.draw_without_rendering()
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        for _ in range(2):
+            engine.execute(figure)
     figure.set_layout_engine("none")
 
 
