@@ -8,11 +8,10 @@ positions of every track the filter predicts, and the squared standardised error
 by a Student distribution. Only the outer fifth of them counts, by a likelihood that is censored below: what a
 region needs is the tail, and the calm majority says nothing about it.
 
-A fit to few tracks is uncertain, and a region that ignores this covers too little of the next tracks. So each
-fitted distribution is averaged over the uncertainty of its parameters (a jackknife over groups of tracks, as
-errors within a track are not independent). The model keeps one number of degrees of freedom for all lead
-times, so that its error is one Student process in time, and an inflation of the covariance for each lead time
-that is right at the 95 % level.
+A fit to few tracks is uncertain, and a region that ignores this covers too little of the next tracks. So the tails are
+moved outwards by as much as their own error asks for: that is found by a jackknife over groups of tracks, as errors
+within a track are not independent. The model keeps one number of degrees of freedom for all lead times, so that its
+error is one Student process in time, and an inflation of the covariance for each lead time that is right at the 95 % level.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ _TIME_CONSTANTS = (1e-2, 1e3)  # s
 _LEAD_TOLERANCE = 0.25  # of the usual time between positions: how near to a lead time a position must be
 _LEVELS = np.array([0.1, 0.05, 0.02, 0.01])  # tail probabilities that one Student distribution is matched to
 _MATCHED = 1  # which of them exactly, for each lead time
-_BISECTIONS = 60
+_MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
 _DEGREES = (1.0, 200.0)  # of freedom: bounds
 
 _STARTS: dict[str, dict[str, float]] = {
@@ -335,31 +334,26 @@ def _most_likely(tracks: Tracks, kind: str) -> ProcessModel:
 
 
 def _tail_quantiles(errors: PredictionErrors) -> Array:
-    """Give the squares exceeded with each of `_LEVELS`, averaged over what the tracks leave open."""
+    """Give the squares that the next tracks' errors exceed with each of `_LEVELS`, the fit's own error counted in.
+
+    The logarithm of a fitted quantile has a standard deviation tau, by a jackknife over groups of tracks. Where the
+    fitted chance P(q) falls as q^-e, a quantile that is off by a normal factor exp(tau z) is exceeded
+    exp(e^2 tau^2 / 2) times as often on average; so the quantile for a chance that much smaller is taken.
+    """
     best = _censored_fit(errors.squares, np.log([1.0, 6.0]))
     places = np.unique(errors.tracks, return_inverse=True)[1]
-    groups = places * _GROUPS // (places.max() + 1)
-    left_out = np.array([_censored_fit(errors.squares[groups != g], best) for g in np.unique(groups)])
-    # jackknife replicates, spread so that their mean square is the variance of the estimate
-    replicates = np.exp(best + math.sqrt(len(left_out) - 1.0) * (left_out - left_out.mean(axis=0)))
-    inflation, degrees = replicates[:, :1], np.clip(replicates[:, 1:], *_DEGREES)
-    low, high = np.zeros(len(_LEVELS)), np.ones(len(_LEVELS))
-
-    def above(squares: Array) -> NDArray[np.bool_]:
-        chances = (1.0 + squares / (degrees * inflation)) ** (-0.5 * degrees)
-        return chances.mean(axis=0) > _LEVELS
-
-    while np.any(above(high)):
-        high *= 2.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        is_above = above(middle)
-        low, high = np.where(is_above, middle, low), np.where(is_above, high, middle)
-    # a Student distribution is not quite the right shape: take it where it matters most from the errors
-    # themselves
-    fitted = np.exp(best[0]) * _student_quantiles(math.exp(best[1]))[_MATCHED]
+    groups = places * _GROUPS // (places.max() + 1)  # of neighbours: people who walk together are in one
+    numbers = np.unique(groups)
+    left_out = np.array([_censored_fit(errors.squares[groups != g], best) for g in numbers])
+    logs = np.array([each[0] + np.log(_student_quantiles(math.exp(each[1]))) for each in left_out])
+    spread = np.minimum((len(numbers) - 1.0) * np.var(logs, axis=0), _MOST_SPREAD**2)
+    inflation, degrees = np.exp(best)
+    steepness = 0.5 * degrees * (1.0 - _LEVELS ** (2.0 / degrees))
+    quantiles = inflation * _student_quantiles(degrees, _LEVELS * np.exp(-0.5 * steepness**2 * spread))
+    # a Student distribution is not quite the right shape: take it where it matters most from the errors themselves
+    fitted = inflation * _student_quantiles(degrees)[_MATCHED]
     anchor = float(np.quantile(errors.squares, 1.0 - _LEVELS[_MATCHED])) / fitted
-    return anchor * 0.5 * (low + high)
+    return anchor * quantiles
 
 
 def _censored_fit(squares: Array, start: Array) -> Array:
@@ -384,9 +378,9 @@ def _censored_fit(squares: Array, start: Array) -> Array:
     return np.asarray(minimize(cost, start, method="L-BFGS-B", bounds=bounds).x)
 
 
-def _student_quantiles(degrees: float) -> Array:
-    """Give the squares that a Student vector's exceeds with each of `_LEVELS`."""
-    return degrees * np.expm1(-2.0 * np.log(_LEVELS) / degrees)
+def _student_quantiles(degrees: float, chances: Array = _LEVELS) -> Array:
+    """Give the squares that a Student vector's exceeds with each chance."""
+    return degrees * np.expm1(-2.0 * np.log(chances) / degrees)
 
 
 def _common_degrees(quantiles: Array) -> float:

@@ -82,9 +82,7 @@ def first_state(
     return FilterState(np.array(times, dtype=float), mean, covariance)
 
 
-def update_state(
-    dynamics: Dynamics, state: FilterState, times: Array, positions: Array, noise: Array
-) -> Array:
+def update_state(dynamics: Dynamics, state: FilterState, times: Array, positions: Array, noise: Array) -> Array:
     """Take in the next observation of each obstacle; give the log likelihood of each: (N,)."""
     predict_state(dynamics, state, times)
     mean, p = state.mean, state.covariance
@@ -196,9 +194,7 @@ class ProcessEstimate(MotionEstimate):
         if not start <= stop:
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if not math.isfinite(stop):
-            raise EstimationError(
-                f"span of time: its stop {stop!r} must be finite for a motion with process noise"
-            )
+            raise EstimationError(f"span of time: its stop {stop!r} must be finite for a motion with process noise")
         first, last = float(self._lead(start)), float(self._lead(stop))
         if first == last:
             return 0.0
@@ -261,9 +257,7 @@ class ProcessEstimate(MotionEstimate):
             missed = np.abs(powers @ covariance - true[..., [0, 0, 1], [0, 1, 1]])
             # no direction's variance is off by more than the sum of what the entries are off by
             least = np.linalg.eigvalsh(true)[..., 0]
-            covariance_error = float(
-                np.max((np.maximum(missed[..., 0], missed[..., 2]) + missed[..., 1]) / least)
-            )
+            covariance_error = float(np.max((np.maximum(missed[..., 0], missed[..., 2]) + missed[..., 1]) / least))
             covariance *= 1.0 + covariance_error
         scales = widths[:, None, None] ** exponents[:, None]
         return MotionPolynomials(

@@ -111,9 +111,7 @@ def check_observations(
     """
     t, z = _numbers(times, "time"), _numbers(positions, "position")
     if t.ndim != 1 or z.shape != (len(t), 2):
-        raise EstimationError(
-            f"observations: time has shape {t.shape}, position {z.shape}; must be (n,) and (n, 2)"
-        )
+        raise EstimationError(f"observations: time has shape {t.shape}, position {z.shape}; must be (n,) and (n, 2)")
     sigma = None if covariance is None else check_covariance(covariance, len(t))
     order = np.argsort(t, kind="stable")  # NaN last
     kept = order[_present(t, z, screening)[order]]
@@ -128,9 +126,7 @@ def check_covariance(covariance: ArrayLike, count: int) -> Array:
     """Check a noise covariance: (2, 2), or (count, 2, 2), m^2."""
     sigma = _numbers(covariance, "covariance")
     if sigma.shape not in ((2, 2), (count, 2, 2)):
-        raise EstimationError(
-            f"observations.covariance: its shape is {sigma.shape}; must be (2, 2) or ({count}, 2, 2)"
-        )
+        raise EstimationError(f"observations.covariance: its shape is {sigma.shape}; must be (2, 2) or ({count}, 2, 2)")
     xx, xy, yx, yy = (sigma[..., a, b] for a in range(2) for b in range(2))
     size = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
     with np.errstate(invalid="ignore"):

@@ -137,9 +137,7 @@ class Tracks(Sequence[Track]):
             return cls(_read(root), str(root))
         names = sorted(p for p in root.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
         if not names:
-            raise TracksError(
-                str(root), [Fault("", root.name, f"must hold files ending in {' or '.join(_SUFFIXES)}")]
-            )
+            raise TracksError(str(root), [Fault("", root.name, f"must hold files ending in {' or '.join(_SUFFIXES)}")])
         tracks = []
         for name in names:
             place = name.relative_to(root).with_suffix("").as_posix()
@@ -314,9 +312,7 @@ def _csv_format(path: Path, header: str) -> _Format:
         return _Format("id", "frame", "x_est", "y_est", lambda rows: 1.0 / DUT_FRAME_RATE)
     if columns >= {"timestamp", "x", "y"}:
         return _Format(None, "timestamp", "x", "y", lambda rows: 1.0)
-    raise TracksError(
-        str(path), [Fault("line 1", header, "must be a header with the columns id, time, x and y")]
-    )
+    raise TracksError(str(path), [Fault("line 1", header, "must be a header with the columns id, time, x and y")])
 
 
 def _rows(
