@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scp_planner.intervals import Interval
 from scp_planner.plan import Clearance, LimitUse, Plan, Trip
 from scp_planner.problem import Limits
+from scp_planner.relevance import FEW_ZONES, LOOKS, Looks, least_clearances
 from scp_planner.scenario import Scenario
 from scp_planner.trajectory import Trajectory, TripPoints
 from scp_planner.zones import ThreatZone, ZoneBatch, zones
@@ -381,8 +382,24 @@ class _Check:
             self._note(name, best, limit, best_sigma, True)
         return LimitUse(best, float(limit) if np.isfinite(limit) else None, self._absolute(best_sigma))
 
+    def _near_batch(self) -> ZoneBatch:
+        """The zones that could be the nearest one, or nearer than allowed, at some time of the trip."""
+        batch, trajectory = self.batch, self.trajectory
+        if batch.size <= FEW_ZONES:
+            return batch
+        half = 0.5 / LOOKS
+        middle = np.linspace(half, 1.0 - half, LOOKS)
+        points = trajectory.at(trajectory.space.time_table(middle))
+        half *= trajectory.travel_time
+        reach = half * max(float(trajectory.speed_control_points().max()), 0.0)
+        position = points.path.position
+        bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
+        # The nearest zone comes at least as near as any zone is seen to be.
+        seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
+        return batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
+
     def _clearance(self, pieces: _Pieces, enclosure: _Enclosure) -> Clearance:
-        batch = self.batch
+        batch = self.batch = self._near_batch()
         if batch.size == 0:
             return Clearance(float("inf"))
         points = enclosure.points

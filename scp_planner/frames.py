@@ -59,14 +59,14 @@ class PlanningFrame:
 
     def points_batch(self, items: Sequence[PiecewisePolynomials]) -> PiecewisePolynomials:
         """Moving points of the world, stacked, as seen in the frame and on its clock."""
-        stacked = PiecewisePolynomials.stack([item.shifted(self.time) for item in items]).rebased(0.0)
+        stacked = PiecewisePolynomials.stack(items).shifted(self.time).rebased(0.0)
         coefficients = stacked.coefficients.copy()
         coefficients[:, :, 0] -= np.asarray(self.origin)
         return PiecewisePolynomials(stacked.breakpoints, coefficients @ self.rotation)
 
     def covariances_batch(self, items: Sequence[PiecewisePolynomials]) -> PiecewisePolynomials:
         """Covariances (xx, xy, yy) of the world, stacked, as seen in the frame and on its clock."""
-        stacked = PiecewisePolynomials.stack([item.shifted(self.time) for item in items], width=3).rebased(0.0)
+        stacked = PiecewisePolynomials.stack(items, width=3).shifted(self.time).rebased(0.0)
         c, s = cos(self.heading), sin(self.heading)
         turn = np.array([[c * c, -s * c, s * s], [2 * s * c, c * c - s * s, -2 * s * c], [s * s, s * c, c * c]])
         return PiecewisePolynomials(stacked.breakpoints, stacked.coefficients @ turn)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scp_planner.certificate import Certificate, certify_trip
 from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
+from scp_planner.relevance import without_far_zones
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
 from scp_planner.seeds import WaySearch, WayTree, bows
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 DELAY_STEPS = (0.05, 0.2, 0.8)  # s; coarser ones are tried only where there is no way with short delays
+LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
@@ -150,11 +152,13 @@ class _Planning:
 
     def __post_init__(self) -> None:
         clock = perf_counter()
-        self.problem = build_problem(self.scenario, self.threat_zones, self.settings)
+        everything = build_problem(self.scenario, self.threat_zones, self.settings)
+        self.lower_bound = lower_bound(everything)
+        self.everything = everything
+        self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
         self.solver: QpSolver = solver_named(self.settings.solver)
         fallback = "clarabel" if self.settings.solver != "clarabel" else "daqp"
         self.loop = ScpLoop(self.problem, self.solver, fallback)
-        self.lower_bound = lower_bound(self.problem)
         self.timings["build"] = perf_counter() - clock
 
     def trip(self, run: Run) -> Trip:
@@ -229,7 +233,10 @@ class _Planning:
             if certificate.holds or not run.feasible:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
-            problem = _tightened(problem, certificate)
+            if any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations):
+                problem = self.everything  # a trip longer than expected met what was left out
+            else:
+                problem = _tightened(problem, certificate)
             loop = ScpLoop(problem, self.solver, loop.fallback)
             start = run.evaluation.trajectory
         return _Attempt(run, certificate)

@@ -57,7 +57,7 @@ class Settings:
     searches: int = 24
     max_runs: int = 8
     max_iterations: int = 60
-    tolerance: float = 1e-4
+    tolerance: float = 3e-4
 
     @classmethod
     def from_names(cls, **values: Any) -> Settings:

@@ -21,7 +21,7 @@ from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-PROXIMAL_OFFSET = 1e-3  # s/m^2 on steps of the offset's control points
+PROXIMAL_OFFSET = 1e-2  # s/m^2 on steps of the offset's control points
 PROXIMAL_ACCELERATION = 1e-3  # s/(m/s^2)^2
 PROXIMAL_TIME = 1e-3  # s, on the relative step of the travel time
 SLACK_CURVATURE = 1e-3

@@ -615,7 +615,7 @@ def test_sigma_at_inverts_the_distance_driven(seed: int, degree: int) -> None:
     reference = Reference(Trip(FRAME, trajectory))
     rng = np.random.default_rng(seed)
     distance = np.concatenate([[0.0, trajectory.path.arc_length], rng.uniform(0.0, trajectory.path.arc_length, 200)])
-    sigma = trajectory.sigma_at(distance)
+    sigma = trajectory.arrivals(distance).sigma
     assert np.all((sigma >= 0.0) & (sigma <= 1.0))
     t = sigma * reference.tau
     driven = reference.start_speed * t + reference._distance(t)
@@ -638,7 +638,7 @@ def test_sigma_at_where_the_vehicle_stops_and_waits() -> None:
     trajectory = space.trajectory(np.zeros(space.path_size), np.array([-2.0 / (0.2 * tau), 0.0, 1.2]))
     assert trajectory.travel_time == pytest.approx(tau)
     stop = 0.2 * tau
-    sigma = trajectory.sigma_at(np.array([stop - 1e-6, stop, stop + 1e-6]))
+    sigma = trajectory.arrivals(np.array([stop - 1e-6, stop, stop + 1e-6])).sigma
     assert sigma[0] < 0.2
     assert 0.2 - 1e-6 <= sigma[1] <= 0.5 + 1e-6
     assert sigma[2] > 0.5

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-
 KEYS = 10**9  # more than there are different rows of one kind
 
 

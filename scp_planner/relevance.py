@@ -1,0 +1,90 @@
+"""Which obstacles can matter: bounds on how near a zone comes, cheap enough for thousands of them.
+
+On an interval of time with middle m and half width h the centre of a zone stays within sum_k |c^(k)(m)| h^k / k! of
+c(m), since its motion is a polynomial there. So far zones are told from near ones by a few looks at each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.problem import Problem
+from scp_planner.zone_batch import ZoneBatch
+
+Array = NDArray[np.float64]
+
+FEW_ZONES = 8  # up to this many zones are all looked at
+LOOKS = 64
+GUIDE_LOOKS = 33
+BEYOND = 1.0  # m, beyond the largest offset
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Intervals of time, and where the vehicle is on them.
+
+    Attributes
+    ----------
+    middle : (K,) array
+        Middles on the planning clock, s.
+    half : float
+        Half width, s.
+    lower, upper : (K, 2) arrays
+        Corners of boxes that contain the vehicle's reference point, m.
+    """
+
+    middle: Array
+    half: float
+    lower: Array
+    upper: Array
+
+
+def least_clearances(batch: ZoneBatch, looks: Looks) -> Array:
+    """Lower bounds of the clearance of each zone over all looks, (L,) m.
+
+    Rigorous for zones whose motion is known and one polynomial; -inf for the others, of which nothing is known so
+    cheaply.
+    """
+    distance = _distance_to_boxes(batch.centers.grid(looks.middle), looks)
+    polynomials, factor = batch.velocities, looks.half
+    for order in range(2, batch.centers.coefficients.shape[2] + 1):
+        moved = polynomials.grid(looks.middle)
+        distance -= factor * np.sqrt(np.einsum("kld,kld->kl", moved, moved))
+        polynomials, factor = polynomials.derivative, factor * looks.half / order
+    bounds: Array = distance.min(axis=0) - batch.radius - batch.extent
+    unknown = batch.slot >= 0
+    if batch.centers.coefficients.shape[1] > 1:
+        unknown |= np.isfinite(batch.centers.breakpoints[:, 1])
+    bounds[unknown] = -np.inf
+    return bounds
+
+
+def without_far_zones(problem: Problem, longest: float) -> Problem:
+    """Return a problem without the zones that no trip shorter than ``longest``, s, can meet.
+
+    The trip is taken to stay within the largest offset of the guide.
+    """
+    if problem.zones.size <= FEW_ZONES:
+        return problem
+    guide = problem.space.guide
+    line = guide.frame(np.linspace(0.0, guide.length, GUIDE_LOOKS)).position
+    reach = problem.settings.max_offset + BEYOND
+    half = 0.5 * longest / LOOKS
+    looks = Looks(
+        np.linspace(half, longest - half, LOOKS),
+        half,
+        np.broadcast_to(line.min(axis=0) - reach, (LOOKS, 2)),
+        np.broadcast_to(line.max(axis=0) + reach, (LOOKS, 2)),
+    )
+    near = np.flatnonzero(least_clearances(problem.zones, looks) < 0.0)
+    return problem if len(near) == problem.zones.size else replace(problem, zones=problem.zones.subset(near))
+
+
+def _distance_to_boxes(points: Array, looks: Looks) -> Array:
+    """Distances of (K, L, 2) points to the K boxes."""
+    x = np.maximum(looks.lower[:, None, 0] - points[:, :, 0], points[:, :, 0] - looks.upper[:, None, 0])
+    y = np.maximum(looks.lower[:, None, 1] - points[:, :, 1], points[:, :, 1] - looks.upper[:, None, 1])
+    return np.hypot(np.maximum(x, 0.0), np.maximum(y, 0.0))
