@@ -17,9 +17,15 @@ if TYPE_CHECKING:
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
     from scp_planner.estimation import estimate_motion as estimate_motion
+    from scp_planner.online import OnlinePlan as OnlinePlan
+    from scp_planner.online import OnlineSettings as OnlineSettings
+    from scp_planner.online import Outcome as Outcome
+    from scp_planner.online import Planner as Planner
+    from scp_planner.online import Safety as Safety
     from scp_planner.penalty_descent import penalty_descent as penalty_descent
     from scp_planner.plan import Plan as Plan
     from scp_planner.planner import plan as plan
+    from scp_planner.run import Run as Run
     from scp_planner.scenario import Bounds as Bounds
     from scp_planner.scenario import Confidence as Confidence
     from scp_planner.scenario import ConfidenceLevel as ConfidenceLevel
@@ -35,7 +41,10 @@ if TYPE_CHECKING:
     from scp_planner.scenario import Scenario as Scenario
     from scp_planner.scenario import Start as Start
     from scp_planner.scenario import Vehicle as Vehicle
+    from scp_planner.sensors import Sensor as Sensor
     from scp_planner.settings import Settings as Settings
+    from scp_planner.simulation import Follower as Follower
+    from scp_planner.simulation import simulate as simulate
     from scp_planner.zones import zones as zones
 
 __version__ = "0.1.0"
@@ -52,20 +61,29 @@ _MODULE_OF = {
     "Motion": "scenario",
     "Observations": "scenario",
     "Obstacle": "scenario",
+    "OnlinePlan": "online",
+    "OnlineSettings": "online",
+    "Outcome": "online",
     "Plan": "plan",
     "PlanError": "errors",
     "PolygonShape": "scenario",
     "Rectangle": "scenario",
+    "Planner": "online",
+    "Run": "run",
+    "Safety": "online",
     "Scenario": "scenario",
     "ScenarioError": "errors",
     "ScpPlannerError": "errors",
+    "Sensor": "sensors",
     "Settings": "settings",
     "Start": "scenario",
     "Vehicle": "scenario",
+    "Follower": "simulation",
     "certify": "certificate",
     "estimate_motion": "estimation",
     "penalty_descent": "penalty_descent",
     "plan": "planner",
+    "simulate": "simulation",
     "zones": "zones",
 }
 

@@ -265,6 +265,8 @@ class Planner:
         ahead = self.online.period + self.online.reaction_time + stopping
         self.foresight = ahead if self.online.foresight is None else self.online.foresight
         self.plan: OnlinePlan | None = None
+        self.zones: tuple[ThreatZone, ...] = ()
+        """Of the last replan, with the planner's margin."""
         self._cycle = 0
         self._time = -math.inf
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
@@ -432,10 +434,11 @@ class Planner:
         state = self._checked_state(time, position, heading, speed, acceleration, deadline)
         self._busy = True
         try:
-            plan = self._answer(self._situation(state, began, math.inf if deadline is None else began + deadline))
+            now = self._situation(state, began, math.inf if deadline is None else began + deadline)
+            plan = self._answer(now)
         finally:
             self._busy = False
-        self.plan, self._state = plan, state
+        self.plan, self._state, self.zones = plan, state, now.zones
         self._cycle += 1
         return plan
 

@@ -19,7 +19,7 @@ from scp_planner.files import write_text
 from scp_planner.frames import PlanningFrame
 from scp_planner.guide import Guide, guide_from_dict
 from scp_planner.splines import clamped_knots
-from scp_planner.trajectory import Path, Trajectory, TripPoints, TripSpace
+from scp_planner.trajectory import Trajectory, TripPoints, TripSpace
 
 Array = NDArray[np.float64]
 
@@ -213,6 +213,12 @@ class Plan:
             "start_time": self.start_time,
             "arrival_time": self.arrival_time,
             "travel_time": self.travel_time,
+            # A stop ends on its path, not at the goal.
+            **(
+                {"stops": True}
+                if space.travel_time(trajectory.path.arc_length, trajectory.beta) != self.travel_time
+                else {}
+            ),
             "lower_bound": self.lower_bound,
             "method": self.method,
             "solver": self.solver,
@@ -277,10 +283,17 @@ class Plan:
             raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
         if not isinstance(data, dict):
             raise PlanError(name, [Fault("", data, "expected a JSON object")])
-        return cls._from_dict(data, name)
+        return cls.from_dict(data, name)
 
     @classmethod
-    def _from_dict(cls, data: dict[str, Any], name: str) -> Self:
+    def from_dict(cls, data: dict[str, Any], name: str) -> Self:
+        """Read the contents of a plan file; ``name`` is where they are from, for messages.
+
+        Raises
+        ------
+        PlanError
+            Naming the key and the value.
+        """
         reader = _Reader(data, name)
         if reader.get("schema") != 1:
             raise reader.fault("schema", reader.get("schema"), "1")
@@ -321,13 +334,14 @@ class Plan:
         beta = drive.vector("coefficients", space.acceleration_size)
         trajectory = space.trajectory(theta, beta)
         travel_time = reader.number("travel_time")
-        if not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
+        if data.get("stops") is True:
+            trajectory = Trajectory(trajectory.path, beta, travel_time)
+        elif not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
             raise reader.fault(
                 "travel_time",
                 travel_time,
                 f"{trajectory.travel_time!r}, which is what path and acceleration give",
             )
-        trajectory = Trajectory(Path(space, theta), beta, trajectory.travel_time)
         clearance = reader.part("clearance")
         limits = reader.part("limits")
         minimum = clearance.get("minimum")
