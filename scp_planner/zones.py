@@ -164,7 +164,7 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
 def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     if obstacle.motion is not None:
         centers = motion_polynomials(obstacle.motion)
-        outlines = shape_outlines(obstacle.shape, _fixed_heading(centers))
+        outlines = () if isinstance(obstacle.shape, Disc) else shape_outlines(obstacle.shape, _fixed_heading(centers))
         return ThreatZone(obstacle.id, _disc_radius(obstacle), centers, None, outlines)
     standing = obstacle.model.order == 0 and obstacle.model.process is None
     outlines = shape_outlines(obstacle.shape, 0.0 if standing else None)
