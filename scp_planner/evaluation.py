@@ -23,6 +23,7 @@ from scp_planner.zones import ZoneContacts
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 LIMIT_NAMES = ("lateral acceleration", "curvature", "speed", "workspace bounds", "goal speed")
 
 
@@ -111,9 +112,10 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
     clearance = problem.zones.distances(points.time, points.path.position, near)
     equidistant = clearance[: problem.grid]
     sample, zone = local_minima(equidistant, near)
-    minima = trajectory.at(
-        problem.space.time_table(refine_minima(samples.sigma[: problem.grid], equidistant, sample, zone))
-    )
+    sigma = refine_minima(samples.sigma[: problem.grid], equidistant, sample, zone)
+    if problem.zones.outlines is not None:
+        _settle_minima(problem, trajectory, points, sample, zone, sigma)
+    minima = trajectory.at(problem.space.time_table(sigma))
     contacts = problem.zones.contacts(zone, minima.time, minima.path.position)
     violation = np.zeros(problem.zones.size)
     if problem.zones.size:
@@ -153,6 +155,52 @@ def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Arra
     shift = 0.5 * (before - after) / np.where(bend > 0.0, bend, np.inf)
     shift = np.where((row > 0) & (row < last), np.minimum(np.maximum(shift, -1.0), 1.0), row - inner)
     return grid[inner] + shift * (grid[1] - grid[0])
+
+
+def _settle_minima(
+    problem: Problem, trajectory: Trajectory, points: TripPoints, sample: Index, zone: Index, sigma: Array
+) -> None:
+    """Move minima of the distances to outlines, in place, to where their rates are zero.
+
+    Passing a corner, such a distance is nowhere like a parabola over three samples: its minimum is bracketed, and found
+    by the Illinois variant of the secant method.
+    """
+    zones = problem.zones
+    rows = np.flatnonzero((zones.outline_slot[zone] >= 0) & (sample > 0) & (sample < problem.grid - 1))
+    if len(rows) == 0:
+        return
+    middle, which = sample[rows], zone[rows]
+    x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
+    slope = np.stack(
+        [_closing(zones.contacts(which, *_place(points, middle + k)), points, middle + k) for k in (-1, 0, 1)]
+    )
+    falling = slope[1] < 0.0
+    low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
+    below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])
+    bracketed = (below < 0.0) & (above > 0.0)
+    rows, which = rows[bracketed], which[bracketed]
+    low, high, below, above = low[bracketed], high[bracketed], below[bracketed], above[bracketed]
+    every = np.arange(len(rows))
+    for _ in range(SETTLING_STEPS if len(rows) else 0):
+        guess = (low * above - high * below) / (above - below)
+        sigma[rows] = guess
+        there = trajectory.at(problem.space.time_table(guess))
+        rate = _closing(zones.contacts(which, *_place(there, every)), there, every)
+        falling = rate < 0.0
+        # The end that stays loses weight, lest it stay for ever.
+        above, below = np.where(falling, 0.5 * above, rate), np.where(falling, rate, 0.5 * below)
+        low, high = np.where(falling, guess, low), np.where(falling, high, guess)
+
+
+def _place(points: TripPoints, index: Index) -> tuple[Array, Array]:
+    return points.time[index], points.path.position[index]
+
+
+def _closing(contacts: ZoneContacts, points: TripPoints, index: Index) -> Array:
+    """Rate of the distances on the way, m/s."""
+    velocity = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
+    rate: Array = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+    return rate
 
 
 def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites, gaps: Array) -> Array:

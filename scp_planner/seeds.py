@@ -16,11 +16,15 @@ from heapq import heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.guide import GuideFrame
 from scp_planner.problem import Problem
+from scp_planner.sections import sections
 from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
 from scp_planner.trajectory import Path, Trajectory
+from scp_planner.zones import ZoneBatch
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 STATION_STEP = 1.0  # m
 BETWEEN = 2  # cells of the same column, between stations, that are joined in it
@@ -34,9 +38,71 @@ CLEARANCE = 0.0  # m, kept from every obstacle by the search
 SIDEWAYS_COST = 0.002  # s for each step of the offset, besides the longer way
 BLOCKED = 1e9
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
+FOLD = 0.8  # of the guide's radius of curvature; offsets beyond it are no way
 SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
 DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
+
+
+_NONE: Index = np.zeros(0, dtype=np.intp)
+_NOWHERE: Array = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class _Blocked:
+    """Offsets that zones block on lines across the guide.
+
+    Attributes
+    ----------
+    entry : (n,) array of int
+        Which line at which time.
+    zone : (n,) array of int
+    lower, upper : (n,) arrays
+        Ends of the blocked offsets, m.
+    middle : (n,) array
+        Offset of the zone's centre, m.
+    """
+
+    entry: Index
+    zone: Index
+    lower: Array
+    upper: Array
+    middle: Array
+
+    @classmethod
+    def of(
+        cls, zones: ZoneBatch, index: Index, times: Array, stations: Array, line: Index, frame: GuideFrame | None
+    ) -> _Blocked:
+        """Find what some zones block on the lines across the guide at ``stations[line]`` at these times."""
+        if len(index) == 0:
+            return cls(_NONE, _NONE, _NOWHERE, _NOWHERE, _NOWHERE)
+        some = zones if len(index) == zones.size else zones.subset(index)
+        centers = some.centers.grid(times)
+        if frame is None:
+            ahead, middle = centers[:, :, 0] - stations[line, None], centers[:, :, 1]
+        else:
+            away = centers - frame.position[line, None]
+            ahead = (away * frame.tangent[line, None]).sum(axis=2)
+            middle = (away * frame.normal[line, None]).sum(axis=2)
+        radius = some.reach(times) + CLEARANCE
+        half = radius * radius - ahead * ahead
+        entry, zone = np.nonzero(half > 0.0)
+        half = np.sqrt(half[entry, zone])
+        middle = middle[entry, zone]
+        lower, upper = middle - half, middle + half
+        if some.outlines is not None:
+            rows = np.flatnonzero(some.outline_slot[zone] >= 0)
+            at = line[entry[rows]]
+            if frame is None:
+                origins = np.stack([stations[at], np.zeros(len(at))], axis=1)
+                tangents = np.broadcast_to([1.0, 0.0], origins.shape)
+            else:
+                origins, tangents = frame.position[at], frame.tangent[at]
+            cut = sections(some, zone[rows], times[entry[rows]], origins, tangents)
+            lower[rows], upper[rows] = cut.lower - CLEARANCE, cut.upper + CLEARANCE
+            kept = lower <= upper
+            entry, zone, lower, upper, middle = entry[kept], zone[kept], lower[kept], upper[kept], middle[kept]
+        return cls(entry, index[zone], lower, upper, middle)
 
 
 @dataclass(frozen=True)
@@ -100,21 +166,34 @@ class WaySearch:
         shifts = step * (np.arange(BETWEEN) - 0.5 * (BETWEEN - 1))
         station = np.maximum(self.stations[:, None] + shifts, 0.0).ravel()
         column = np.repeat(np.arange(count), BETWEEN)
+        guide = self.problem.space.guide
+        frame = None if guide.straight else guide.frame(station)
         times = (_fastest_times(station, *self.speeds)[:, None] + self.delays).ravel()
-        centers = zones.centers.grid(times)
-        radius = zones.reach(times) + CLEARANCE
-        ahead = np.repeat(station, DELAYS)[:, None] - centers[:, :, 0]
-        half = radius * radius - ahead * ahead
-        entry, zone = np.nonzero(half > 0.0)
-        half = np.sqrt(half[entry, zone])
-        middle = centers[entry, zone, 1]
+        line = np.repeat(np.arange(len(station)), DELAYS)
+        moving = _Blocked.of(zones, zones.moving, times, station, line, frame)
+        # What stands is looked at once a line, and is there at all delays.
+        still = _Blocked.of(zones, zones.standing, np.zeros(len(station)), station, np.arange(len(station)), frame)
+        every = np.arange(DELAYS)
+        cells = [
+            column[moving.entry // DELAYS] * DELAYS + moving.entry % DELAYS,
+            (column[still.entry][:, None] * DELAYS + every).ravel(),
+        ]
+        lower, upper, middle, zone = (
+            np.concatenate([some, np.repeat(other, DELAYS)])
+            for some, other in (
+                (moving.lower, still.lower),
+                (moving.upper, still.upper),
+                (moving.middle, still.middle),
+                (moving.zone, still.zone),
+            )
+        )
         size = len(self.offsets)
-        first = np.ceil((middle - half - self.offsets[0]) / OFFSET_STEP)
-        last = np.floor((middle + half - self.offsets[0]) / OFFSET_STEP)
+        first = np.ceil((lower - self.offsets[0]) / OFFSET_STEP)
+        last = np.floor((upper - self.offsets[0]) / OFFSET_STEP)
         met = (first < size) & (last >= 0)
         self.first = np.maximum(first[met], 0).astype(np.intp)
         self.last = np.minimum(last[met], size - 1).astype(np.intp)
-        self.cell = (column[entry // DELAYS] * DELAYS + entry % DELAYS)[met]
+        self.cell = np.concatenate(cells)[met]
         self.zone, self.center = zone[met], middle[met]
 
     def _outside_box(self) -> NDArray[np.bool_]:
@@ -123,7 +202,11 @@ class WaySearch:
         base = path.points(self.stations / self.problem.space.length)
         normal = np.broadcast_to(base.normal, (len(self.stations), 2))
         cells = base.position[:, None] + self.offsets[:, None] * normal[:, None]
-        return np.any(cells @ box.normals.T > box.offsets, axis=2)
+        outside: NDArray[np.bool_] = np.any(cells @ box.normals.T > box.offsets, axis=2)
+        if not self.problem.space.guide.straight:
+            curvature = self.problem.space.guide.frame(self.stations).curvature
+            outside |= curvature[:, None] * self.offsets > FOLD
+        return outside
 
     def best(self, closed: tuple[tuple[int, int], ...] = ()) -> Way | None:
         """Return the cheapest way, without passing some obstacles on some sides.

@@ -3,8 +3,8 @@
 The Minkowski sum of an outline K, an uncertainty ellipse {z : z' C^-1 z <= 1} and a disc of radius R has the support
 h(nu) = h_K(nu) + sqrt(nu' C nu) + R, and the signed distance of a point d to it is the largest of nu . d - h(nu)
 over unit vectors nu, negative inside. h_K of a polygon is linear between its edge normals, so the largest value is
-found among finitely many nu: an edge normal, or for a vertex v the nu of the distance of d - v to the ellipse, where v is
-the support point of that nu. Any nu gives a lower bound.
+found among finitely many nu: an edge normal, or for a vertex v the nu of the distance of d - v to the ellipse, where
+v is the support point of that nu. Any nu gives a lower bound.
 """
 
 from __future__ import annotations
@@ -63,6 +63,15 @@ class Outline:
         turn = _rotation(heading or 0.0)
         matrix = turn @ np.diag([along * along, across * across]) @ turn.T
         return cls(matrix=matrix[[0, 0, 1], [0, 1, 1]], turning=heading is None)
+
+    @cached_property
+    def normals(self) -> Array:
+        """Outward unit normals of the edges, (V, 2); none for an ellipse."""
+        if self.vertices is None:
+            return np.zeros((0, 2))
+        edge = np.roll(self.vertices, -1, axis=0) - self.vertices
+        normal: Array = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.hypot(edge[:, 0], edge[:, 1])[:, None]
+        return normal
 
     @property
     def middle(self) -> Array:

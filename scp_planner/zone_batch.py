@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +111,19 @@ class ZoneBatch:
         outlines = [] if self.outlines is None else [self.outlines.outlines[k] for k in slots[slots >= 0]]
         batch._shape(np.flatnonzero(slots >= 0), outlines)
         return batch
+
+    @cached_property
+    def standing(self) -> Index:
+        """Zones that neither move nor grow."""
+        still = ~np.any(self.velocities.coefficients, axis=(1, 2, 3))
+        if self.covariances is not None:
+            still[self.uncertain] &= ~np.any(self.covariances.derivative.coefficients, axis=(1, 2, 3))
+        return np.flatnonzero(still)
+
+    @cached_property
+    def moving(self) -> Index:
+        """The other zones."""
+        return np.setdiff1d(np.arange(self.size), self.standing)
 
     def inflated(self, extra: Array) -> ZoneBatch:
         """Return the batch with every zone larger by ``extra``, (L,) m."""
@@ -227,7 +241,7 @@ class ZoneBatch:
             if self.covariances is not None and blurred[rows[0]]:
                 covariance = self.covariances.at(self.slot[index[rows]], times[rows])
                 if len(headings):
-                    covariance = _covariance_turned_back(covariance, headings[rows])
+                    covariance = covariance_turned_back(covariance, headings[rows])
             contact = self.outlines.contacts(slot[rows], offset[rows], covariance)
             distance[rows], normal[rows] = contact.distance, contact.normal
         if len(headings):
@@ -413,7 +427,7 @@ def turned_back(vectors: Array, headings: Array) -> Array:
     return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
 
-def _covariance_turned_back(covariance: Array, headings: Array) -> Array:
+def covariance_turned_back(covariance: Array, headings: Array) -> Array:
     """(xx, xy, yy), (n, 3), seen from frames with these headings."""
     c, s = headings[:, 0], headings[:, 1]
     xx, xy, yy = covariance.T

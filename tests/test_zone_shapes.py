@@ -227,3 +227,24 @@ def test_what_sets_off_heads_where_it_accelerates() -> None:
     car = shaped("car", {"rectangle": [4.0, 1.0]}, (1.5, 0.0), (0.0, 0.0), (0.0, 1.0))
     zone = sp.zones(scene(car))[0]
     np.testing.assert_allclose(zone.signed_distance(0.0, np.array([[2.5, 0.0], [1.5, 2.5]])), [0.5, 0.5])
+
+
+def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
+    from scp_planner.evaluation import evaluate_trip
+    from scp_planner.problem import build_problem
+    from scp_planner.settings import Settings
+
+    truck = shaped("truck", {"rectangle": [8.0, 2.5]}, (9.0, -1.0), (0.8, 0.0))
+    scenario = scene(truck, start={"heading": None})
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    dense = problem.space.time_table(np.linspace(0.0, 1.0, 40_001))
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        theta = problem.ends.theta.copy()
+        free = problem.ends.free
+        theta[free] = 1.2 * np.sin(np.linspace(0.0, np.pi, len(theta)))[free] + 0.1 * rng.normal(size=len(theta[free]))
+        trip = problem.space.trajectory(theta, rng.uniform(0.0, 0.6, problem.space.acceleration_size))
+        found = evaluate_trip(problem, trip, 1.5)
+        there = trip.at(dense)
+        least = problem.zones.distances(there.time, there.path.position).min()
+        assert min(found.minima_contacts.distance.min(), found.clearance.min()) == pytest.approx(least, abs=1e-4)
