@@ -239,6 +239,7 @@ def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
     problem = build_problem(scenario, sp.zones(scenario), Settings())
     dense = problem.space.time_table(np.linspace(0.0, 1.0, 40_001))
     rng = np.random.default_rng(0)
+    compared = 0
     for _ in range(20):
         theta = problem.ends.theta.copy()
         free = problem.ends.free
@@ -247,4 +248,7 @@ def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
         found = evaluate_trip(problem, trip, 1.5)
         there = trip.at(dense)
         least = problem.zones.distances(there.time, there.path.position).min()
-        assert min(found.minima_contacts.distance.min(), found.clearance.min()) == pytest.approx(least, abs=1e-4)
+        if least > -0.25:  # deeper inside the nearest edge changes
+            compared += 1
+            assert min(found.minima_contacts.distance.min(), found.clearance.min()) == pytest.approx(least, abs=1e-4)
+    assert compared >= 8
