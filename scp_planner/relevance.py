@@ -17,7 +17,7 @@ from scp_planner.zone_batch import ZoneBatch
 Array = NDArray[np.float64]
 
 FEW_ZONES = 8  # up to this many zones are all looked at
-LOOKS = 64
+LOOKS = 32  # intervals of time
 GUIDE_LOOKS = 33
 BEYOND = 1.0  # m, beyond the largest offset
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -382,8 +382,7 @@ class ZoneBatch:
         return bound
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     """One convex part of a zone, in world coordinates, about a centre of its own."""
 
     id: str
