@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,13 +32,14 @@ from scp_planner.scenario import (
     Confidence,
     ConfidenceLevel,
     Model,
+    Motion,
     Observations,
     Obstacle,
     Prior,
     Shape,
     Vector,
 )
-from scp_planner.zones import HORIZON, ThreatZone, covering_radius, motion_polynomials
+from scp_planner.zones import HORIZON, Body, ThreatZone, estimated_body, known_zone
 
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -80,7 +81,9 @@ class Track:
     id : str
     shape, model, margin
         As in the scenario; ``margin`` holds the planner's margin too.
-    fixed : PiecewisePolynomials or None
+    body : Body
+        Of the shape, as long as the motion is estimated.
+    fixed : Motion or None
         The motion of an obstacle whose motion is known.
     covariance : (2, 2) array or None
         Of one observation, if it is the same for all.
@@ -96,8 +99,8 @@ class Track:
     shape: Shape
     model: Model
     margin: float
-    radius: float
-    fixed: PiecewisePolynomials | None = None
+    body: Body
+    fixed: Motion | None = None
     covariance: Array | None = None
     varying: bool = False
     newcomer: bool = False
@@ -201,7 +204,7 @@ class ObstacleTracks:
         """Take in an obstacle of a scenario, with its motion or its observations."""
         track = self._new_track(obstacle.id, obstacle.shape, obstacle.model, obstacle.margin)
         if obstacle.motion is not None:
-            track.fixed = motion_polynomials(obstacle.motion)
+            track.fixed = obstacle.motion
         elif obstacle.observations is not None:
             seen = obstacle.observations
             each: list[Array | None] = [None] * len(seen.time)
@@ -223,7 +226,7 @@ class ObstacleTracks:
 
     def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> Track:
         margin += self.margin
-        return Track(name, shape, model, margin, covering_radius(shape) + margin)
+        return Track(name, shape, model, margin, estimated_body(shape, model))
 
     def observe(
         self, name: str, time: float, position: tuple[float, float], covariance: Array | None = None
@@ -236,7 +239,8 @@ class ObstacleTracks:
             What is wrong with it, if it was not used.
         """
         track = self.tracks[name]
-        track.fixed = None
+        if track.fixed is not None:
+            track.fixed, track.newcomer = None, True  # it does not move as was known
         if time in track.times[-8:] and any(
             t == time and z == position for t, z in zip(track.times[-8:], track.positions[-8:], strict=True)
         ):
@@ -324,7 +328,7 @@ class ObstacleTracks:
                 made.update(self._together(group, start, estimated))
         for track in tracks:
             if track.fixed is not None:
-                made[track.id] = ThreatZone(track.id, track.radius, track.fixed)
+                made[track.id] = known_zone(track.id, track.shape, track.margin, track.fixed)
             elif track.id not in made:
                 made[track.id] = self._alone(track, start, estimated)
         return tuple(made[track.id] for track in tracks)
@@ -345,9 +349,10 @@ class ObstacleTracks:
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
         return ThreatZone(
             track.id,
-            track.radius,
+            track.body.radius + track.margin + pieces.center_error,
             PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
             PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
+            track.body.outlines,
         )
 
     def _estimate(self, track: Track) -> MotionEstimate:
@@ -423,9 +428,10 @@ class ObstacleTracks:
             track.predicted = Prediction(start, center[k], covariance[k], _NORMAL)
             zones[track.id] = ThreatZone(
                 track.id,
-                track.radius,
+                track.body.radius + track.margin,
                 PiecewisePolynomials(breaks, center[k, None, None]),
                 PiecewisePolynomials(breaks, scaled[k, None, None]),
+                track.body.outlines,
             )
         return zones
 
@@ -445,13 +451,7 @@ class ObstacleTracks:
     def _as_obstacle(self, track: Track) -> Obstacle:
         common: dict[str, Any] = {"id": track.id, "shape": track.shape, "margin": track.margin}
         if track.fixed is not None:
-            from scp_planner.scenario import Motion
-
-            center = track.fixed.coefficients[0, 0]
-            position, velocity, half = (tuple(float(x) for x in row) for row in center)
-            acceleration = tuple(2.0 * x for x in half)
-            motion = Motion(position=position, velocity=velocity, acceleration=acceleration)  # type: ignore[arg-type]
-            return Obstacle.model_construct(**common, motion=motion, observations=None, model=track.model)
+            return Obstacle.model_construct(**common, motion=track.fixed, observations=None, model=track.model)
         each: Any = None
         if track.varying or not track.settled:
             each = tuple(_matrix(self._noise_of(track, one)) for one in track.covariances)
@@ -492,13 +492,13 @@ def _foreseen(zone: ThreatZone, until: float) -> ThreatZone:
         return zone
     before = covariances.breakpoints[0] < until
     count = max(int(before[:-1].sum()), 1)
-    pieces, powers, width = covariances.coefficients.shape[1:]
+    _, powers, width = covariances.coefficients.shape[1:]
     kept = np.zeros((1, count + 1, powers, width))
     kept[0, :count] = covariances.coefficients[0, :count]
     lag = until - covariances.breakpoints[0, count - 1]
     kept[0, count, 0] = lag ** np.arange(powers) @ kept[0, count - 1]
     breaks = np.concatenate([covariances.breakpoints[0, :count], [until, np.inf]])
-    return ThreatZone(zone.id, zone.radius, zone.centers, PiecewisePolynomials(breaks[None], kept))
+    return replace(zone, covariances=PiecewisePolynomials(breaks[None], kept))
 
 
 def _shift(order: int, shift: Array, scale: Array) -> Array:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scp_planner.ellipse import ellipse_contact, support
 from scp_planner.frames import PlanningFrame
 from scp_planner.polynomials import PiecewisePolynomials
-from scp_planner.scenario import Disc, Ellipse, Motion, Obstacle, Rectangle, Scenario, Shape
+from scp_planner.scenario import Disc, Ellipse, Model, Motion, Obstacle, Rectangle, Scenario, Shape
 from scp_planner.shapes import Outline, convex_pieces
 from scp_planner.zone_batch import ZoneBatch, ZoneContacts, directions_of, turned_back
 
@@ -163,15 +163,8 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
 
 def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     if obstacle.motion is not None:
-        centers = motion_polynomials(obstacle.motion)
-        outlines = () if isinstance(obstacle.shape, Disc) else shape_outlines(obstacle.shape, _fixed_heading(centers))
-        return ThreatZone(obstacle.id, _disc_radius(obstacle), centers, None, outlines)
-    standing = obstacle.model.order == 0 and obstacle.model.process is None
-    outlines = shape_outlines(obstacle.shape, 0.0 if standing else None)
-    radius = _disc_radius(obstacle)
-    if any(outline.turning for outline in outlines):
-        # The direction of an estimated velocity may be wrong by any angle: all of them are covered.
-        radius, outlines = covering_radius(obstacle.shape) + obstacle.margin, ()
+        return known_zone(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion)
+    body = estimated_body(obstacle.shape, obstacle.model)
     from scp_planner.confidence import region_scale
     from scp_planner.estimation import estimate_obstacle
 
@@ -188,11 +181,39 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     pieces = estimate.polynomials(start, start + HORIZON)
     return ThreatZone(
         obstacle.id,
-        radius + pieces.center_error,
+        body.radius + obstacle.margin + pieces.center_error,
         PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
         PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
-        outlines,
+        body.outlines,
     )
+
+
+@dataclass(frozen=True)
+class Body:
+    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone."""
+
+    radius: float
+    outlines: tuple[Outline, ...] = ()
+
+
+def known_zone(name: str, shape: Shape, margin: float, motion: Motion) -> ThreatZone:
+    """Return the zone of an obstacle whose motion is known, with an extra margin in m."""
+    centers = motion_polynomials(motion)
+    if isinstance(shape, Disc):
+        return ThreatZone(name, shape.disc + margin, centers)
+    return ThreatZone(name, margin, centers, None, shape_outlines(shape, _fixed_heading(centers)))
+
+
+def estimated_body(shape: Shape, model: Model) -> Body:
+    """Return the body of an obstacle whose motion is estimated."""
+    if isinstance(shape, Disc):
+        return Body(shape.disc)
+    standing = model.order == 0 and model.process is None
+    outlines = shape_outlines(shape, 0.0 if standing else None)
+    if any(outline.turning for outline in outlines):
+        # The direction of an estimated velocity may be wrong by any angle: all of them are covered.
+        return Body(covering_radius(shape))
+    return Body(0.0, outlines)
 
 
 def motion_polynomials(motion: Motion) -> PiecewisePolynomials:
@@ -230,11 +251,6 @@ def _fixed_heading(centers: PiecewisePolynomials) -> float | None:
         return 0.0
     across = np.abs(vectors[:, 0] * largest[1] - vectors[:, 1] * largest[0]) / size
     return atan2(largest[1], largest[0]) if np.all(across <= STRAIGHT * np.hypot(*vectors.T)) else None
-
-
-def _disc_radius(obstacle: Obstacle) -> float:
-    """What an obstacle's shape has beyond its outlines, with its extra margin, m."""
-    return (obstacle.shape.disc if isinstance(obstacle.shape, Disc) else 0.0) + obstacle.margin
 
 
 def covering_radius(shape: Shape) -> float:
