@@ -11,7 +11,7 @@ region needs is the tail, and the calm majority says nothing about it.
 A fit to few tracks is uncertain, and a region that ignores this covers too little of the next tracks. So the tails are
 moved outwards by as much as their own error asks for: that is found by a jackknife over groups of tracks, as errors
 within a track are not independent. The model keeps one number of degrees of freedom for all lead times, so that its
-error is one Student process in time, and an inflation of the covariance for each lead time that is right at the 95 % level.
+error is one Student process in time, and an inflation of the covariance for each lead time, right at the 95 % level.
 """
 
 from __future__ import annotations
@@ -170,31 +170,35 @@ def stretches_of(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tu
     if not len(steps):
         raise EstimationError("tracks: none has more than one position")
     tolerance = _LEAD_TOLERANCE * float(np.median(steps))
-    times: list[Array] = []
-    positions: list[Array] = []
-    owners: list[int] = []
-    targets: list[list[tuple[int, float, Array]]] = [[] for _ in lead_times]
-    for owner, track in enumerate(tracks):
-        for first in range(len(track) - window):
-            last = first + window - 1
-            index = len(times)
-            times.append(track.times[first : last + 1])
-            positions.append(track.positions[first : last + 1])
-            owners.append(owner)
-            for lead_time, found in zip(lead_times, targets, strict=True):
-                wanted = track.times[last] + lead_time
-                near = int(np.argmin(np.abs(track.times[last:] - wanted))) + last
-                if near > last and abs(track.times[near] - wanted) <= tolerance:
-                    found.append((index, float(track.times[near]), track.positions[near]))
-    stretches = Stretches(np.array(times), np.array(positions), np.array(owners, dtype=np.intp))
-    return stretches, [
-        Targets(
-            np.array([row[0] for row in found], dtype=np.intp),
-            np.array([row[1] for row in found]),
-            np.array([row[2] for row in found]).reshape(-1, 2),
-        )
-        for found in targets
-    ]
+    long = [(i, track) for i, track in enumerate(tracks) if len(track) > window]
+    times = [np.lib.stride_tricks.sliding_window_view(track.times[:-1], window) for _, track in long]
+    positions = [np.lib.stride_tricks.sliding_window_view(t.positions[:-1], window, axis=0) for _, t in long]
+    owners = [np.full(len(track) - window, i, dtype=np.intp) for i, track in long]
+    stretches = Stretches(
+        np.concatenate([np.zeros((0, window)), *times]),
+        np.concatenate([np.zeros((0, window, 2)), *(np.swapaxes(each, 1, 2) for each in positions)]),
+        np.concatenate([np.zeros(0, dtype=np.intp), *owners]),
+    )
+    firsts = np.cumsum([0, *(len(each) for each in owners)])
+    return stretches, [_targets([t for _, t in long], firsts, window, lead, tolerance) for lead in lead_times]
+
+
+def _targets(
+    tracks: Sequence[Track], firsts: NDArray[np.intp], window: int, lead_time: float, tolerance: float
+) -> Targets:
+    """Find the position of each track that is nearest to each stretch's end plus the lead time, if it is near."""
+    places, times, positions = [np.zeros(0, dtype=np.intp)], [np.zeros(0)], [np.zeros((0, 2))]
+    for track, first in zip(tracks, firsts, strict=False):
+        ends = np.arange(window - 1, len(track) - 1)
+        wanted = track.times[ends] + lead_time
+        after = np.clip(np.searchsorted(track.times, wanted), 1, len(track) - 1)
+        nearer = wanted - track.times[after - 1] < track.times[after] - wanted
+        found = after - nearer
+        good = (found > ends) & (np.abs(track.times[found] - wanted) <= tolerance)
+        places.append(first + np.flatnonzero(good))
+        times.append(track.times[found[good]])
+        positions.append(track.positions[found[good]])
+    return Targets(np.concatenate(places), np.concatenate(times), np.concatenate(positions))
 
 
 def prediction_errors(

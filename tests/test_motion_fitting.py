@@ -154,7 +154,7 @@ def test_fitted_tails_cover_the_next_errors() -> None:
     levels = (0.9, 0.95, 0.99)
     inside = []
     for seed in range(40):
-        tails = fit_tails(student_errors(4.0, [1.0], tracks=30, each=4, seed=seed))
+        tails = fit_tails(student_errors(4.0, [1.0], tracks=40, each=4, seed=seed))
         law = StudentErrors(tails.degrees_of_freedom)
         limits = [tails.inflation[0] * law.pointwise_scale(1 - level) for level in levels]
         inside.append([1 - StudentErrors(4.0).exceedance(limit) for limit in limits])
