@@ -107,3 +107,7 @@ class TracksError(_FaultyInputError):
 
 class EstimationError(ScpPlannerError, ValueError):
     """Observations cannot be turned into an estimate: too few, out of order, or not finite."""
+
+
+class StudyError(ScpPlannerError):
+    """A folder holds results that a study cannot go on from."""
