@@ -34,6 +34,7 @@ SHRINK_BELOW, GROW_ABOVE = 0.25, 0.7
 SHRINK, GROW = 0.4, 1.7
 SMALLEST_SHRINK = 0.1
 CORRECT_BELOW = 0.25  # ratio below which a second-order correction is tried
+HOPE = 4.0  # times the next step's gain that a run may still become faster
 PATIENCE = 6  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
 GRAVE = 5e-3  # violations below this are no reason to lose patience
@@ -111,12 +112,26 @@ class _Progress:
 
 @dataclass(frozen=True)
 class _Step:
-    """A candidate of one iteration."""
+    """A candidate of one iteration.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+    predicted, actual : float
+        Decrease of the merit by the model and in truth, s.
+    size : float
+        Largest component, relative to the trust region.
+    sooner : float
+        Decrease of the travel time by the model, s.
+    corrected : bool
+        Whether it is a second-order correction.
+    """
 
     evaluation: Evaluation
     predicted: float
     actual: float
     size: float
+    sooner: float
     corrected: bool = False
 
     @property
@@ -218,15 +233,16 @@ class ScpLoop:
         model = base.trajectory.travel_time * (1.0 + z[sub.step_size - 1]) + float(weights[sub.groups] @ slack)
         candidate = self._candidate(base.trajectory, z)
         size = _relative_size(z, sub)
+        sooner = -base.trajectory.travel_time * float(z[sub.step_size - 1])
         if candidate is None:
-            return _Step(base, merit - model, -np.inf, size)
-        step = _Step(candidate, merit - model, merit - candidate.merit(penalties), size)
+            return _Step(base, merit - model, -np.inf, size, sooner)
+        step = _Step(candidate, merit - model, merit - candidate.merit(penalties), size, sooner)
         if step.ratio < CORRECT_BELOW and step.predicted > 0.2 * self.problem.settings.tolerance:
             corrected = self._correct(lines, sub, z, candidate)
             if corrected is not None:
                 actual = merit - corrected.merit(penalties)
                 if actual > step.actual:
-                    return _Step(corrected, step.predicted, actual, size, True)
+                    return _Step(corrected, step.predicted, actual, size, sooner, True)
         return step
 
     def _correct(self, lines: Linearisation, sub: Subproblem, z: Array, candidate: Evaluation) -> Evaluation | None:
@@ -267,7 +283,8 @@ class ScpLoop:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""
         current = run.evaluation
         violation = current.worst_violation
-        if violation < 10.0 * FEASIBILITY and current.trajectory.travel_time - 3.0 * max(step.predicted, 0.0) > cutoff:
+        # What is still violated can only take more time.
+        if current.trajectory.travel_time - HOPE * max(step.sooner, 0.0) > cutoff:
             return Status.SLOWER
         if step.predicted < self.problem.settings.tolerance * max(1.0, 10.0 * violation):
             if violation <= FEASIBILITY:

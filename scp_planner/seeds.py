@@ -157,6 +157,7 @@ class WaySearch:
         self.solver = solver_named("daqp")
         self._block()
         self.outside = self._outside_box()
+        self._free = self._base_penalty()
 
     def _block(self) -> None:
         """Find the offsets that each obstacle blocks at each station and delay."""
@@ -221,26 +222,38 @@ class WaySearch:
         Way or None
             None if there is no way on the grid.
         """
-        size = len(self.offsets)
-        first, last = self.first, self.last
-        for zone, side in closed:
-            mine = self.zone == zone
-            if side > 0:
-                last = np.where(mine, size - 1, last)
-            else:
-                first = np.where(mine, 0, first)
-        edges = np.zeros((len(self.stations) * DELAYS, size + 1), dtype=np.int32)
-        np.add.at(edges, (self.cell, first), 1)
-        np.subtract.at(edges, (self.cell, last + 1), 1)
-        blocked = np.cumsum(edges, axis=1)[:, :size] > 0
-        blocked = blocked.reshape(len(self.stations), DELAYS, size) | self.outside[:, None, :]
-        penalty = np.where(blocked, BLOCKED, 0.0)
-        costs = self._sweep(np.ascontiguousarray(penalty.transpose(0, 2, 1)))
+        costs = self._sweep(self._penalty(closed))
         final = costs[-1, self.middle] + self.delays
         end = int(np.argmin(final))
         if final[end] >= BLOCKED:
             return None
         return self._trace(costs, end, float(final[end]))
+
+    def _penalty(self, closed: tuple[tuple[int, int], ...]) -> Array:
+        """BLOCKED in every blocked cell, else 0, (n, offsets, delays)."""
+        if not closed:
+            return self._free
+        penalty = self._free.copy()
+        size = len(self.offsets)
+        for zone, side in closed:
+            mine = np.flatnonzero(self.zone == zone)
+            column, delay = np.divmod(self.cell[mine], DELAYS)
+            edge = self.first[mine] if side > 0 else self.last[mine]
+            # All from the edge on to that side; one offset after another, of which there are few.
+            for offset in range(size):
+                shut = edge <= offset if side > 0 else edge >= offset
+                penalty[column[shut], offset, delay[shut]] = BLOCKED
+        return penalty
+
+    def _base_penalty(self) -> Array:
+        """BLOCKED in the cells that are blocked with all sides open, (n, offsets, delays)."""
+        size = len(self.offsets)
+        edges = np.zeros((len(self.stations) * DELAYS, size + 1), dtype=np.int32)
+        np.add.at(edges, (self.cell, self.first), 1)
+        np.subtract.at(edges, (self.cell, self.last + 1), 1)
+        blocked = np.cumsum(edges, axis=1)[:, :size] > 0
+        blocked = blocked.reshape(len(self.stations), DELAYS, size) | self.outside[:, None, :]
+        return np.ascontiguousarray(np.where(blocked, BLOCKED, 0.0).transpose(0, 2, 1))
 
     def _sweep(self, penalty: Array) -> Array:
         """Cheapest cost to every free cell, station by station, (n, offsets, delays)."""
@@ -256,16 +269,16 @@ class WaySearch:
             for move in DELAY_MOVES[1:]:
                 np.minimum(inner[:, move:], before[:, :-move], out=inner[:, move:])
             here = costs[i]
-            np.add(inner, self.move_cost[0], out=here)
+            np.add(inner, penalty[i], out=here)
             for move in range(1, OFFSET_MOVES + 1):
-                for shift in (-move, move):
-                    np.add(
-                        padded[OFFSET_MOVES + shift : OFFSET_MOVES + shift + size],
-                        self.move_cost[move],
-                        out=work,
-                    )
-                    np.minimum(here, work, out=here)
-            here += penalty[i]
+                np.minimum(
+                    padded[OFFSET_MOVES - move : OFFSET_MOVES - move + size],
+                    padded[OFFSET_MOVES + move : OFFSET_MOVES + move + size],
+                    out=work,
+                )
+                work += self.move_cost[move]
+                work += penalty[i]
+                np.minimum(here, work, out=here)
         return costs
 
     def _trace(self, costs: Array, delay: int, total: float) -> Way:
