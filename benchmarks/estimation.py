@@ -1,0 +1,116 @@
+"""How long estimates take: batch and recursive, one obstacle and hundreds.
+
+    python -m benchmarks.estimation                 a table and a CSV file
+    python -m benchmarks.estimation --repeat 2000
+
+Times are medians of single calls on one thread. One recursive update of 200 obstacles is to take under 0.2 ms.
+"""
+
+from __future__ import annotations
+
+# The first import sets one thread, before numpy is loaded.
+from benchmarks import common  # isort: skip
+
+import argparse
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from scp_planner.confidence import region_scale
+from scp_planner.estimation import estimate_motion
+from scp_planner.motion_models import MotionFilter, estimate_process
+from scp_planner.process_model import ProcessModel
+from scp_planner.recursive import RecursiveEstimator
+
+OBSTACLES = (1, 60, 200, 1000)
+SIGMA = np.array([[0.01, 0.002], [0.002, 0.01]])
+WALKERS = ProcessModel(process={"kind": "random_walk", "diffusion": 0.05}, velocity_deviation=1.0, noise_deviation=0.05)
+
+
+def measure(call: Callable[[], object], repeat: int) -> float:
+    """Give the median time of one call, s."""
+    times = []
+    for _ in range(repeat):
+        began = perf_counter()
+        call()
+        times.append(perf_counter() - began)
+    return median(times)
+
+
+def updates(kind: str, obstacles: int) -> Callable[[], object]:
+    """Give a call that updates all obstacles once, later each time."""
+    positions = np.random.default_rng(0).normal(size=(1000, obstacles, 2))
+    estimator: RecursiveEstimator | MotionFilter
+    covariance = None
+    if kind == "random walk":
+        estimator = MotionFilter(WALKERS, obstacles)
+    elif kind == "covariances vary":
+        estimator = RecursiveEstimator(obstacles, 2, varying=True)
+        covariance = np.broadcast_to(SIGMA, (obstacles, 2, 2))
+    else:
+        estimator = RecursiveEstimator(
+            obstacles,
+            2,
+            SIGMA if kind == "covariance known" else None,
+            forgetting=0.95 if kind == "forgetting" else 1.0,
+        )
+    steps = count()
+
+    def update() -> None:
+        step = next(steps)
+        estimator.update(0.1 * step, positions[step % 1000], covariance)
+
+    return update
+
+
+def cases() -> Iterator[tuple[str, str, int, Callable[[], object]]]:
+    """Give what is measured: operation, variant, obstacles, call."""
+    for kind in ("covariance known", "covariance estimated", "forgetting", "covariances vary", "random walk"):
+        for obstacles in OBSTACLES:
+            yield "recursive update", kind, obstacles, updates(kind, obstacles)
+    times = 0.4 * np.arange(8)
+    positions = np.random.default_rng(1).normal(size=(8, 2))
+    for order in (0, 1, 2):
+        yield (
+            "batch estimate of 8",
+            f"order {order}",
+            1,
+            lambda order=order: estimate_motion(times, positions, SIGMA, order),
+        )
+    each = np.broadcast_to(SIGMA, (8, 2, 2))
+    yield "batch estimate of 8", "covariances vary", 1, lambda: estimate_motion(times, positions, each)
+    yield "batch estimate of 8", "random walk", 1, lambda: estimate_process(times, positions, WALKERS)
+    quadratic, walker = estimate_motion(times, positions, SIGMA), estimate_process(times, positions, WALKERS)
+    for name, estimate, stop in (("quadratic", quadratic, float("inf")), ("random walk", walker, 20.0)):
+        yield "polynomials over 17 s", name, 1, lambda e=estimate: e.polynomials(2.8, 20.0)
+        for level in ("per_time", "joint"):
+            yield (
+                f"region scale, {level}",
+                name,
+                1,
+                lambda e=estimate, level=level, stop=stop: region_scale(
+                    level, 0.95, e, obstacles=5, start=2.8, stop=stop
+                ),
+            )
+
+
+def main() -> None:
+    """Measure, print a table and write a CSV file."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--repeat", type=int, default=500, help="calls of which the median is taken")
+    parser.add_argument("-o", "--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder for estimation.csv")
+    chosen = parser.parse_args()
+    rows = []
+    for operation, variant, obstacles, call in cases():
+        seconds = measure(call, chosen.repeat)
+        rows.append({"operation": operation, "variant": variant, "obstacles": obstacles, "seconds": seconds})
+        print(f"{operation:<24}{variant:<22}{obstacles:>6}{1e3 * seconds:>10.3f} ms")
+    common.write_csv(chosen.output / "estimation.csv", rows)
+
+
+if __name__ == "__main__":
+    main()
