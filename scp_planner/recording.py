@@ -7,7 +7,7 @@ else moves (a closed loop, a log of a real vehicle) can be shown by making one o
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import shorten
 from typing import TYPE_CHECKING, Protocol
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.scenario import Disc, Ellipse, Rectangle
-from scp_planner.zones import zones
+from scp_planner.zones import ThreatZone, zones
 
 if TYPE_CHECKING:
     from scp_planner.plan import Plan
@@ -41,12 +41,8 @@ _STEP = 1e-6
 """Relative step of the differences of the support function and of time."""
 
 
-class Zone(Protocol):
-    """What is needed of a zone; `scp_planner.zones` gives such ones."""
-
-    def center(self, t: Array) -> Array:
-        """Centre at times (...) s, (..., 2) m."""
-        ...
+class Convex(Protocol):
+    """Anything convex that moves."""
 
     def support(self, t: Array, directions: Array) -> Array:
         """Support function about the centre at times (...) s in directions (..., 2), m."""
@@ -90,8 +86,8 @@ class ObstacleRecord:
         Whether the shape turns with the heading.
     padded : bool
         Whether the zone holds more than the shape.
-    boundary : (n, m, 2) array
-        Points on the boundary of its zone, in order, relative to the centre, m.
+    boundary : (n, p, m, 2) array
+        Points on the boundaries of the p convex pieces of its zone, in order, relative to the centre, m.
     clearance : (n,) array
         From the vehicle's disc to the zone, m, negative inside.
     truth : (n, 2) array or None
@@ -112,7 +108,7 @@ class ObstacleRecord:
     observed: Array | None = None
 
     def zone_at(self, index: int) -> Array:
-        """Points on the zone's boundary at one of the times, (m, 2) m."""
+        """Points on the boundaries of the zone's convex pieces at one of the times, (p, m, 2) m."""
         return self.center[index] + self.boundary[index]
 
     def truth_at(self, index: int) -> Array | None:
@@ -200,7 +196,7 @@ class Recording:
         for obstacle in self.obstacles:
             # The zone at times when it is close: one that grows to kilometres must not shrink the picture.
             close = np.flatnonzero(obstacle.clearance < 0.05 * reach)[:: max(1, len(self.time) // 40)]
-            near += [obstacle.zone_at(int(i)) for i in close]
+            near += [obstacle.zone_at(int(i)).reshape(-1, 2) for i in close]
         points = np.vstack(near)
         low = np.maximum(points.min(axis=0), low - 0.3 * reach)
         high = np.minimum(points.max(axis=0), high + 0.3 * reach)
@@ -302,12 +298,12 @@ def profiles_of(vehicle: Vehicle, speed: Array, acceleration: Array, curvature: 
     )
 
 
-def boundary_of(zone: Zone, times: Array, count: int = BOUNDARY_POINTS) -> Array:
+def boundary_of(zone: Convex, times: Array, count: int = BOUNDARY_POINTS) -> Array:
     """Points on the boundary of a convex zone about its centre: the gradient of its support function.
 
     Parameters
     ----------
-    zone : Zone
+    zone : Convex
     times : (n,) array
         Absolute, s.
     count : int
@@ -343,8 +339,15 @@ def body_of(shape: Shape) -> tuple[Array, bool]:
     return np.array(shape.polygon), False
 
 
+def _convex_pieces(zone: ThreatZone) -> list[ThreatZone]:
+    """Give zones of which a zone is the union, and that are convex, so that their support functions tell all."""
+    if len(zone.outlines) < 2:
+        return [zone]
+    return [replace(zone, outlines=(outline,)) for outline in zone.outlines]
+
+
 def _record_obstacle(
-    obstacle: Obstacle, zone: Zone, time: Array, clearance: Array, truth: Array | None
+    obstacle: Obstacle, zone: ThreatZone, time: Array, clearance: Array, truth: Array | None
 ) -> ObstacleRecord:
     body, turns = body_of(obstacle.shape)
     velocity = zone.center(time + 1e-3) - zone.center(time - 1e-3)
@@ -356,7 +359,7 @@ def _record_obstacle(
         body=body,
         turns=turns,
         padded=seen is not None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
-        boundary=boundary_of(zone, time),
+        boundary=np.stack([boundary_of(piece, time) for piece in _convex_pieces(zone)], axis=1),
         clearance=clearance,
         truth=truth,
         observed=None if seen is None else np.array(seen.position),

@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.text import Annotation, Text
 from PIL import Image
 
@@ -97,13 +97,14 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
     assert {disc.radius for disc in discs} == {scenario.vehicle.radius}
     colours = [to_hex(disc.get_facecolor()).upper() for disc in discs]
     assert colours == list(COLOURS[:2])
-    shapes = [patch for patch in axes.patches if isinstance(patch, Polygon)]
+    shapes = [patch for patch in axes.patches if isinstance(patch, Polygon | PathPatch)]
     assert {to_hex(shape.get_facecolor()).upper() for shape in shapes if not _is_hollow(shape)} <= set(COLOURS[:2])
     # Every zone that is near the vehicle at one of the times is there, in that time's colour.
     for t, colour in zip(times, COLOURS, strict=False):
         for zone in sp.zones(scenario):
             if zone.signed_distance(t, plan.position(t)) - scenario.vehicle.radius < 0.1 * 20.0:
-                outlines = [s.get_xy() for s in shapes if to_hex(s.get_edgecolor()).upper() == colour]
+                zones = [s for s in shapes if to_hex(s.get_edgecolor()).upper() == colour]
+                outlines = [s.get_path().vertices for s in zones if isinstance(s, PathPatch)]
                 fits = [np.abs(zone.signed_distance(np.full(len(o), t), o)).max() < 1e-6 for o in outlines]
                 assert any(fits), (zone.id, t)
 

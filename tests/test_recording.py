@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import Polygon, unary_union
 
 import scp_planner as sp
 from scp_planner import builtin
@@ -54,7 +54,7 @@ def test_boundaries_lie_on_the_zones(name: str) -> None:
     plan = sp.plan(scenario)
     recording = record_plan(plan, scenario, 7)
     for zone, obstacle in zip(sp.zones(scenario), recording.obstacles, strict=True):
-        points = obstacle.center[:, None] + obstacle.boundary
+        points = obstacle.center[:, None] + obstacle.boundary[:, 0]
         times = np.broadcast_to(recording.time[:, None], points.shape[:2])
         assert np.abs(zone.signed_distance(times, points)).max() < 1e-6
         # In order, once around.
@@ -67,7 +67,7 @@ def test_clearance_is_from_disc_to_zone(plan: sp.Plan, scenario: sp.Scenario) ->
         for i, position in enumerate(recording.position):
             # A polygon within the zone is at most a little farther away than the zone.
             disc = Polygon(position + scenario.vehicle.radius * _circle(720))
-            farther = Polygon(obstacle.zone_at(i)).distance(disc)
+            farther = Polygon(obstacle.zone_at(i)[0]).distance(disc)
             assert obstacle.clearance[i] == pytest.approx(farther, abs=0.02)
     least = np.min([obstacle.clearance for obstacle in recording.obstacles], axis=0)
     assert np.array_equal(recording.clearance, least)
@@ -96,6 +96,16 @@ def test_boundary_of_a_polygon_is_the_polygon() -> None:
     (points,) = boundary_of(PolygonZone(vertices), np.array([0.0]))
     outline = Polygon(np.unique(points.round(6), axis=0)[[0, 1, 3, 2]])
     assert outline.symmetric_difference(Polygon(vertices)).area < 1e-5
+
+
+def test_a_corner_is_not_filled_in(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    """A zone that is not convex is the union of convex pieces."""
+    corner = [(-2.0, -2.0), (2.0, -2.0), (2.0, -1.0), (-1.0, -1.0), (-1.0, 2.0), (-2.0, 2.0)]
+    motion = sp.Motion(position=(10.0, 30.0), velocity=(0.5, 0.0))
+    obstacle = sp.Obstacle(id="corner", shape=sp.PolygonShape(polygon=corner), motion=motion, margin=0.1)
+    (record,) = record_plan(plan, scenario.model_copy(update={"obstacles": (obstacle,)}), 3).obstacles
+    drawn = unary_union([Polygon(piece) for piece in record.boundary[1]])
+    assert drawn.symmetric_difference(Polygon(corner).buffer(0.1, quad_segs=64)).area < 0.01
 
 
 def test_truth_as_function_and_as_record(plan: sp.Plan, scenario: sp.Scenario) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.files import replacing
-from scp_planner.plotting.maps import draw_ends, draw_tracks, key_to_symbols, lay_out
+from scp_planner.plotting.maps import draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
 from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
 from scp_planner.recording import ObstacleRecord, Recording, Truth, record_plan
@@ -206,9 +206,9 @@ class _ObstaclePatches:
     """One obstacle on the map: its zone, its shape where it is thought to be, and where it really is."""
 
     def __init__(self, axes: Axes, obstacle: ObstacleRecord, colour: str) -> None:
-        from matplotlib.patches import Polygon
+        from matplotlib.patches import PathPatch, Polygon
 
-        self._zone = Polygon(obstacle.zone_at(0), facecolor=(colour, 0.2), edgecolor=colour)
+        self._zone = PathPatch(outline_of(obstacle, 0), facecolor=(colour, 0.2), edgecolor=colour)
         self._thought = Polygon(obstacle.body_at(0), facecolor=(colour, 0.5), edgecolor="none")
         self._true = Polygon(obstacle.body_at(0), facecolor=(colour, 0.7), edgecolor=INK)
         self.all = (self._zone, self._thought, self._true)
@@ -217,7 +217,7 @@ class _ObstaclePatches:
 
     def move_to(self, obstacle: ObstacleRecord, index: int) -> None:
         """Move to one of the recording's times."""
-        self._zone.set_xy(obstacle.zone_at(index))
+        self._zone.set_path(outline_of(obstacle, index))
         center = obstacle.truth_at(index)
         self._true.set_visible(center is not None)
         self._thought.set_visible(center is None)

@@ -14,6 +14,7 @@ from scp_planner.recording import ObstacleRecord, Recording
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.path import Path
 
 Index = NDArray[np.intp]
 
@@ -91,6 +92,17 @@ def draw_tracks(axes: Axes, recording: Recording) -> None:
             axes.plot(*obstacle.observed.T, ".", color=GREY, markersize=2.2, markeredgewidth=0, zorder=1.6)
 
 
+def outline_of(obstacle: ObstacleRecord, index: int) -> Path:
+    """Give the boundary of an obstacle's zone at a time; where convex pieces overlap it is filled once."""
+    from matplotlib.path import Path
+
+    pieces = obstacle.zone_at(index)
+    closed = np.concatenate([pieces, pieces[:, :1]], axis=1)
+    codes = np.full(closed.shape[:2], Path.LINETO)
+    codes[:, 0], codes[:, -1] = Path.MOVETO, Path.CLOSEPOLY
+    return Path(closed.reshape(-1, 2), codes.ravel())
+
+
 def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
     """Mark start and goal; return the marks."""
     from matplotlib.patches import Circle
@@ -159,17 +171,18 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
 
     What would only hide what matters is left out: large zones that are far away, and in a crowd all that are.
     """
-    from matplotlib.patches import Polygon
+    from matplotlib.patches import PathPatch, Polygon
 
     length = float(np.ptp(recording.position, axis=0).max())
     near = obstacle.clearance[index] < NEAR * length
-    large = float(np.ptp(obstacle.boundary[index], axis=0).max()) > 2.0 * NEAR * length
+    large = float(np.ptp(obstacle.boundary[index], axis=(0, 1)).max()) > 2.0 * NEAR * length
     if not near and len(recording.obstacles) > CROWD:
         return
     if near or not large:
         edge = (colour, 0.9 if near else 0.35)
         fill: Any = (colour, 0.22) if near else "none"
-        axes.add_patch(Polygon(obstacle.zone_at(index), facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
+        outline = outline_of(obstacle, index)
+        axes.add_patch(PathPatch(outline, facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
     true_center = obstacle.truth_at(index)
     if true_center is not None:
         body = obstacle.body_at(index, true_center)
@@ -211,7 +224,7 @@ def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: I
     index = int(indices[obstacle.clearance[indices].argmin()])
     zone = obstacle.zone_at(index)
     above = bool(obstacle.center[index, 1] >= recording.position[index, 1])
-    x, y = float(obstacle.center[index, 0]), float(zone[:, 1].max() if above else zone[:, 1].min())
+    x, y = float(obstacle.center[index, 0]), float(zone[..., 1].max() if above else zone[..., 1].min())
     if not (low[0] < x < high[0] and low[1] < y < high[1]):
         return
     axes.annotate(
