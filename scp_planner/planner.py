@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.certificate import Certificate, certify_trip
+from scp_planner.explain import explain
 from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
 from scp_planner.relevance import without_far_zones
@@ -71,7 +72,7 @@ def plan(
     deadline = np.inf if time_limit is None else began + time_limit
     search = _Planning(scenario, zones(scenario), settings, deadline)
     run, certificate = search.best()
-    status, reason = _verdict(run, certificate)
+    status, reason = _verdict(run, certificate, search.tried)
     return Plan(
         scenario=scenario.name,
         status=status,
@@ -149,6 +150,7 @@ class _Planning:
         default_factory=lambda: {"build": 0.0, "search": 0.0, "scp": 0.0, "certificate": 0.0}
     )
     iterations: int = 0
+    tried: int = 0
 
     def __post_init__(self) -> None:
         clock = perf_counter()
@@ -180,6 +182,7 @@ class _Planning:
                 cutoff = best.travel_time
             else:
                 cutoff = np.inf
+            self.tried += 1
             attempt = self._attempt(branch.start, cutoff)
             branch.touched = _touched(attempt.run)
             if attempt.better_than(best):
@@ -270,10 +273,10 @@ def lower_bound(problem: Problem) -> float:
     return time
 
 
-def _verdict(run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
+def _verdict(run: Run, certificate: Certificate, tried: int) -> tuple[PlanStatus, str | None]:
     if certificate.holds:
         return PlanStatus.CERTIFIED, None
-    reason = f"{run.status.value}: " + "; ".join(str(v) for v in certificate.violations)
+    reason = explain(run, certificate, tried)
     if run.status is Status.SOLVER_FAILED and not run.record:
         return PlanStatus.FAILED, reason
     return (PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE), reason
