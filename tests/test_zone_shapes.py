@@ -240,15 +240,17 @@ def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
     dense = problem.space.time_table(np.linspace(0.0, 1.0, 40_001))
     rng = np.random.default_rng(0)
     compared = 0
-    for _ in range(20):
+    for _ in range(60):
         theta = problem.ends.theta.copy()
         free = problem.ends.free
-        theta[free] = 1.2 * np.sin(np.linspace(0.0, np.pi, len(theta)))[free] + 0.1 * rng.normal(size=len(theta[free]))
+        theta[free] = rng.uniform(1.0, 3.5) * np.sin(np.linspace(0.0, np.pi, len(theta)))[free] + 0.1 * rng.normal(
+            size=len(theta[free])
+        )
         trip = problem.space.trajectory(theta, rng.uniform(0.0, 0.6, problem.space.acceleration_size))
         found = evaluate_trip(problem, trip, 1.5)
         there = trip.at(dense)
         least = problem.zones.distances(there.time, there.path.position).min()
-        if least > -0.25:  # deeper inside the nearest edge changes
+        if -0.25 < least < 1.0:  # deeper inside the nearest edge changes
             compared += 1
             assert min(found.minima_contacts.distance.min(), found.clearance.min()) == pytest.approx(least, abs=1e-4)
     assert compared >= 8
