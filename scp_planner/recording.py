@@ -77,7 +77,7 @@ class ObstacleRecord:
     ----------
     id : str
     center : (n, 2) array
-        Where it is thought to be, m.
+        Where it is thought to be, m; NaN while it is not known of.
     heading : (n,) array
         Direction in which it is thought to move, rad.
     body : (k, 2) array
@@ -89,7 +89,7 @@ class ObstacleRecord:
     boundary : (n, p, m, 2) array
         Points on the boundaries of the p convex pieces of its zone, in order, relative to the centre, m.
     clearance : (n,) array
-        From the vehicle's disc to the zone, m, negative inside.
+        From the vehicle's disc to the zone, m, negative inside; NaN while there is none.
     truth : (n, 2) array or None
         Where its centre really was, m; NaN at times without a record.
     observed : (j, 2) array or None
@@ -185,7 +185,7 @@ class Recording:
         """Clearance to the nearest zone, (n,) m; inf without obstacles."""
         if not self.obstacles:
             return np.full(len(self.time), np.inf)
-        return np.min([obstacle.clearance for obstacle in self.obstacles], axis=0)
+        return np.fmin.reduce([np.full(len(self.time), np.inf), *(each.clearance for each in self.obstacles)])
 
     def extent(self) -> tuple[Array, Array]:
         """Corners of the box that holds the trip and what comes near it, (2,) and (2,) m."""
@@ -388,7 +388,7 @@ def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
         facts += [("reason", shorten(plan.reason, 70, placeholder=" ..."))]
     nearest = plan.clearance
     if nearest.obstacle is not None:
-        facts += [("least clearance", f"{_length(nearest.minimum)} to {nearest.obstacle}")]
+        facts += [("least clearance", f"{length_text(nearest.minimum)} to {nearest.obstacle}")]
     facts += [
         ("method", f"{plan.method}, {plan.solver}"),
         ("iterations", f"{plan.iterations} in {plan.wall_time:.2f} s"),
@@ -396,7 +396,8 @@ def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
     return tuple(facts)
 
 
-def _length(metres: float) -> str:
+def length_text(metres: float) -> str:
+    """Write a length in a unit of its size."""
     for unit, size in (("\N{MICRO SIGN}m", 1e-6), ("mm", 1e-3)):
         if abs(metres) < 1000.0 * size and abs(metres) < 0.1:
             return f"{metres / size:.3g} {unit}"

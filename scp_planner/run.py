@@ -255,7 +255,7 @@ class Run:
 
     def recording(self, frames_per_second: float = 12.5) -> Recording:
         """Sample the run for the animation and the viewer."""
-        from scp_planner.recording import record_run
+        from scp_planner.run_recording import record_run
 
         return record_run(self, frames_per_second)
 

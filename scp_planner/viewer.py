@@ -122,23 +122,24 @@ def _data_of(recording: Recording) -> dict[str, Any]:
             }
             for profile in recording.profiles
         ],
-        "clearance": rounding.of(clearance) if recording.obstacles else None,
+        "clearance": rounding.of_known(clearance) if recording.obstacles else None,
         "obstacles": [_obstacle_data(obstacle, origin, rounding) for obstacle in recording.obstacles],
     }
 
 
 def _obstacle_data(obstacle: ObstacleRecord, origin: Array, rounding: _Rounding) -> dict[str, Any]:
-    grows = bool(np.ptp(obstacle.boundary, axis=0).max() > 0.5 * 10.0**-rounding.digits)
+    # A boundary that is not known at some time is not the same all the time either.
+    grows = not np.ptp(obstacle.boundary, axis=0).max() <= 0.5 * 10.0**-rounding.digits
     return {
         "id": obstacle.id,
-        "center": rounding.of(obstacle.center - origin),
+        "center": rounding.of_known(obstacle.center - origin),
         "heading": _Rounding(4).of(obstacle.heading) if obstacle.turns else None,
         "turns": obstacle.turns,
         "body": rounding.of(obstacle.body),
         "grows": grows,
-        "boundary": rounding.of(obstacle.boundary if grows else obstacle.boundary[:1]),
-        "clearance": rounding.of(obstacle.clearance),
-        "truth": None if obstacle.truth is None else rounding.of_points(obstacle.truth - origin),
+        "boundary": rounding.of_known(obstacle.boundary if grows else obstacle.boundary[:1]),
+        "clearance": rounding.of_known(obstacle.clearance),
+        "truth": None if obstacle.truth is None else rounding.of_known(obstacle.truth - origin),
         "observed": None if obstacle.observed is None else rounding.of(obstacle.observed - origin),
     }
 
@@ -154,6 +155,6 @@ class _Rounding:
         # The sum with 0 makes -0 a 0, which takes a character less.
         return (np.round(values, self.digits) + 0.0).tolist()
 
-    def of_points(self, points: Array) -> list[Any]:
-        """Give points as lists of pairs, None for those that are not known."""
-        return [None if np.isnan(point).any() else self.of(point) for point in points]
+    def of_known(self, values: Array) -> list[Any]:
+        """Give values as a list, None for those that are not finite, or hold any that is not."""
+        return [self.of(value) if np.isfinite(value).all() else None for value in values]

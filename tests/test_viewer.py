@@ -313,6 +313,25 @@ def test_far_places_and_clocks(browser: Browser, scheme: str, tmp_path: Path) ->
     assert browser.faults == []
 
 
+def test_obstacle_that_comes_late(browser: Browser, plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    """A zone that is not known at first, of an obstacle that is never known to be anywhere."""
+    recording = record_plan(plan, scenario, 5)
+    first = recording.obstacles[0]
+    center, boundary, clearance = first.center.copy(), first.boundary.copy(), first.clearance.copy()
+    for array in (center, boundary, clearance):
+        array[:3] = np.nan
+    late = replace(first, center=center, boundary=boundary, clearance=clearance)
+    save_recording(replace(recording, obstacles=(late,)), tmp_path / "late.html")
+    browser.open((tmp_path / "late.html").as_uri())
+    hidden = "document.querySelector('.zone').classList.contains('hidden')"
+    assert browser.evaluate(hidden)
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    browser.press("End")
+    assert not browser.evaluate(hidden)
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+
+
 def test_trip_without_obstacles(browser: Browser, scenario: sp.Scenario, tmp_path: Path) -> None:
     alone = scenario.model_copy(update={"obstacles": ()})
     plan = sp.plan(alone)

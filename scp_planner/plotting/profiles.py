@@ -60,12 +60,13 @@ def draw_profile(axes: Axes, recording: Recording, profile: Profile, indices: In
 def draw_clearance(axes: Axes, recording: Recording, indices: Index) -> None:
     """Draw the clearance to each zone and the least of them."""
     least = recording.clearance
-    if recording.obstacles:
+    known = least[np.isfinite(least)]
+    if len(known):
         for obstacle in recording.obstacles:
             axes.plot(recording.time - recording.epoch, obstacle.clearance, color=FAINT, linewidth=0.8)
         axes.plot(recording.time - recording.epoch, least, color=INK, linewidth=1.3)
-        top = max(1.1 * float(least.max()), 2.0 * recording.radius)
-        bottom = min(1.1 * float(least.min()), -0.06 * top)
+        top = max(1.1 * float(known.max()), 2.0 * recording.radius)
+        bottom = min(1.1 * float(known.min()), -0.06 * top)
         _mark(axes, recording, least, indices)
     else:
         bottom, top = -0.06, 1.0
