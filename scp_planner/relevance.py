@@ -87,4 +87,7 @@ def _distance_to_boxes(points: Array, looks: Looks) -> Array:
     """Distances of (K, L, 2) points to the K boxes."""
     x = np.maximum(looks.lower[:, None, 0] - points[:, :, 0], points[:, :, 0] - looks.upper[:, None, 0])
     y = np.maximum(looks.lower[:, None, 1] - points[:, :, 1], points[:, :, 1] - looks.upper[:, None, 1])
-    return np.hypot(np.maximum(x, 0.0), np.maximum(y, 0.0))
+    np.maximum(x, 0.0, out=x)
+    np.maximum(y, 0.0, out=y)
+    # not np.hypot, which takes four times as long
+    return np.sqrt(x * x + y * y)
