@@ -23,7 +23,6 @@ ARC_STEP = 0.15  # rad, between the points of an arc
 IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
 WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
-PIECE = 0.3  # half windows: length of a piece of the heading's spline
 
 # Power coefficients of the quintic from value, first and second derivative at 0 and at 1
 _HERMITE = np.array(
@@ -145,20 +144,26 @@ class CurvedGuide:
         pieces = len(self.headings) - 1
         self._width = self.length / pieces
         spline = CubicSpline(np.arange(pieces + 1) * self._width, self.headings)
-        self._heading = np.ascontiguousarray(spline.c[::-1].T)
-        factors = np.arange(1, 4)
-        self._curvature = self._heading[:, 1:] * factors
+        self._heading: Array = np.ascontiguousarray(spline.c[::-1].T)
+        factors = np.array([1.0, 2.0, 3.0])
+        self._curvature: Array = self._heading[:, 1:] * factors
         self._rate = self._curvature[:, 1:] * factors[:2]
         self._second = self._rate[:, 1]
         self._cell = self._width / CELLS_PER_PIECE
         self._cells = self._fit_cells()
 
+    @property
+    def pieces(self) -> int:
+        """Number of pieces of the heading's spline."""
+        return len(self.headings) - 1
+
     def _fit_cells(self) -> Array:
         """Coefficients of the quintics, (cells, 6, 2), in powers of the share of the cell."""
         count = len(self._heading) * CELLS_PER_PIECE
-        edges = np.arange(count + 1) * self._cell
-        nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
-        inner = (edges[:-1, None] + 0.5 * self._cell * (nodes + 1.0)).ravel()
+        edges: Array = self._cell * np.arange(count + 1, dtype=np.float64)
+        rule = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
+        nodes, weights = (np.asarray(values, dtype=np.float64) for values in rule)
+        inner: Array = (edges[:-1, None] + 0.5 * self._cell * (nodes + 1.0)).ravel()
         phi = self._local(self._heading, inner).reshape(count, -1)
         steps = 0.5 * self._cell * np.stack([np.cos(phi) @ weights, np.sin(phi) @ weights], axis=1)
         place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -205,7 +210,8 @@ class CurvedGuide:
         piece, x = self._locate(stations)
         _, b, c, d = self._heading[piece].T
         first, last = self._locate(stations - width)[0], self._locate(stations + width)[0]
-        low, high = self._second[first], self._second[first]
+        low: Array = self._second[first]
+        high: Array = self._second[first]
         for further in range(1, int((last - first).max(initial=0)) + 1):
             value = self._second[np.minimum(first + further, last)]
             low, high = np.minimum(low, value), np.maximum(high, value)
@@ -219,7 +225,7 @@ class CurvedGuide:
         return {"kind": "curved", "length": self.length, "headings": self.headings.tolist()}
 
 
-def smooth_guide(points: Array, radius: float) -> Guide:
+def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
     """Return a guide along a polyline, its corners rounded.
 
     Sharp corners are cut by arcs of the radius, as far as their legs have room. Then the curve is averaged over a
@@ -232,6 +238,11 @@ def smooth_guide(points: Array, radius: float) -> Guide:
         In the planning frame, from the start at the origin to the goal, m.
     radius : float
         Wanted radius of rounded corners, m.
+    piece : float
+        Length of a piece of the heading's spline, m. Where paths over the guide are integrated, no knot may lie inside
+        a cell.
+    multiple : int
+        The number of pieces is a multiple of this, and at least four times as much.
     """
     corners = _rounded(np.asarray(points, dtype=float), radius)
     legs = np.diff(corners, axis=0)
@@ -251,7 +262,7 @@ def smooth_guide(points: Array, radius: float) -> Guide:
     phi = np.unwrap(np.arctan2(derivative[:, 1], derivative[:, 0]))
     speed = np.hypot(derivative[:, 0], derivative[:, 1])
     driven = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(u))])
-    pieces = int(np.clip(np.ceil(driven[-1] / (PIECE * half)), 8, 4000))
+    pieces = multiple * max(4, round(driven[-1] / (multiple * piece)))
     headings = np.interp(np.linspace(0.0, driven[-1], pieces + 1), driven, phi)
     return _ending_at(corners[-1] - corners[0], driven[-1], headings)
 

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import sqrt, tan
+from math import pi, remainder, sqrt, tan
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.dubins import Pose, shortest_path
 from scp_planner.frames import PlanningFrame
-from scp_planner.guide import Guide, StraightGuide
+from scp_planner.guide import CurvedGuide, Guide, StraightGuide, smooth_guide
 from scp_planner.scenario import Scenario
 from scp_planner.settings import Settings
-from scp_planner.trajectory import TimeTable, TripSpace
+from scp_planner.trajectory import CELLS_PER_SPAN, TimeTable, TripSpace
 from scp_planner.zones import ThreatZone, ZoneBatch
 
 Array = NDArray[np.float64]
+
+STEEPEST = 1.05  # rad; where a heading differs by more from the direction to the goal, the guide is no straight line
+STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
+ROOM_TO_TURN = 1.3  # guides are rounded with so many times the least radius of the vehicle
+LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
+FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
+FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked at
 
 
 @dataclass(frozen=True)
@@ -65,11 +73,15 @@ class EndConditions:
         The free control points.
     goal_speed : float or None
         m/s.
+    lower, upper : (K1,) arrays
+        Bounds of the control points, m: the largest offset, and less where the guide would fold.
     """
 
     theta: Array
     free: slice
     goal_speed: float | None
+    lower: Array
+    upper: Array
 
 
 @dataclass(frozen=True)
@@ -199,6 +211,7 @@ def build_problem(
     zones: tuple[ThreatZone, ...],
     settings: Settings,
     breakpoints: tuple[float, ...] | None = None,
+    guide: Guide | None = None,
 ) -> Problem:
     """Make a scenario ready for planning.
 
@@ -210,11 +223,14 @@ def build_problem(
     settings : Settings
     breakpoints : tuple of float, optional
         Of the acceleration, in normalised time: the same ones for many problems share their tables.
+    guide : Guide, optional
+        In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
     """
     start, goal = scenario.start, scenario.goal
     frame = PlanningFrame.between(start.position, goal.position, start.time)
-    guide: Guide = StraightGuide(float(np.hypot(*np.subtract(goal.position, start.position))))
     limits = Limits.of(scenario, settings.limit_margin)
+    if guide is None:
+        guide = default_guide(scenario, frame, limits, settings)
     if breakpoints is None:
         time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
         breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
@@ -222,7 +238,7 @@ def build_problem(
         guide,
         start.speed,
         settings.path_degree,
-        max(4, round(guide.length / settings.path_span)),
+        path_spans(guide, settings),
         settings.acceleration_degree,
         breakpoints,
     )
@@ -232,7 +248,7 @@ def build_problem(
         settings,
         frame,
         space,
-        _end_conditions(scenario, frame, space),
+        _end_conditions(scenario, frame, space, settings.max_offset),
         limits,
         ZoneBatch(zones, frame, inflation),
         Box.of(scenario, frame, settings.box_margin),
@@ -253,16 +269,75 @@ def acceleration_breakpoints(spans: int, switches: tuple[float, ...]) -> tuple[f
     return tuple(float(value) for value in np.unique(np.round(breaks, 12)))
 
 
-def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace) -> EndConditions:
+def path_spans(guide: Guide, settings: Settings) -> int:
+    """Number of spans of the offset's spline: so that the pieces of a curved guide are the cells of the quadrature."""
+    if isinstance(guide, CurvedGuide) and guide.pieces % CELLS_PER_SPAN == 0:
+        return guide.pieces // CELLS_PER_SPAN
+    return max(4, round(guide.length / settings.path_span))
+
+
+def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: Settings) -> Guide:
+    """Return the guide of a scenario, in the planning frame.
+
+    It is the scenario's polyline, smoothed; without one the straight line to the goal; and where the heading at an end
+    differs from that by more than can be done by offsets, the shortest path of a curvature somewhat below the limit.
+    """
+    start, goal = scenario.start, scenario.goal
+    distance = float(np.hypot(*np.subtract(goal.position, start.position)))
+    if np.isfinite(limits.curvature):
+        radius = ROOM_TO_TURN / limits.curvature
+    else:
+        radius = max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
+    piece = settings.path_span / CELLS_PER_SPAN
+    if scenario.guide is not None:
+        return smooth_guide(frame.to_frame(np.array(scenario.guide)), radius, piece, CELLS_PER_SPAN)
+    turns = [
+        None if heading is None else remainder(heading - frame.heading, 2.0 * pi)
+        for heading in (start.heading, goal.heading)
+    ]
+    if all(turn is None or abs(turn) <= STEEPEST for turn in turns):
+        return StraightGuide(distance)
+    shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
+    return smooth_guide(shortest, radius, piece, CELLS_PER_SPAN)
+
+
+def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:
     theta = np.zeros(space.path_size)
     first, last = 1, space.path_size - 1
     degree = space.path.coefficients.shape[1] - 1
     spans = len(space.path.widths)
     reach = space.length / (degree * spans)
+    ends = np.zeros(2)
+    if not space.guide.straight:
+        tangent = space.guide.frame(np.array([0.0, space.length])).tangent
+        ends = np.arctan2(tangent[:, 1], tangent[:, 0])
     if scenario.start.heading is not None:
-        theta[1] = reach * tan(scenario.start.heading - frame.heading)
+        theta[1] = reach * tan(_sideways(scenario.start.heading - frame.heading - float(ends[0])))
         first = 2
     if scenario.goal.heading is not None:
-        theta[-2] = -reach * tan(scenario.goal.heading - frame.heading)
+        theta[-2] = -reach * tan(_sideways(scenario.goal.heading - frame.heading - float(ends[1])))
         last -= 1
-    return EndConditions(theta, slice(first, last), scenario.goal.speed)
+    lower, upper = _offset_bounds(space, max_offset)
+    return EndConditions(theta, slice(first, last), scenario.goal.speed, lower, upper)
+
+
+def _sideways(angle: float) -> float:
+    """The nearest heading that a path over the guide can have."""
+    return min(max(remainder(angle, 2.0 * pi), -STEEPEST_PATH), STEEPEST_PATH)
+
+
+def _offset_bounds(space: TripSpace, max_offset: float) -> tuple[Array, Array]:
+    """Bounds of the control points: by convexity, wherever one has weight the guide does not fold."""
+    upper = np.full(space.path_size, max_offset)
+    lower = -upper
+    if space.guide.straight:
+        return lower, upper
+    parameters = np.linspace(0.0, 1.0, FOLD_LOOKS * len(space.path.widths) + 1)
+    curvature = space.guide.frame(parameters * space.length).curvature
+    weighs = space.path.rows(parameters) > 0.0
+    with np.errstate(divide="ignore"):
+        left = np.where(curvature > 0.0, FOLD / np.maximum(curvature, 1e-300), np.inf)
+        right = np.where(curvature < 0.0, FOLD / np.maximum(-curvature, 1e-300), np.inf)
+    upper = np.minimum(upper, np.where(weighs, left[:, None], np.inf).min(axis=0))
+    lower = np.maximum(lower, -np.where(weighs, right[:, None], np.inf).min(axis=0))
+    return lower, upper

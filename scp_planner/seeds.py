@@ -330,6 +330,7 @@ class WaySearch:
         matrix = np.concatenate([rows[:, free], smooth[:, free]])
         target = np.concatenate([way.offsets - rows @ theta, -smooth @ theta])
         theta[free] = np.linalg.solve(matrix.T @ matrix, matrix.T @ target)
+        np.clip(theta[free], ends.lower[free], ends.upper[free], out=theta[free])
         path = Path(space, theta)
         driven = path.arc_length_at(way.stations / space.length)
         late = np.maximum(driven - way.stations, 0.0) / self.problem.limits.speed
@@ -454,7 +455,7 @@ def bows(problem: Problem) -> Iterator[Trajectory]:
     for speeding in (0.6, 0.0):
         for height in (0.0, 1.5, -1.5, 3.0, -3.0):
             theta = ends.theta.copy()
-            theta[ends.free] = (height * shape)[ends.free]
+            theta[ends.free] = np.clip(height * shape, ends.lower, ends.upper)[ends.free]
             beta = np.zeros(space.acceleration_size)
             beta[: max(1, space.acceleration_size // 5)] = speeding * problem.limits.acceleration
             if space.start_speed == 0.0:

@@ -142,10 +142,9 @@ def build_subproblem(
 
     lower, upper = np.empty(total), np.empty(total)
     offsets = trajectory.theta[free]
-    reach = problem.settings.max_offset
     radius = trust.theta * problem.space.tables.leverage[free]
-    upper[:theta] = np.minimum(radius, reach - offsets)
-    lower[:theta] = np.maximum(-radius, -reach - offsets)
+    upper[:theta] = np.minimum(radius, problem.ends.upper[free] - offsets)
+    lower[:theta] = np.maximum(-radius, problem.ends.lower[free] - offsets)
     upper[theta : size - 1] = trust.beta
     lower[theta : size - 1] = -trust.beta
     upper[size - 1] = trust.rho

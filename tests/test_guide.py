@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
+import test_linearisation
+from scenes import scene
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
+import scp_planner as sp
+from benchmarks.dense_check import check_trip
+from scp_planner.dubins import Pose, shortest_path
 from scp_planner.guide import CurvedGuide, StraightGuide, guide_from_dict, smooth_guide
+from scp_planner.problem import Problem, build_problem
+from scp_planner.settings import Settings
 from scp_planner.trajectory import Trajectory, TripSpace
 
 Array = np.ndarray
@@ -183,3 +193,117 @@ def test_enclosures_over_a_curved_guide_contain_dense_samples(name: str) -> None
         rate = path.curvature_rate(points)
         assert np.all((points.speed >= bend.speed.lower - 1e-9) & (points.speed <= bend.speed.upper + 1e-9))
         assert np.all((rate >= bend.curvature_rate.lower - 1e-9) & (rate <= bend.curvature_rate.upper + 1e-9))
+
+
+def curved_problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
+    """As in the tests of straight guides, with a bend in the guide and obstacles with corners."""
+    box = {"id": "box", "shape": {"rectangle": [2.0, 1.0]}, "motion": {"position": [13.0, 3.0], "velocity": [-1, -0.5]}}
+    turning = {**box, "id": "turning", "motion": {**box["motion"], "acceleration": [0.1, 0.4]}}
+    scenario = scene(
+        *test_linearisation.CROSSERS,
+        test_linearisation.observed("seen", 1),
+        box,
+        turning,
+        start={"heading": heading},
+        bounds=test_linearisation.BOX,
+        guide=[[0.0, 0.0], [8.0, 4.0], [14.0, -1.0], [20.0, 0.0]],
+    )
+    problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
+    rng = np.random.default_rng(seed)
+    theta, free = problem.ends.theta.copy(), problem.ends.free
+    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
+    assert np.all((theta[free] < problem.ends.upper[free]) & (theta[free] > problem.ends.lower[free]))
+    return problem, problem.space.trajectory(theta, rng.uniform(-0.2, 0.5, problem.space.acceleration_size))
+
+
+@pytest.mark.parametrize(
+    "check",
+    [
+        lambda: test_linearisation.test_clearance_rows(0),
+        lambda: test_linearisation.test_clearance_rows(1),
+        lambda: test_linearisation.test_arrival_speed_and_acceleration_rows(0),
+        lambda: test_linearisation.test_curvature_and_lateral_rows(0),
+        lambda: test_linearisation.test_curvature_and_lateral_rows(2),
+        test_linearisation.test_box_rows_are_exact,
+        test_linearisation.test_rows_out_of_reach_are_left_out_and_cannot_be_violated,
+        test_linearisation.test_gaps_at_another_trip_are_those_of_the_same_sites,
+    ],
+)
+def test_rows_over_a_curved_guide(check: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(test_linearisation, "problem_and_trip", curved_problem_and_trip)
+    check()
+
+
+# Guides that plans are made over.
+
+
+def dense(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+    assert report.ok, str(report)
+
+
+HEADINGS = {
+    "behind": scene(goal={"position": [-12.0, 1.0]}),
+    "turn round": scene(goal={"position": [0.0, 6.0], "heading": np.pi}),
+    "arrive backwards": scene(goal={"position": [15.0, 0.0], "heading": np.pi, "speed": 1.0}),
+    "arrive across": scene(goal={"position": [15.0, 0.0], "heading": 0.5 * np.pi, "speed": 1.0}),
+    "leave across": scene(start={"heading": -2.0}, goal={"position": [15.0, 0.0], "heading": 0.3}),
+}
+
+
+@pytest.mark.parametrize("name", HEADINGS)
+def test_headings_that_differ_from_the_line_are_kept(name: str, tmp_path: Path) -> None:
+    plan = sp.plan(HEADINGS[name])
+    assert plan.certified, plan.reason
+    dense(plan, HEADINGS[name])
+    plan.save(tmp_path / "plan.json")
+    again = sp.Plan.load(tmp_path / "plan.json")
+    t = np.linspace(plan.start_time, plan.arrival_time, 50)
+    np.testing.assert_allclose(again.position(t), plan.position(t), atol=1e-9)
+    assert sp.certify(HEADINGS[name], again).holds
+
+
+def test_a_scenario_s_polyline_is_followed() -> None:
+    scenario = scene(goal={"position": [10.0, 12.0]}, guide=[[0.0, 0.0], [10.0, 0.0], [10.0, 12.0]])
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    dense(plan, scenario)
+    assert plan.trip.trajectory.space.length > 19.0
+
+
+def test_offsets_stay_where_the_guide_does_not_fold() -> None:
+    scenario = scene(goal={"position": [0.0, 5.0]}, guide=[[0.0, 0.0], [9.0, 0.0], [9.0, 5.0], [0.0, 5.0]])
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    ends, space = problem.ends, problem.space
+    assert np.all(ends.lower < 0.0) and np.all(ends.upper > 0.0)
+    assert ends.upper.min() < 3.0 and ends.lower.min() == -8.0
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        theta = np.where(rng.uniform(size=space.path_size) < 0.5, ends.lower, ends.upper)
+        points = space.trajectory(theta, np.zeros(space.acceleration_size)).path.points(np.linspace(0, 1, 999))
+        assert points.stretch.min() > 0.15
+
+
+@pytest.mark.parametrize("radius", [1.0, 2.5])
+def test_shortest_paths_join_their_ends_and_are_shorter_than_others(radius: float) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        start = Pose(tuple(rng.normal(size=2) * 4), rng.uniform(-3, 3))
+        goal = Pose(tuple(rng.normal(size=2) * 4), rng.uniform(-3, 3))
+        points = shortest_path(start, goal, radius)
+        legs = np.diff(points, axis=0)
+        np.testing.assert_allclose(points[0], start.position, atol=1e-9)
+        np.testing.assert_allclose(points[-1], goal.position, atol=1e-6)
+        headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+        assert abs(np.sin(0.5 * (headings[0] - start.heading))) < 0.04
+        assert abs(np.sin(0.5 * (headings[-1] - goal.heading))) < 0.04
+        assert np.abs(np.diff(headings)).max() < 0.13
+        length = np.hypot(*legs.T).sum()
+        wider = shortest_path(start, goal, 1.5 * radius)
+        assert length <= np.hypot(*np.diff(wider, axis=0).T).sum() * (1.0 + 1e-3)
+        back = shortest_path(
+            Pose(goal.position, goal.heading + np.pi), Pose(start.position, start.heading + np.pi), radius
+        )
+        assert np.hypot(*np.diff(back, axis=0).T).sum() == pytest.approx(length, rel=2e-3)
+        free = shortest_path(Pose(start.position, None), goal, radius)
+        assert np.hypot(*np.diff(free, axis=0).T).sum() <= length + 0.15 * radius
