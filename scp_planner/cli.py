@@ -15,13 +15,14 @@ import os
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from enum import IntEnum, StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
-from scp_planner.errors import PlanError, ScenarioError
+from scp_planner.errors import PlanError, ScenarioError, StudyError
 
 if TYPE_CHECKING:
     from scp_planner.certificate import Certificate
@@ -34,7 +35,8 @@ BUILT_IN = "builtin:"
 DEMO_SCENARIO = "radar"
 PAGE_SUFFIX = ".html"
 FILM_SUFFIXES = (".gif", ".mp4")
-PICTURE_SUFFIXES = (".pdf", ".png", ".svg", *FILM_SUFFIXES, PAGE_SUFFIX)
+FIGURE_SUFFIXES = (".pdf", ".png", ".svg")
+PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *FILM_SUFFIXES, PAGE_SUFFIX)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -53,6 +55,16 @@ class Method(StrEnum):
     """How a plan is made."""
 
     SCP = "scp"
+    PENALTY_DESCENT = "penalty-descent"
+
+
+class Compared(StrEnum):
+    """What is compared: sequential convex programming, and the variants of penalty descent."""
+
+    SCP = "scp"
+    LBFGS = "l-bfgs"
+    GRADIENT = "gradient-descent"
+    MONTE_CARLO = "monte-carlo"
 
 
 app = typer.Typer(
@@ -62,6 +74,10 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
+studies = typer.Typer(help="Measure the published claims.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(studies, name="study")
 
 
 def _at_least(least: int) -> Callable[[int], int]:
@@ -101,7 +117,7 @@ def _with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return command(*args, **kwargs)
-        except (ScenarioError, PlanError) as error:
+        except (ScenarioError, PlanError, StudyError) as error:
             _tell(str(error))
         except BrokenPipeError:
             raise  # the reader of stdout has seen enough
@@ -157,7 +173,7 @@ def plan_command(
 ) -> None:
     """Plan one scenario."""
     _start_logging(quiet, verbose)
-    _check_solver(solver)
+    _check_solver(solver, method)
     _check_time_limit(time_limit)
     _check_target("--output", output, scenario_file)
     _check_figure("--plot", plot, scenario_file)
@@ -190,6 +206,105 @@ def check_command(
     _report(_summary_of_certificate(scenario, certificate), as_json, quiet)
     violations = "; ".join(str(violation) for violation in certificate.violations)
     _finish(str(plan_file), certificate.holds, violations)
+
+
+@app.command("compare")
+@_with_exit_codes
+def compare_command(
+    scenario_files: Annotated[
+        list[str], typer.Argument(metavar="SCENARIO...", help=f"Scenario files (YAML or JSON), or {BUILT_IN}NAME.")
+    ],
+    starts: Annotated[
+        int, typer.Option("--starts", callback=_at_least(1), help="Starts of each scenario, at most.")
+    ] = 3,
+    methods: Annotated[
+        list[Compared] | None,
+        typer.Option("--method", help="What to compare; may be given several times; default: scp and l-bfgs."),
+    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write all trials, CSV.")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Draw convergence: .png, .pdf or .svg.")] = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Compare sequential convex programming with penalty descent, on the same objective from the same starts."""
+    _start_logging(quiet, verbose)
+    _check_target("--output", output, "")
+    _check_figure("--plot", plot, "", FIGURE_SUFFIXES)
+    scenarios = [_load_scenario(file) for file in scenario_files]
+    from tqdm import tqdm
+
+    from scp_planner import comparison
+
+    chosen = [comparison.Method(method.value) for method in methods or (Compared.SCP, Compared.LBFGS)]
+    most = len(scenarios) * starts * len(chosen)
+    with tqdm(total=most, unit="trial", disable=True if quiet else None) as bar:
+
+        def advance(_: object) -> None:
+            bar.update()
+
+        trials = comparison.compare(scenarios, starts_each=starts, methods=chosen, seed=seed, progress=advance)
+    if output is not None:
+        comparison.save_trials(trials, output)
+    if plot is not None:
+        from scp_planner.plotting.studies import plot_comparison
+
+        plot_comparison(trials, plot)
+    if as_json:
+        records = [comparison.trial_record(trial) for trial in trials]
+        _print_json({"summary": [asdict(row) for row in comparison.summaries(trials)], "trials": records})
+    elif not quiet:
+        typer.echo(comparison.summary_table(trials))
+    certified = {trial.scenario for trial in trials if trial.certified}
+    missing = [scenario.name for scenario in scenarios if scenario.name not in certified]
+    if missing:
+        _tell(f"no certified plan by any method: {', '.join(missing)}")
+        raise typer.Exit(ExitCode.NOT_CERTIFIED)
+
+
+@studies.command("consistency")
+@_with_exit_codes
+def consistency_command(
+    quick: Annotated[bool, typer.Option("--quick", help="Few repetitions: slopes roughly, in under a minute.")] = False,
+    repetitions: Annotated[
+        int | None, typer.Option("--repetitions", help="Of each noise and number of observations, 2 or more.")
+    ] = None,
+    workers: Annotated[
+        int, typer.Option("--workers", callback=_at_least(1), help="Processes; default: one for each core.")
+    ] = os.cpu_count() or 1,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for results; those that are there already are used.")
+    ] = Path("consistency"),
+    seed: Annotated[int, typer.Option("--seed", callback=_at_least(0), help="Seed of the errors, 0 or more.")] = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Measure how the estimated objective and its minimisers converge to the true ones."""
+    _start_logging(quiet, verbose)
+    _check_target("--output", output, "", is_folder=True)
+    if repetitions is not None and repetitions < 2:
+        raise _bad_option("--repetitions", repetitions, "must be at least 2")
+    from scp_planner.studies.consistency import run_consistency
+    from scp_planner.studies.field import ConsistencySettings, border
+
+    settings = ConsistencySettings.quick(seed) if quick else ConsistencySettings(seed=seed)
+    if repetitions is not None:
+        settings = replace(settings, repetitions=repetitions)
+    result = run_consistency(settings, folder=output, workers=workers, progress=not quiet)
+    written = result.save(output)
+    if _can_plot():
+        from scp_planner.plotting.studies import plot_border, plot_consistency
+
+        plot_consistency(result, output / "consistency.png")
+        plot_border(border(), output / "border.png")
+        written += [output / "consistency.png", output / "border.png"]
+    if as_json:
+        _print_json({"slopes": [asdict(slope) for slope in result.slopes]})
+    elif not quiet:
+        typer.echo(result.table())
+        _tell(f"wrote {', '.join(str(file) for file in written)}")
 
 
 @app.command("schema")
@@ -257,6 +372,10 @@ def _make_plan(
             from scp_planner.planner import plan
 
             return plan(scenario, solver=solver, seed=seed, time_limit=time_limit)
+        case Method.PENALTY_DESCENT:
+            from scp_planner.penalty_descent import penalty_descent
+
+            return penalty_descent(scenario, seed=seed, time_limit=time_limit)
 
 
 def _draw(plan: Plan, scenario: Scenario, path: Path) -> None:
@@ -280,9 +399,11 @@ def _can_plot() -> bool:
     return importlib.util.find_spec("matplotlib") is not None
 
 
-def _check_solver(solver: str | None) -> None:
+def _check_solver(solver: str | None, method: Method) -> None:
     from scp_planner.solvers.interface import SOLVERS
 
+    if solver is not None and method is not Method.SCP:
+        raise _bad_option("--solver", solver, f"--method {method} solves no subproblems")
     if solver is not None and solver not in SOLVERS:
         raise _bad_option("--solver", solver, f"must be one of {', '.join(SOLVERS)}")
 
@@ -306,12 +427,12 @@ def _check_target(option: str, target: Path | None, source: str, *, is_folder: b
         raise _bad_option(option, target, "must not be the scenario file itself")
 
 
-def _check_figure(option: str, target: Path | None, source: str) -> None:
+def _check_figure(option: str, target: Path | None, source: str, suffixes: tuple[str, ...] = PICTURE_SUFFIXES) -> None:
     if target is None:
         return
     suffix = target.suffix.lower()
-    if suffix not in PICTURE_SUFFIXES:
-        raise _bad_option(option, target, f"must end in one of {', '.join(PICTURE_SUFFIXES)}")
+    if suffix not in suffixes:
+        raise _bad_option(option, target, f"must end in one of {', '.join(suffixes)}")
     if suffix != PAGE_SUFFIX and not _can_plot():
         raise _bad_option(option, target, "needs matplotlib: pip install 'scp-planner[plot]'")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
@@ -371,6 +492,21 @@ def _report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
         for key, value in summary.items():
             if value is not None and key not in _TOLD_AT_THE_END:
                 typer.echo(f"{key.replace('_', ' ') + ':':<25}{_shown(value)} {_UNITS.get(key, '')}".rstrip())
+
+
+def _print_json(data: Any) -> None:
+    """Print as JSON; numbers that JSON has no word for become null."""
+
+    def known(value: Any) -> Any:
+        match value:
+            case dict():
+                return {key: known(item) for key, item in value.items()}
+            case list():
+                return [known(item) for item in value]
+            case _:
+                return _finite(value)
+
+    typer.echo(json.dumps(known(data), indent=1, allow_nan=False))
 
 
 def _shown(value: object) -> str:

@@ -180,7 +180,8 @@ def test_an_interrupted_plan_exits_with_130(easy: Path, tmp_path: Path, monkeypa
     ("options", "said"),
     [
         (["--solver", "gurobi"], ["--solver", "gurobi", "daqp, "]),
-        (["--method", "magic"], ["--method", "magic", "scp"]),
+        (["--method", "magic"], ["--method", "magic", "scp", "penalty-descent"]),
+        (["--method", "penalty-descent", "--solver", "osqp"], ["--solver", "osqp", "solves no subproblems"]),
         (["--time-limit", "0"], ["--time-limit", "0", "greater than 0"]),
         (["--time-limit", "nan"], ["--time-limit", "nan", "finite"]),
         (["--time-limit", "soon"], ["--time-limit", "number"]),
@@ -215,6 +216,120 @@ def test_an_unknown_built_in_scenario_is_refused() -> None:
     assert result.exit_code == 2
     assert "'crosing'" in result.stderr
     assert "'crossing'" in result.stderr
+
+
+def test_plan_by_penalty_descent(easy: Path, tmp_path: Path) -> None:
+    result = run("plan", easy, "-o", tmp_path / "plan.json", "--method", "penalty-descent")
+    assert result.exit_code == 0, result.output
+    data = json.loads((tmp_path / "plan.json").read_text())
+    assert (data["method"], data["solver"], data["status"]) == ("penalty-descent", "l-bfgs", "certified")
+    assert run("check", easy, tmp_path / "plan.json").exit_code == 0
+
+
+# compare
+
+
+def test_compare_tables_writes_and_draws(easy: Path, tmp_path: Path) -> None:
+    table, figure = tmp_path / "trials.csv", tmp_path / "comparison.png"
+    result = run("compare", easy, "builtin:headon", "--starts", "1", "-o", table, "--plot", figure)
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    assert [line.split()[:2] for line in result.stdout.splitlines()] == [
+        ["method", "trials"],
+        ["scp", "2"],
+        ["l-bfgs", "2"],
+    ]
+    assert len(table.read_text().splitlines()) == 5
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_as_json_with_chosen_methods(easy: Path) -> None:
+    result = run("compare", easy, "--starts", "1", "--method", "gradient-descent", "--method", "scp", "--json")
+    assert result.exit_code == 0, result.output
+    data = json.loads(result.stdout)
+    assert [row["method"] for row in data["summary"]] == ["gradient-descent", "scp"]
+    assert [trial["certified"] for trial in data["trials"]] == [True, True]
+
+
+def test_compare_names_scenarios_that_no_method_solves(hopeless: Path, easy: Path) -> None:
+    result = run("compare", hopeless, easy, "--starts", "1")
+    assert result.exit_code == 3
+    assert result.stderr == "no certified plan by any method: hopeless\n"
+    assert "1 (50%)" in result.stdout
+    assert run("compare", hopeless, "--starts", "1", "--method", "scp", "--quiet").stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--starts", "0"], ["--starts", "0: must be at least 1"]),
+        (["--method", "magic"], ["--method", "magic", "l-bfgs"]),
+        (["--plot", "trials.html"], ["--plot", "trials.html", ".svg"]),
+        (["-o", "no/such/trials.csv"], ["--output", "no/such/trials.csv", "must exist"]),
+        (["none.yaml"], ["none.yaml: No such file or directory"]),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_bad_options_of_compare_are_refused(
+    options: list[str], said: list[str], easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run("compare", easy.name, *options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    for words in said:
+        assert words in result.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["easy.yaml"]
+
+
+# study
+
+
+def test_study_consistency_writes_tables_and_figures_and_goes_on(tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    options = ("study", "consistency", "--quick", "--repetitions", "2", "--workers", "1", "-o", folder)
+    result = run(*options)
+    assert result.exit_code == 0, result.output
+    assert "Slopes over n:" in result.stdout
+    assert {file.name for file in folder.iterdir()} == {
+        "results.jsonl",
+        "summary.csv",
+        "slopes.csv",
+        "border.csv",
+        "consistency.png",
+        "border.png",
+    }
+    kept = (folder / "results.jsonl").read_bytes()
+    again = run(*options, "--json")
+    assert again.exit_code == 0
+    assert {slope["kind"] for slope in json.loads(again.stdout)["slopes"]} == {"estimate", "region"}
+    assert (folder / "results.jsonl").read_bytes() == kept
+
+
+def test_study_consistency_refuses_a_folder_of_something_else(tmp_path: Path) -> None:
+    (tmp_path / "results.jsonl").write_text("mine\n")
+    result = run("study", "consistency", "--quick", "-o", tmp_path)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{tmp_path / 'results.jsonl'}: line 1" in result.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["results.jsonl"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--repetitions", "1"], "1: must be at least 2"),
+        (["--workers", "0"], "0: must be at least 1"),
+        (["-o", "no/such/folder"], "must exist"),
+    ],
+    ids=lambda value: str(value),
+)
+def test_bad_options_of_a_study_are_refused(
+    options: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = run("study", "consistency", *options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in result.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 # check

@@ -11,15 +11,8 @@ import pytest
 
 import scp_planner as sp
 from scp_planner import builtin
-from scp_planner.penalty_descent import (
-    Descent,
-    DescentSettings,
-    DescentStatus,
-    Variant,
-    checked_descent,
-    path_scaling,
-    starts,
-)
+from scp_planner.descent import Descent, DescentSettings, DescentStatus, Variant, checked_descent, path_scaling
+from scp_planner.penalty_descent import starts
 from scp_planner.plan import PlanStatus
 from scp_planner.problem import build_problem
 from scp_planner.scp import ScpLoop

@@ -66,10 +66,8 @@ def _draw_metric(axes: Axes, result: ConsistencyResult, kind: ZoneKind, metric: 
     last = []
     for colour, noise in zip(COLOURS, result.settings.noises, strict=False):
         rows = [m for m in result.means if (m.kind, m.noise, m.metric) == (kind.value, noise, metric.name)]
-        slope = next(
-            (s for s in result.slopes if (s.kind, s.noise, s.metric) == (kind.value, noise, metric.name)), None
-        )
-        fitted = "" if slope is None else f": {slope.slope:.2f}"
+        slope = result.settled_slope(kind, noise, metric)
+        fitted = "" if slope is None else f": {slope.slope:.2f} from n = {slope.from_size}"
         axes.plot(sizes, [m.mean for m in rows], "o-", color=colour, ms=3, lw=1, label=f"{noise:g} m{fitted}")
         axes.fill_between(sizes, [m.lower for m in rows], [m.upper for m in rows], color=colour, alpha=0.2, lw=0)
         last.append(rows[-1].mean)

@@ -1,0 +1,351 @@
+"""The published convergence claims, measured: Q_n to Q, and the minimisers of Q_n to those of Q.
+
+What is measured in one repetition is in `scp_planner.studies.field`. Here many of them are done, in parallel and
+with results kept on disk, and the exponents of n are fitted with confidence bands.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.files import write_text
+from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Study, Task, ZoneKind, border
+from scp_planner.studies.result_file import ResultFile
+
+Array = NDArray[np.float64]
+
+RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv", "border.csv"
+BAND = 0.95  # of the confidence bands of means and slopes
+RESAMPLES = 1000
+FEWEST_SIZES = 2  # of n, that a slope is fitted to
+OTHER_WAY = "other_way"
+
+
+@lru_cache(maxsize=1)
+def prepared(settings: ConsistencySettings) -> Study:
+    """Return the study of these settings; each process prepares it once."""
+    return Study(settings)
+
+
+def _measure(settings: ConsistencySettings, task: Task) -> list[Record]:
+    # Which repetitions are done does not change what one of them does: prepare once for all.
+    return prepared(replace(settings, sizes=(), noises=(), repetitions=0)).measure(task)
+
+
+def run_consistency(
+    settings: ConsistencySettings | None = None,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    workers: int = 1,
+    progress: bool = False,
+) -> ConsistencyResult:
+    """Do the study, or what is left of it.
+
+    Parameters
+    ----------
+    settings : ConsistencySettings, optional
+    folder : path, optional
+        Where results are kept as they come, so that an interrupted study goes on; default: nowhere.
+    workers : int
+        Processes. The results do not depend on it.
+    progress : bool
+        Whether a bar on stderr shows how far it is.
+
+    Returns
+    -------
+    ConsistencyResult
+
+    Raises
+    ------
+    StudyError
+        If the folder holds something else.
+    """
+    settings = settings or ConsistencySettings()
+    done: dict[Task, list[Record]] = {}
+    file = None
+    if folder is not None:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        file = ResultFile(Path(folder) / RESULTS, settings.fingerprint)
+        done = file.load()
+    tasks = _tasks(settings)
+    missing = [task for task in tasks if task not in done]
+    with _bar(len(tasks), len(tasks) - len(missing), progress) as advance:
+        for records in _results(settings, missing, workers):
+            if file is not None:
+                file.append(records)
+            done[records[0].task] = records
+            advance()
+    return ConsistencyResult(settings, tuple(record for task in tasks for record in done[task]))
+
+
+def _tasks(settings: ConsistencySettings) -> list[Task]:
+    return [
+        Task(noise, size, repetition)
+        for repetition in range(settings.repetitions)
+        for noise in settings.noises
+        for size in settings.sizes
+    ]
+
+
+def _results(settings: ConsistencySettings, tasks: Sequence[Task], workers: int) -> Iterator[list[Record]]:
+    """Results as they come; an interrupt or error leaves none of the waiting tasks behind."""
+    if workers <= 1:
+        for task in tasks:
+            yield _measure(settings, task)
+        return
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_leave_interrupts_alone)
+    try:
+        waiting: set[Future[list[Record]]] = {pool.submit(_measure, settings, task) for task in tasks}
+        while waiting:
+            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in ready:
+                yield future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _leave_interrupts_alone() -> None:
+    """Let an interrupt of the whole group end the parent, which ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _bar(total: int, done: int, wanted: bool) -> Iterator[Callable[[], None]]:
+    if not wanted:
+        yield lambda: None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, initial=done, unit="repetition", disable=None) as bar:
+
+        def advance() -> None:
+            bar.update()
+
+        yield advance
+
+
+@dataclass(frozen=True)
+class Mean:
+    """The mean of one metric over the repetitions, with its confidence band.
+
+    Attributes
+    ----------
+    kind, noise, metric
+    size : int
+        n.
+    mean, lower, upper : float
+        In the metric's unit.
+    """
+
+    kind: str
+    noise: float
+    metric: str
+    size: int
+    mean: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Slope:
+    """The exponent of n that a metric falls with, fitted on log-log axes, with its confidence band.
+
+    Attributes
+    ----------
+    kind, noise, metric
+    from_size : int
+        Least n of the fit.
+    slope, lower, upper : float
+    expected : float
+        By the theory.
+    """
+
+    kind: str
+    noise: float
+    metric: str
+    from_size: int
+    slope: float
+    lower: float
+    upper: float
+    expected: float
+
+
+@dataclass(frozen=True)
+class ConsistencyResult:
+    """What the study measured.
+
+    Attributes
+    ----------
+    settings : ConsistencySettings
+    records : tuple of Record
+    """
+
+    settings: ConsistencySettings
+    records: tuple[Record, ...]
+
+    def values(self, kind: ZoneKind, noise: float, metric: str) -> Array:
+        """Values of a metric, (sizes, repetitions)."""
+        return np.array(
+            [
+                [self._found[kind, Task(noise, size, repetition)][metric] for repetition in self._repetitions]
+                for size in self.settings.sizes
+            ]
+        )
+
+    @cached_property
+    def _found(self) -> dict[tuple[ZoneKind, Task], dict[str, float]]:
+        return {(record.kind, record.task): record.values for record in self.records}
+
+    @property
+    def _repetitions(self) -> range:
+        return range(self.settings.repetitions)
+
+    def settled_from(self, kind: ZoneKind, noise: float) -> int | None:
+        """Give the least n, of those to fit, from which on all minimisers lie in the basin of the true one."""
+        elsewhere = self.values(kind, noise, OTHER_WAY).max(axis=1)
+        settled = None
+        for size, other in sorted(zip(self.settings.sizes, elsewhere, strict=True), reverse=True):
+            if other > 0.0 or size < self.settings.fit_from:
+                break
+            settled = size
+        return settled
+
+    @cached_property
+    def means(self) -> tuple[Mean, ...]:
+        """Means of all metrics, and of the share of minimisers in other basins."""
+        rows = []
+        for kind, noise in self._groups():
+            for name in (*(metric.name for metric in METRICS), OTHER_WAY):
+                values, resampled = self._resampled(kind, noise, name)
+                lower, upper = _band(resampled)
+                rows += [
+                    Mean(kind.value, noise, name, size, float(values[i].mean()), float(lower[i]), float(upper[i]))
+                    for i, size in enumerate(self.settings.sizes)
+                ]
+        return tuple(rows)
+
+    @cached_property
+    def slopes(self) -> tuple[Slope, ...]:
+        """Slopes of all metrics.
+
+        Fitted from ``fit_from`` on, and those of minimisers once more from where all are in the basin of the true one,
+        if that is later. There are none from where fewer than two sizes are left.
+        """
+        rows = []
+        for kind, noise in self._groups():
+            settled = self.settled_from(kind, noise)
+            for metric in METRICS:
+                first = self._slope(kind, noise, metric, self.settings.fit_from)
+                rows.append(first)
+                if metric.of_minimiser and settled is not None and first is not None and settled > first.from_size:
+                    rows.append(self._slope(kind, noise, metric, settled))
+        return tuple(row for row in rows if row is not None)
+
+    def settled_slope(self, kind: ZoneKind, noise: float, metric: Metric) -> Slope | None:
+        """Give the slope of a metric where the theory applies; None if that is at fewer than two sizes."""
+        first: int | None = self.settings.fit_from
+        if metric.of_minimiser:
+            first = self.settled_from(kind, noise)
+        return None if first is None else self._slope(kind, noise, metric, first)
+
+    def _slope(self, kind: ZoneKind, noise: float, metric: Metric, first: int) -> Slope | None:
+        sizes = np.array(self.settings.sizes)
+        fitted = sizes >= first
+        if fitted.sum() < FEWEST_SIZES:
+            return None
+        values, resampled = self._resampled(kind, noise, metric.name)
+        x = np.log10(sizes[fitted])
+        slope = float(_fit(x, values.mean(axis=1)[fitted]))
+        lower, upper = _band(_fit(x, resampled[:, fitted]))
+        least = int(sizes[fitted].min())
+        return Slope(kind.value, noise, metric.name, least, slope, float(lower), float(upper), metric.exponent)
+
+    def _groups(self) -> Iterator[tuple[ZoneKind, float]]:
+        yield from ((kind, noise) for kind in ZoneKind for noise in self.settings.noises)
+
+    def _resampled(self, kind: ZoneKind, noise: float, metric: str) -> tuple[Array, Array]:
+        """Values (sizes, repetitions), and the means of resampled repetitions (RESAMPLES, sizes)."""
+        values, count = self.values(kind, noise, metric), self.settings.repetitions
+        random = np.random.default_rng(self.settings.seed)
+        chosen = random.integers(count, size=(RESAMPLES, len(values), count))
+        return values, np.take_along_axis(values[None], chosen, axis=2).mean(axis=2)
+
+    def save(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write means, slopes and the border of the domain as CSV; return the files."""
+        written = []
+        for name, rows in ((SUMMARY, self.means), (SLOPES, self.slopes), (BORDER, border())):
+            path = Path(folder) / name
+            write_text(path, _as_csv(rows))
+            written.append(path)
+        return written
+
+    def table(self) -> str:
+        """Write the slopes where the theory applies as a table for a terminal, and how often it does not yet."""
+        heads = ["zones", "noise", "settled from n", *(metric.name for metric in METRICS)]
+        rows = [["theory", "", "", *(f"{metric.exponent:g}" for metric in METRICS)]]
+        for kind, noise in self._groups():
+            slopes = [self.settled_slope(kind, noise, metric) for metric in METRICS]
+            cells = ("-" if s is None else f"{s.slope:.2f} [{s.lower:.2f}, {s.upper:.2f}]" for s in slopes)
+            rows.append([kind.value, f"{noise:g} m", str(self.settled_from(kind, noise) or "-"), *cells])
+        heads_of_shares = ["zones", "noise", *(f"n = {size}" for size in self.settings.sizes)]
+        shares = [
+            [
+                kind.value,
+                f"{noise:g} m",
+                *(f"{share:.0%}" for share in self.values(kind, noise, OTHER_WAY).mean(axis=1)),
+            ]
+            for kind, noise in self._groups()
+        ]
+        return "\n".join(
+            [
+                "Slopes over n:",
+                *_lines([heads, *rows]),
+                "",
+                "Minimisers on another way:",
+                *_lines([heads_of_shares, *shares]),
+            ]
+        )
+
+
+def _lines(rows: list[list[str]]) -> Iterator[str]:
+    """Lines of a table whose columns are as wide as they need to be."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _band(resampled: Array) -> tuple[Array, Array]:
+    tail = 0.5 * (1.0 - BAND)
+    lower, upper = np.quantile(resampled, [tail, 1.0 - tail], axis=0)
+    return lower, upper
+
+
+def _fit(x: Array, means: Array) -> Array:
+    """Least-squares slopes of log10 of (..., sizes) means against x."""
+    y = np.log10(np.maximum(means, 1e-300))
+    centered = x - x.mean()
+    slopes: Array = y @ centered / float(centered @ centered)
+    return slopes
+
+
+def _as_csv(rows: Iterable[Any]) -> str:
+    text = io.StringIO()
+    records = [asdict(row) for row in rows]
+    writer = csv.DictWriter(text, fieldnames=list(records[0]) if records else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    return text.getvalue()

@@ -1,0 +1,434 @@
+"""A field that a vehicle crosses, its objective Q with true zones, and Q_n with zones from n observations.
+
+A vehicle crosses a field with accelerating obstacles. Each obstacle is observed n times in a fixed window of time, with
+independent errors. Q is the penalised objective (objective.py) with the true zones, Q_n the same objective with zones
+from the observations, of two kinds:
+
+- ``estimate``: the obstacle's shape at its estimated centre, as in Zambom and Seguin (2021);
+- ``region``: with the confidence region of the centre around it, as the planner uses them. Its radius falls like
+  sqrt(q h(t)) ~ n^-1/2, so these zones shrink to the true ones at the same rate, from outside.
+
+The errors of the estimated centres are of order n^-1/2 at each time. Q depends on the zones through clearances, which
+move as far as the centres do, hence sup |Q_n - Q| over a compact set is of order n^-1/2 too; and where Q has a positive
+definite second derivative at its minimiser, the minimisers are as close, while the excess Q(omega_n) - Q(omega) is of
+order 1/n. The study fits these exponents. They are asymptotic: where zones differ so much that another way round is
+the fastest, the minimiser lies in another basin, as far away as that way is. How often this happens is measured too.
+
+The compact set is a box of control points, in D0(v0) with speeds >= 0, of trips that last at most MAX_TRAVEL_TIME. The
+supremum is taken over fixed points of it from a low-discrepancy sequence, some of them drawn in towards the minimiser.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+from hashlib import sha256
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.descent import path_scaling
+from scp_planner.objective import Hinge, PenalisedObjective, Weights, soft_excess, zone_excess
+from scp_planner.penalty_descent import starts
+from scp_planner.problem import Problem, build_problem
+from scp_planner.scenario import Scenario
+from scp_planner.settings import Settings
+from scp_planner.zones import ZoneBatch, zones
+
+Array = NDArray[np.float64]
+
+MAX_TRAVEL_TIME = 12.0  # s; of the trips in the compact set
+LARGEST_OFFSET = 3.0  # m; of the control points in the compact set
+DRAWN_IN = (1.0, 0.3, 0.1)  # towards the minimiser, of the points of the compact set
+SAME = 1e-3  # m and m/s^2; minimisers nearer than this are the same
+MINIMA = 3  # of Q, the best of which are where minimisations of Q_n begin
+
+OBSTACLES = (
+    # position m, velocity m/s and acceleration m/s^2 at the start time, radius m
+    ((6.1, -6.2), (0.15, 1.75), (0.0, -0.10), 0.7),
+    ((9.7, 5.9), (-0.1, -1.25), (0.05, -0.02), 0.8),
+    ((18.1, -0.2), (-1.3, -0.25), (-0.05, 0.03), 0.6),
+    ((13.0, -2.7), (0.2, 0.55), (0.02, 0.02), 0.7),
+    ((18.0, -6.8), (-0.2, 1.1), (0.05, 0.1), 0.8),
+)
+PLANNER = Settings(path_degree=4, path_span=2.5, acceleration_degree=1, acceleration_spans=8)
+"""Smooth splines with few control points: with kinks in Q the minimiser would not be a smooth function of the data."""
+
+
+class ZoneKind(StrEnum):
+    """What Q_n keeps clear of."""
+
+    ESTIMATE = "estimate"
+    REGION = "region"
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A distance that the study measures.
+
+    Attributes
+    ----------
+    name, label : str
+    exponent : float
+        Of n, as the theory has it.
+    of_minimiser : bool
+        Whether it is about minimisers, and not about the objective on the compact set.
+    """
+
+    name: str
+    label: str
+    exponent: float
+    of_minimiser: bool = True
+
+
+METRICS = (
+    Metric("sup_difference", "sup |Q_n - Q| (s)", -0.5, of_minimiser=False),
+    Metric("offsets", "distance of offsets (m)", -0.5),
+    Metric("accelerations", "distance of accelerations (m/s²)", -0.5),
+    Metric("path", "distance of paths (m)", -0.5),
+    Metric("motion", "distance at the same time (m)", -0.5),
+    Metric("travel_time", "difference of travel times (s)", -0.5),
+    Metric("excess", "excess Q(ω_n) - Q(ω) (s)", -1.0),
+)
+
+
+@dataclass(frozen=True)
+class ConsistencySettings:
+    """What the study does.
+
+    Attributes
+    ----------
+    sizes : tuple of int
+        Numbers n of observations.
+    noises : tuple of float
+        Standard deviations of the errors of observations, m, on each axis.
+    repetitions : int
+        Of each size and noise.
+    window : float
+        Time before the start in which all observations are made, s.
+    points : int
+        Of the compact set, before some are drawn in.
+    width : float
+        Of the hinge for zones, m; that for limits is limit_width, relative.
+    limit_width : float
+    zone_price, limit_price : float
+        Prices of violations, s per m and s per unit of excess.
+    fit_from : int
+        Slopes are fitted from this n on, or later: from where no minimiser lies in another basin.
+    seed : int
+    """
+
+    sizes: tuple[int, ...] = (10, 30, 100, 300, 1000, 3000, 10_000)
+    noises: tuple[float, ...] = (0.01, 0.03, 0.1)
+    repetitions: int = 40
+    window: float = 10.0
+    points: int = 128
+    width: float = 0.05
+    limit_width: float = 0.015
+    zone_price: float = 20.0
+    limit_price: float = 80.0
+    fit_from: int = 30
+    seed: int = 0
+
+    @classmethod
+    def quick(cls, seed: int = 0) -> ConsistencySettings:
+        """Return what shows the slopes roughly in a fraction of a minute."""
+        return cls(sizes=(30, 300, 3000), noises=(0.01,), repetitions=8, points=64, seed=seed)
+
+    @property
+    def fingerprint(self) -> str:
+        """What results must have in common to be pooled: all but which sizes, noises and how many repetitions."""
+        keys = ("window", "points", "width", "limit_width", "zone_price", "limit_price", "seed")
+        told = json.dumps([*(getattr(self, key) for key in keys), OBSTACLES, asdict(PLANNER)])
+        return sha256(told.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, order=True)
+class Task:
+    """One repetition."""
+
+    noise: float
+    size: int
+    repetition: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """What one repetition measured.
+
+    Attributes
+    ----------
+    task : Task
+    kind : ZoneKind
+    values : dict of str to float
+        Of METRICS by name; further ``other_way``, 1 if the minimiser lies outside the basin of the true one, from
+        which descent on Q leads there, else 0; ``least_speed`` of the minimiser (m/s); and ``lower_points``, the number
+        of points of the compact set at which Q_n is lower than at the minimiser: 0 unless the minimisation failed.
+    """
+
+    task: Task
+    kind: ZoneKind
+    values: dict[str, float]
+
+
+def field_scenario() -> Scenario:
+    """Return the field that the vehicle crosses, with the true motions."""
+    return Scenario.model_validate(
+        {
+            "name": "field",
+            "vehicle": {
+                "radius": 0.3,
+                "max_speed": 3.0,
+                "max_acceleration": 1.5,
+                "max_deceleration": 2.0,
+                "max_lateral_acceleration": 2.0,
+                "max_curvature": 1.0,
+            },
+            "start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0},
+            "goal": {"position": [20.0, 0.0]},
+            "obstacles": [
+                {
+                    "id": f"obstacle-{number}",
+                    "shape": {"disc": radius},
+                    "motion": {"position": position, "velocity": velocity, "acceleration": acceleration},
+                }
+                for number, (position, velocity, acceleration, radius) in enumerate(OBSTACLES)
+            ],
+        }
+    )
+
+
+class Study:
+    """The true objective, its minimisers and the compact set: what all repetitions share.
+
+    Parameters
+    ----------
+    settings : ConsistencySettings
+    """
+
+    def __init__(self, settings: ConsistencySettings) -> None:
+        self.settings = settings
+        self.scenario = field_scenario()
+        self.problem = build_problem(self.scenario, zones(self.scenario), PLANNER)
+        self.scaling = path_scaling(self.problem)
+        self.truth = self.objective(self.problem)
+        self.minima = self._minima()
+        self.minimiser = self.minima[0]
+        self.least = self.truth.evaluate(self.minimiser, gradient=False)
+
+    def objective(self, problem: Problem) -> PenalisedObjective:
+        """Return Q or Q_n: the one objective, on the problem's own samples."""
+        settings = self.settings
+        weights = Weights.uniform(problem, settings.zone_price, settings.limit_price)
+        return PenalisedObjective(problem, weights, Hinge(settings.width, settings.limit_width))
+
+    def minimise(self, objective: PenalisedObjective, omega: Array) -> Array:
+        """Return the local minimiser in the box of accelerations that L-BFGS-B finds from omega, to about 1e-7."""
+        from scipy.optimize import minimize
+
+        free, limits = objective.path_size, self.problem.limits
+        bounds = [(None, None)] * free + [(-limits.deceleration, limits.acceleration)] * (objective.size - free)
+
+        def scaled(y: Array) -> tuple[float, Array]:
+            moved = y.copy()
+            moved[:free] = omega[:free] + self.scaling @ y[:free]
+            found = objective.evaluate(moved)
+            slope = found.gradient.copy()
+            slope[:free] = self.scaling.T @ slope[:free]
+            return found.value, slope
+
+        y = np.concatenate([np.zeros(free), omega[free:]])
+        options = {"maxcor": 40, "maxfun": 1000, "maxiter": 1000, "ftol": 1e-15, "gtol": 1e-8}
+        y = minimize(scaled, y, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
+        result = y.copy()
+        result[:free] = omega[:free] + self.scaling @ y[:free]
+        return result
+
+    def _minima(self) -> list[Array]:
+        """The lowest different local minima of Q, from different ways round."""
+        found = [self.minimise(self.truth, self.truth.omega(start)) for _, start in starts(self.problem, 12)]
+        found.sort(key=self.truth.value)
+        kept: list[Array] = []
+        for omega in found:
+            if all(np.abs(omega - other).max() > SAME for other in kept):
+                kept.append(omega)
+        return kept[:MINIMA]
+
+    @cached_property
+    def compact_set(self) -> Array:
+        """Points of the compact set, (P, K)."""
+        from scipy.stats import qmc
+
+        objective, limits = self.truth, self.problem.limits
+        free = objective.path_size
+        low = np.full(objective.size, -LARGEST_OFFSET)
+        high = np.full(objective.size, LARGEST_OFFSET)
+        low[free:], high[free:] = -limits.deceleration, limits.acceleration
+        sequence = qmc.Halton(objective.size, scramble=False)
+        points: list[Array] = []
+        while len(points) < self.settings.points:
+            for unit in sequence.random(256):
+                omega = low + unit * (high - low)
+                for share in DRAWN_IN:
+                    drawn = self.minimiser + share * (omega - self.minimiser)
+                    if self.in_domain(drawn):
+                        points.append(drawn)
+        return np.array(points[: self.settings.points])
+
+    def in_domain(self, omega: Array) -> bool:
+        """Whether a trip arrives in time and never reverses."""
+        trajectory = self.truth.trajectory(omega)
+        return trajectory.travel_time <= MAX_TRAVEL_TIME and bool(trajectory.speed_control_points().min() >= 0.0)
+
+    @cached_property
+    def sampled(self) -> tuple[Array, Array, Array]:
+        """Times (P, N), positions (P, N, 2), and Q without its part from zones (P,), of the compact set."""
+        table, objective = self.truth.times.table, self.truth
+        times, positions, rest = [], [], []
+        for omega in self.compact_set:
+            points = objective.trajectory(omega).at(table)
+            found = objective.evaluate(omega, gradient=False)
+            times.append(points.time)
+            positions.append(points.path.position)
+            rest.append(found.value - float(objective.weights.zones @ found.zones))
+        return np.array(times), np.array(positions), np.array(rest)
+
+    def set_values(self, batch: ZoneBatch) -> Array:
+        """Q at all points of the compact set with other zones, (P,)."""
+        times, positions, rest = self.sampled
+        excess, *_ = zone_excess(
+            batch, times.ravel(), positions.reshape(-1, 2), np.zeros(batch.size), self.settings.width
+        )
+        violation, _ = soft_excess(
+            excess.reshape(batch.size, *times.shape), self.truth.times.shares, self.settings.width
+        )
+        values: Array = rest + self.settings.zone_price * violation.sum(axis=0)
+        return values
+
+    @cached_property
+    def true_values(self) -> Array:
+        """Q at all points of the compact set, (P,)."""
+        return self.set_values(self.problem.zones)
+
+    def observed(self, task: Task) -> Scenario:
+        """Return the field with obstacles as they are observed in one repetition."""
+        settings = self.settings
+        random = np.random.default_rng([settings.seed, round(1e6 * task.noise), task.size, task.repetition])
+        times = np.linspace(-settings.window, 0.0, task.size)
+        obstacles = []
+        for obstacle, (position, velocity, acceleration, _) in zip(self.scenario.obstacles, OBSTACLES, strict=True):
+            track = np.asarray(position) + np.outer(times, velocity) + np.outer(0.5 * times**2, acceleration)
+            seen = track + task.noise * random.normal(size=track.shape)
+            obstacles.append(
+                {
+                    "id": obstacle.id,
+                    "shape": obstacle.shape,
+                    "observations": {"time": times.tolist(), "position": seen.tolist(), "covariance": None},
+                }
+            )
+        return Scenario.model_validate({**self.scenario.model_dump(by_alias=True), "obstacles": obstacles})
+
+    def measure(self, task: Task) -> list[Record]:
+        """Do one repetition."""
+        observed = self.observed(task)
+        regions = zones(observed)
+        kinds = {
+            ZoneKind.ESTIMATE: tuple(replace(zone, covariances=None) for zone in regions),
+            ZoneKind.REGION: regions,
+        }
+        inflation = self.scenario.vehicle.radius + PLANNER.clearance_margin
+        batches = {kind: ZoneBatch(some, self.problem.frame, inflation) for kind, some in kinds.items()}
+        return [
+            Record(task, kind, self._measure(replace(self.problem, zones=batch))) for kind, batch in batches.items()
+        ]
+
+    def _measure(self, problem: Problem) -> dict[str, float]:
+        objective = self.objective(problem)
+        candidates = [self.minimise(objective, omega) for omega in self.minima]
+        omega = min(candidates, key=objective.value)
+        values = self.set_values(problem.zones)
+        found, free = self.truth.evaluate(omega, gradient=False), objective.path_size
+        trajectory, best = self.truth.trajectory(omega), self.truth.trajectory(self.minimiser)
+        stations = np.linspace(0.0, 1.0, 201)
+        path = trajectory.path.points(stations).offset - best.path.points(stations).offset
+        return {
+            "sup_difference": float(np.abs(values - self.true_values).max()),
+            "offsets": float(np.linalg.norm((omega - self.minimiser)[:free])),
+            "accelerations": float(np.linalg.norm((omega - self.minimiser)[free:])),
+            "path": float(np.abs(path).max()),
+            "motion": self._distance_in_time(omega),
+            "travel_time": abs(found.travel_time - self.least.travel_time),
+            "excess": found.value - self.least.value,
+            "other_way": float(np.abs(self.minimise(self.truth, omega) - self.minimiser).max() > SAME),
+            "least_speed": float(trajectory.speed_control_points().min()),
+            "lower_points": float(np.sum(values < objective.value(omega) - 1e-9)),
+        }
+
+    def _distance_in_time(self, omega: Array) -> float:
+        """Largest distance at the same time between a trip and the true minimiser; who has arrived waits."""
+        ends = [self.truth.trajectory(omega), self.truth.trajectory(self.minimiser)]
+        times = np.linspace(0.0, max(trajectory.travel_time for trajectory in ends), 301)
+        first, second = (
+            trajectory.at(self.problem.space.time_table(np.minimum(times / trajectory.travel_time, 1.0))).path.position
+            for trajectory in ends
+        )
+        return float(np.linalg.norm(first - second, axis=1).max())
+
+
+@dataclass(frozen=True)
+class BorderPoint:
+    """The objective near the border of D0(v0): straight trips at a constant acceleration just above the least one.
+
+    Attributes
+    ----------
+    start_speed : float
+        v0, m/s.
+    distance : float
+        Of the acceleration from that of the trip which only just arrives, -v0^2 / 2 L, m/s^2.
+    travel_time : float
+        s.
+    final_speed : float
+        m/s.
+    value : float
+        Q, s; infinite at negative distances.
+    slope : float
+        d tau / d acceleration, s/(m/s^2).
+    """
+
+    start_speed: float
+    distance: float
+    travel_time: float
+    final_speed: float
+    value: float
+    slope: float
+
+
+def border(start_speeds: Sequence[float] = (1.0, 0.0)) -> list[BorderPoint]:
+    """Approach the border of the domain.
+
+    For v0 > 0 the travel time tends to 2 L / v0 and the vehicle arrives standing: Q is continuous up to the border, but
+    its slope grows like distance^-1/2. For v0 = 0 the travel time itself grows like distance^-1/2: Q tends to infinity,
+    so that its sublevel sets are compact although D0(0) is not closed. In both cases Q has a minimiser on a compact
+    box.
+    """
+    rows = []
+    scenario = field_scenario()
+    for start_speed in start_speeds:
+        start = scenario.start.model_copy(update={"speed": start_speed})
+        moved = scenario.model_copy(update={"start": start})
+        problem = build_problem(moved, zones(moved), PLANNER)
+        objective = PenalisedObjective(problem, Weights.uniform(problem, 20.0), Hinge(0.05, 0.015))
+        timed = PenalisedObjective(problem, Weights.uniform(problem, 0.0), Hinge())
+        least = -(start_speed**2) / (2.0 * problem.space.length)
+        for distance in (*(10.0**-power for power in range(0, 11)), -1e-9):
+            omega = np.zeros(objective.size)
+            omega[objective.path_size :] = least + distance
+            found = objective.evaluate(omega, gradient=False)
+            finite = np.isfinite(found.value)
+            slope = float(timed.gradient(omega)[objective.path_size :].sum()) if finite else np.nan
+            final = objective.trajectory(omega).final_speed if finite else np.nan
+            rows.append(BorderPoint(start_speed, distance, found.travel_time, float(final), found.value, slope))
+    return rows
