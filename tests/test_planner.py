@@ -144,6 +144,7 @@ def test_a_disc_that_must_be_waited_for_is_waited_for() -> None:
 
 
 def test_the_time_limit_is_kept_and_the_best_so_far_is_returned() -> None:
+    sp.plan(SCENES["slow"])  # the first plan of a process imports its solver and the splines
     rng = np.random.default_rng(0)
     crowd = [
         disc(f"c{k}", tuple(rng.uniform([2, -8], [18, 8])), tuple(rng.normal(size=2)), radius=0.4) for k in range(60)
