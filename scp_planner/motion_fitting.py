@@ -44,7 +44,7 @@ _GROUPS = 20  # of tracks, for the jackknife
 _FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
 _BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
 _TIME_CONSTANTS = (1e-2, 1e3)  # s
-_LEAD_TOLERANCE = 0.25  # of the usual time between positions: how near to a lead time a position must be
+_LEAD_TOLERANCE = 0.501  # of the usual time between positions: how near to a lead time one must be
 _LEVELS = np.array([0.1, 0.05, 0.02, 0.01])  # tail probabilities that one Student distribution is matched to
 _MATCHED = 1  # which of them exactly, for each lead time
 _MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
@@ -206,7 +206,7 @@ def prediction_errors(
 ) -> list[PredictionErrors]:
     """Predict from every stretch of ``window`` positions of every track, and compare with what came.
 
-    A lead time counts where the track has a position within a quarter of the usual time step of it; the
+    A lead time counts where the track has a position within half of the usual time step of it; the
     prediction is for the time of that position.
     """
     stretches, targets = stretches_of(tracks, window, lead_times)

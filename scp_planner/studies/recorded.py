@@ -154,6 +154,8 @@ def _of_model(
     law = StudentErrors(tails.degrees_of_freedom)
     scale = law.pointwise_scale(1.0 - probability)
     for errors in prediction_errors(tested, model, window=window, lead_times=lead_times):
+        if not len(errors.squares):
+            continue
         limit = scale * np.interp(errors.lead_time, tails.lead_time, tails.inflation)
         yield _Sample(
             fold,
@@ -172,6 +174,8 @@ def _of_model(
     scale = uniform_scale(1.0 - probability, length, law)
     each = prediction_errors(tested, model, window=window, lead_times=leads.tolist())
     whole = each[-1]
+    if not len(whole.squares):
+        return
     inside = np.ones(len(whole.squares))
     for errors in each:
         limit = scale * np.interp(errors.lead_time, tails.lead_time, tails.inflation)
@@ -261,7 +265,8 @@ def save_csv(results: Sequence[RecordedCoverage], path: str | PathLike[str]) -> 
 def summary(results: Sequence[RecordedCoverage]) -> str:
     """Tabulate coverage in % with its standard error, and radius in m, for each lead time; both halves together."""
     leads = sorted({r.lead_time for r in results if r.level == "per_time"})
-    lines = [f"{'data':<8}{'model':<22}{'level':<14}" + "".join(f"{f'{lead:g} s':^24}" for lead in leads)]
+    wide = max([8, *(len(r.data) + 2 for r in results)])
+    lines = [f"{'data':<{wide}}{'model':<22}{'level':<14}" + "".join(f"{f'{lead:g} s':^24}" for lead in leads)]
     for data, model, level in dict.fromkeys((r.data, r.model, r.level) for r in results):
         cells = []
         for lead in leads:
@@ -270,7 +275,7 @@ def summary(results: Sequence[RecordedCoverage]) -> str:
             cells.append(
                 "" if both is None else f"{100 * both.coverage:.1f} +- {100 * both.error:.1f} %, {both.radius:.2f} m"
             )
-        lines.append(f"{data:<8}{model:<22}{level:<14}" + "".join(f"{cell:^24}" for cell in cells))
+        lines.append(f"{data:<{wide}}{model:<22}{level:<14}" + "".join(f"{cell:^24}" for cell in cells))
     return "\n".join(lines)
 
 
