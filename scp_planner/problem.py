@@ -22,6 +22,7 @@ STEEPEST = 1.05  # rad; where a heading differs by more from the direction to th
 STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
 ROOM_TO_TURN = 1.3  # guides are rounded with so many times the least radius of the vehicle
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
+STANDING = 1e-5  # m/s; a stop at the goal is planned with this: speeds below 0 are refused, however small
 FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
 FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked at
 
@@ -318,7 +319,10 @@ def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, 
         theta[-2] = -reach * tan(_sideways(scenario.goal.heading - frame.heading - float(ends[1])))
         last -= 1
     lower, upper = _offset_bounds(space, max_offset)
-    return EndConditions(theta, slice(first, last), scenario.goal.speed, lower, upper)
+    goal_speed = scenario.goal.speed
+    if goal_speed is not None:
+        goal_speed = max(goal_speed, STANDING)
+    return EndConditions(theta, slice(first, last), goal_speed, lower, upper)
 
 
 def _sideways(angle: float) -> float:
