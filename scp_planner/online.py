@@ -49,7 +49,7 @@ logger = logging.getLogger(__name__)
 
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
 STEEPEST = 1.25
-"""rad. Largest angle between heading and the direction to the goal at which a path over the straight guide is fitted."""
+"""rad. Largest angle between heading and goal direction at which a path over the straight guide is fitted."""
 NEAR_GOAL = 0.4
 """s. With less of the trip left than this, the last plan is driven to its end if its certificate holds."""
 ARRIVED = 1e-3
