@@ -31,8 +31,19 @@ def assert_is_picture(path: Path) -> None:
 
 
 def test_every_example_is_tested_here() -> None:
-    tested = {"crossing", "overtaking", "noisy_radar", "recorded_crowd", "watch"}
+    tested = {"compare_methods", "crossing", "overtaking", "noisy_radar", "recorded_crowd", "watch"}
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
+
+
+def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure, table = tmp_path / "figure.png", tmp_path / "figure.csv"
+    assert load("compare_methods").main(["-o", str(figure)]) == 0
+    told = capsys.readouterr()
+    assert [line.split()[0] for line in told.out.splitlines()[:3]] == ["method", "scp", "l-bfgs"]
+    assert told.out.endswith(f"wrote {figure} and {table}\n")
+    assert told.err == ""
+    assert_is_picture(figure)
+    assert len(table.read_text().splitlines()) == 9
 
 
 @pytest.mark.parametrize("name", ["crossing", "overtaking", "noisy_radar"])

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 DPI = 150
 PANEL = (2.5, 2.4)  # inches
 SHOWN = ("sup_difference", "offsets", "motion", "travel_time", "excess")
+FIRST = {"evaluations": 1.0, "seconds": 1e-3}
+"""Where the axes of convergence curves begin."""
+
 LEAST_GAP = 1e-5  # relative; convergence curves end here
 
 
@@ -143,7 +146,7 @@ def plot_comparison(trials: Sequence[Trial], path: str | PathLike[str] | None = 
         by_evaluations.set_ylabel("merit above the best, relative")
         by_time.set_xlabel("wall time (s)")
         _draw_outcomes(outcome, trials, methods)
-        by_evaluations.legend()
+        by_time.legend(loc="lower left")
         if path is not None:
             save(figure, path)
     return figure
@@ -156,8 +159,9 @@ def _draw_convergence(axes: Axes, trials: Sequence[Trial], methods: Sequence[Met
         least[key] = min(least.get(key, np.inf), float(trial.curve.merit[-1]))
     for colour, method in zip(COLOURS, methods, strict=False):
         mine = [trial for trial in trials if trial.method is method]
-        abscissae = [np.maximum(getattr(trial.curve, against), 1e-4) for trial in mine]
-        grid = np.geomspace(min(x[0] for x in abscissae) + 1e-3, max(x[-1] for x in abscissae) + 1e-2, 200)
+        first = FIRST[against]
+        abscissae = [np.maximum(getattr(trial.curve, against), first) for trial in mine]
+        grid = np.geomspace(first, max(x[-1] for x in abscissae) + first, 200)
         gaps = np.array(
             [
                 (trial.curve.merit[np.maximum(np.searchsorted(x, grid, "right") - 1, 0)]) / least[key] - 1.0
