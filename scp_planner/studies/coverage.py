@@ -19,6 +19,7 @@ import argparse
 import csv
 import io
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
@@ -345,7 +346,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen.output.mkdir(parents=True, exist_ok=True)
     save_csv(results, chosen.output / "coverage.csv")
     plot_coverage(results, chosen.output / "coverage.png")
-    print(summary(results))
+    sys.stdout.write(f"{summary(results)}\n")
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ import argparse
 import csv
 import io
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
@@ -294,7 +295,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         results += measure_recorded_coverage(tracks, data=name, window=chosen.window, probability=chosen.probability)
     chosen.output.mkdir(parents=True, exist_ok=True)
     save_csv(results, chosen.output / "recorded.csv")
-    print(summary(results))
+    sys.stdout.write(f"{summary(results)}\n")
 
 
 if __name__ == "__main__":
