@@ -5,7 +5,7 @@ covariances that the parameters give, so their densities multiply to the likelih
 
 Then the tails: real obstacles are mostly calm, and sometimes turn or stop. From every stretch of ``window``
 positions of every track the filter predicts, and the squared standardised errors at each lead time are fitted
-by a Student distribution. Only the outer fifth of them counts, by a likelihood that is censored below: what a
+by a Student distribution. Only the outer tenth of them counts, by a likelihood that is censored below: what a
 region needs is the tail, and the calm majority says nothing about it.
 
 A fit to few tracks is uncertain, and a region that ignores this covers too little of the next tracks. So the tails are
@@ -34,7 +34,7 @@ from scp_planner.tracks import Track, Tracks
 LEAD_TIMES = (0.4, 1.2, 2.4, 4.8)
 """s; as the forecasts of pedestrians are usually judged."""
 
-TAIL_SHARE = 0.2
+TAIL_SHARE = 0.1
 """The share of prediction errors, the largest, that the tails are fitted to."""
 
 _logger = logging.getLogger(__name__)
@@ -45,8 +45,8 @@ _FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
 _BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
 _TIME_CONSTANTS = (1e-2, 1e3)  # s
 _LEAD_TOLERANCE = 0.501  # of the usual time between positions: how near to a lead time one must be
-_LEVELS = np.array([0.1, 0.05, 0.02, 0.01])  # tail probabilities that one Student distribution is matched to
-_MATCHED = 1  # which of them exactly, for each lead time
+_LEVELS = np.array([0.05, 0.02, 0.01, 0.005])  # tail probabilities that one Student distribution is matched to
+_MATCHED = 0  # which of them exactly, for each lead time
 _MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
 _DEGREES = (1.0, 200.0)  # of freedom: bounds
 
