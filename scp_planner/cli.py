@@ -13,6 +13,7 @@ import logging
 import math
 import os
 import shutil
+import statistics
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -27,6 +28,7 @@ from scp_planner.errors import PlanError, ScenarioError, StudyError
 if TYPE_CHECKING:
     from scp_planner.certificate import Certificate
     from scp_planner.plan import Plan
+    from scp_planner.run import Run
     from scp_planner.scenario import Scenario
 
 BUILT_IN = "builtin:"
@@ -307,6 +309,50 @@ def consistency_command(
         _tell(f"wrote {', '.join(str(file) for file in written)}")
 
 
+@app.command("simulate")
+@_with_exit_codes
+def simulate_command(
+    scenario_file: ScenarioFile,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the run, JSON.")] = None,
+    animation: Annotated[
+        Path | None, typer.Option("--animate", help="Animate the run: .gif, .mp4; .html to look at in a browser.")
+    ] = None,
+    noise: Annotated[
+        float, typer.Option("--noise", metavar="S", help="Standard deviation of observed coordinates, m.")
+    ] = 0.1,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Observations and replans per second.")] = 10.0,
+    seed: Annotated[
+        int, typer.Option("--seed", callback=_at_least(0), help="Seed of the noise, 0 or more; same seed, same run.")
+    ] = 0,
+    solver: SolverName = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Drive one scenario in a closed loop: observe, refresh zones, replan, drive."""
+    from scp_planner.simulation import simulate
+
+    _start_logging(quiet, verbose)
+    _check_solver(solver)
+    for option, value, least in (("--noise", noise, 0.0), ("--rate", rate, 1e-3)):
+        if not (math.isfinite(value) and value >= least):
+            raise _bad_option(option, value, f"must be a finite number of at least {least:g}")
+    _check_target("--output", output, scenario_file)
+    _check_figure("--animate", animation, scenario_file, (*FILM_SUFFIXES, PAGE_SUFFIX))
+    run = simulate(_load_scenario(scenario_file), noise, rate, seed, solver=solver)
+    if output is not None:
+        run.save(output)
+    if animation is not None:
+        _animate(run, animation)
+    _report(_summary_of_run(run), as_json, quiet)
+    faults = [] if run.arrived else [f"did not arrive in {run.travel_time:g} s"]
+    if run.contact:
+        faults.append(f"touched an obstacle, {-run.least_clearance:.3g} m deep")
+    if faults:
+        _tell(f"{scenario_file}: {'; '.join(faults)}")
+        raise typer.Exit(ExitCode.NOT_CERTIFIED)
+
+
 @app.command("schema")
 @_with_exit_codes
 def schema_command() -> None:
@@ -395,6 +441,17 @@ def _draw(plan: Plan, scenario: Scenario, path: Path) -> None:
         plot_plan(plan, scenario, path)
 
 
+def _animate(run: Run, path: Path) -> None:
+    if path.suffix.lower() == PAGE_SUFFIX:
+        from scp_planner.viewer import save_recording
+
+        save_recording(run.recording(), path)
+    else:
+        from scp_planner.plotting import animate
+
+        animate(run.recording(), path)
+
+
 def _can_plot() -> bool:
     return importlib.util.find_spec("matplotlib") is not None
 
@@ -462,6 +519,21 @@ def _summary_of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
     }
 
 
+def _summary_of_run(run: Run) -> dict[str, Any]:
+    return {
+        "scenario": run.scenario.name,
+        "arrived": run.arrived,
+        "contact": run.contact,
+        "contact_standing": run.contact_standing,
+        "travel_time": run.travel_time,
+        "least_clearance": run.least_clearance,
+        "replans": len(run.records),
+        **run.outcomes,
+        "median_replan_time": statistics.median(run.wall_times.tolist()),
+        "seed": run.seed,
+    }
+
+
 def _summary_of_certificate(scenario: Scenario, certificate: Certificate) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
@@ -479,6 +551,7 @@ _UNITS = {
     "least_clearance": "m",
     "time_of_least_clearance": "s",
     "wall_time": "s",
+    "median_replan_time": "s",
 }
 _TOLD_AT_THE_END = ("reason", "violations")
 

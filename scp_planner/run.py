@@ -18,7 +18,7 @@ from scp_planner.files import write_text
 from scp_planner.online import OnlinePlan, Outcome
 from scp_planner.plan import Plan
 from scp_planner.polynomials import PiecewisePolynomials
-from scp_planner.scenario import Scenario
+from scp_planner.scenario import Disc, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation
 from scp_planner.zones import ThreatZone
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PLAN_SAMPLES = 21
+STRANGER = Disc(disc=0.3)
+"""What an obstacle that is not in the scenario looks like, if nothing else is said."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,8 @@ class Run:
         True centres, m; NaN where not there.
     plans : tuple of Plan
         One a cycle.
+    shapes : dict of str to Shape
+        Of obstacles that are not in the scenario.
     """
 
     scenario: Scenario
@@ -169,6 +173,7 @@ class Run:
     speed: Array
     obstacles: Mapping[str, Array]
     plans: tuple[Plan, ...]
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -210,6 +215,7 @@ class Run:
             },
             "records": [_record_to_dict(record) for record in self.records],
             "plans": [_plan_to_dict(plan) for plan in self.plans],
+            "shapes": {name: shape.model_dump(mode="json") for name, shape in self.shapes.items()},
         }
 
     def save(self, path: str | PathLike[str]) -> None:
@@ -247,6 +253,7 @@ class Run:
                     for key, center in course["obstacles"].items()
                 },
                 plans=tuple(_plan_from_dict(plan, name) for plan in data["plans"]),
+                shapes={key: _shape_from_dict(shape) for key, shape in data["shapes"].items()},
             )
         except (UnicodeDecodeError, json.JSONDecodeError) as error:
             raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
@@ -357,6 +364,10 @@ def _plan_from_dict(data: dict[str, Any], name: str) -> Plan:
         return plan
     fields = {key: getattr(plan, key) for key in Plan.__dataclass_fields__}
     return OnlinePlan(**fields, outcome=Outcome(data["outcome"]))
+
+
+def _shape_from_dict(data: dict[str, Any]) -> Shape:
+    return Obstacle.model_validate({"id": "any", "shape": data, "motion": {"position": [0.0, 0.0]}}).shape
 
 
 def _finite(value: float) -> float | None:

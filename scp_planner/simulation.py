@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.online import OnlinePlan, OnlineSettings, Outcome, Planner
-from scp_planner.run import Cycle, Run, ZoneRecord
+from scp_planner.run import STRANGER, Cycle, Run, ZoneRecord
 from scp_planner.scenario import Disc, Observations, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation, Sensor
 from scp_planner.settings import Settings
@@ -41,8 +41,6 @@ WAY_BACK_TIME = 0.5
 """s in which a vehicle that is off its plan gets most of the way back."""
 MOVING = 0.01
 """m/s. Contact at a lower speed is contact of a vehicle that stands."""
-STRANGER = Disc(disc=0.3)
-"""What a world's obstacle that is not in the scenario looks like."""
 
 
 @dataclass(frozen=True)
@@ -254,8 +252,8 @@ class _Loop:
         else:
             velocity = self.speed * np.array([math.cos(self.heading), math.sin(self.heading)])
             vehicle = VehicleState(self.clock, self.position.copy(), velocity, self.scenario.vehicle.radius)
-            places = self.world.step(max(time - self.clock, 0.0), vehicle)
-            self.centers = {name: np.asarray(place, dtype=float) for name, place in places.items()}
+            moved = self.world.step(max(time - self.clock, 0.0), vehicle)
+            self.centers = {name: np.asarray(place, dtype=float) for name, place in moved.items()}
         self.clock = time
 
     def _look(self, time: float) -> None:
@@ -465,6 +463,7 @@ class _Loop:
             speed=speeds,
             obstacles={name: np.array(course) for name, course in self.courses.items()},
             plans=tuple(plans),
+            shapes=self.shapes,
         )
 
 
