@@ -333,7 +333,7 @@ def simulate_command(
     from scp_planner.simulation import simulate
 
     _start_logging(quiet, verbose)
-    _check_solver(solver)
+    _check_solver(solver, Method.SCP)
     for option, value, least in (("--noise", noise, 0.0), ("--rate", rate, 1e-3)):
         if not (math.isfinite(value) and value >= least):
             raise _bad_option(option, value, f"must be a finite number of at least {least:g}")
