@@ -59,9 +59,7 @@ def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]
         text = raw.decode("utf-8-sig")
         data, faults = _parse_json(text) if suffix == JSON_SUFFIX else _parse_yaml(text)
     except UnicodeDecodeError as error:
-        return None, [
-            Fault("", raw[error.start : error.start + 1], f"must be UTF-8 text; byte {error.start} is not")
-        ]
+        return None, [Fault("", raw[error.start : error.start + 1], f"must be UTF-8 text; byte {error.start} is not")]
     except RecursionError:
         return None, [Fault("", text, "must not be nested this deeply")]
     except _SyntaxFault as error:
@@ -105,9 +103,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 def replacing(path: str | PathLike[str]) -> Iterator[Path]:
     """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well."""
     target = Path(path)
-    descriptor, name = tempfile.mkstemp(
-        dir=target.parent, prefix=f".{target.name}.", suffix=f".part{target.suffix}"
-    )
+    descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=f".part{target.suffix}")
     os.close(descriptor)
     try:
         yield Path(name)
@@ -257,9 +253,7 @@ def _loader() -> Any:
     for tag, pattern, first in (*tags, *numbers, ("merge", re.compile("^<<$"), ["<"])):
         Loader.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", pattern, first)
     Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))
-    Loader.add_constructor(
-        "tag:yaml.org,2002:float", lambda loader, node: _float(loader.construct_scalar(node))
-    )
+    Loader.add_constructor("tag:yaml.org,2002:float", lambda loader, node: _float(loader.construct_scalar(node)))
     return Loader
 
 
@@ -278,9 +272,7 @@ def _dumper() -> Any:
 
     def text(dumper: Any, value: str) -> Any:
         # In double quotes alone does the emitter escape every control character and line separator.
-        return dumper.represent_scalar(
-            "tag:yaml.org,2002:str", value, style=None if value.isprintable() else '"'
-        )
+        return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=None if value.isprintable() else '"')
 
     Dumper.add_representer(str, text)
     Dumper.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))

@@ -119,9 +119,7 @@ class PolygonShape(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.polygon_is_simple,)
 
-    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(
-        description="vertices [[x, y], ...], m"
-    )
+    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(description="vertices [[x, y], ...], m")
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""

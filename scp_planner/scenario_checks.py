@@ -67,9 +67,7 @@ def box_is_not_empty(bounds: Any) -> Iterator[Problem]:
     """The upper corner lies above and to the right of the lower one."""
     for i, axis in enumerate(AXES):
         if bounds.max[i] <= bounds.min[i]:
-            yield Problem(
-                ("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}"
-            )
+            yield Problem(("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}")
 
 
 def start_is_in_bounds(scenario: Any) -> Iterator[Problem]:
@@ -110,9 +108,7 @@ def ids_are_unique(scenario: Any) -> Iterator[Problem]:
     for i, obstacle in enumerate(scenario.obstacles):
         name = _known(obstacle, "id")
         if name is not None and first.setdefault(name, i) != i:
-            yield Problem(
-                ("obstacles", i, "id"), name, f"must be unique; obstacles[{first[name]}] has it too"
-            )
+            yield Problem(("obstacles", i, "id"), name, f"must be unique; obstacles[{first[name]}] has it too")
 
 
 def start_is_free(scenario: Any) -> Iterator[Problem]:

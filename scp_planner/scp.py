@@ -222,9 +222,7 @@ class ScpLoop:
         """Solve the subproblem, and correct its step to second order where the model was too hopeful."""
         base = lines.base
         weights = np.concatenate([penalties.zones, penalties.limits])
-        sub = build_subproblem(
-            self.problem, self.kinematics, base.trajectory, lines.rows, weights, trust, self._active
-        )
+        sub = build_subproblem(self.problem, self.kinematics, base.trajectory, lines.rows, weights, trust, self._active)
         z = self._solve(sub)
         if z is None:
             return None

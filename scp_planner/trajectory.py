@@ -195,9 +195,7 @@ def _side_by_side(basis: PiecewiseBasis) -> PiecewiseBasis:
     """A basis, its antiderivatives and their antiderivatives as one: evaluated with one gather."""
     parts = (basis, basis.antiderivative, basis.antiderivative.antiderivative)
     order = parts[-1].coefficients.shape[1]
-    padded = [
-        np.pad(part.coefficients, ((0, 0), (0, order - part.coefficients.shape[1]), (0, 0))) for part in parts
-    ]
+    padded = [np.pad(part.coefficients, ((0, 0), (0, order - part.coefficients.shape[1]), (0, 0))) for part in parts]
     return PiecewiseBasis(basis.breakpoints, np.concatenate(padded, axis=2))
 
 

@@ -80,9 +80,7 @@ class ClearanceSites:
 
     def joined(self, other: ClearanceSites) -> ClearanceSites:
         """Return both sets of sites."""
-        return ClearanceSites(
-            *(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _SITE_FIELDS)
-        )
+        return ClearanceSites(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in _SITE_FIELDS))
 
 
 _SITE_FIELDS = tuple(field.name for field in fields(ClearanceSites))

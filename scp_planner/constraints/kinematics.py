@@ -212,9 +212,7 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, i
     return _both_sides(np.concatenate([theta, zeros], axis=1), value, group, index)
 
 
-def lateral_rows(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int
-) -> Rows:
+def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int) -> Rows:
     """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, then peaks.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
