@@ -21,6 +21,7 @@ QUADRATURE_ORDER = 6
 SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
 ARC_STEP = 0.15  # rad, between the points of an arc
 IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
+LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
 WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
 
@@ -244,7 +245,7 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
     multiple : int
         The number of pieces is a multiple of this, and at least four times as much.
     """
-    corners = _rounded(np.asarray(points, dtype=float), radius)
+    corners, least = _rounded(np.asarray(points, dtype=float), radius)
     legs = np.diff(corners, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     directions = legs / lengths[:, None]
@@ -253,7 +254,7 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
         return StraightGuide(float(np.hypot(*(corners[-1] - corners[0]))))
     places = np.cumsum(lengths)[:-1]
     total = float(lengths.sum())
-    half = 0.5 * min(WINDOW * radius, 0.5 * total)
+    half = 0.5 * min(WINDOW * least, 0.5 * total)
     # The average of the polyline over the window has this derivative; beyond its ends the polyline goes straight on.
     u = np.linspace(0.0, total, max(400, int(SAMPLES_PER_WINDOW * total / half)) + 1)
     share = np.clip((u[:, None] - places) / half, -1.0, 1.0)
@@ -267,6 +268,21 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
     return _ending_at(corners[-1] - corners[0], driven[-1], headings)
 
 
+def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:
+    """Return a guide along a curve that is known by its headings.
+
+    Parameters
+    ----------
+    headings : (n,) array
+        In the planning frame at equidistant arc lengths from the start to the goal, rad; without jumps by full turns.
+    length : float
+        m.
+    goal : (2,) array
+        Where the guide is to end, m.
+    """
+    return _ending_at(goal, length, headings)
+
+
 def _ending_at(goal: Array, length: float, headings: Array) -> CurvedGuide:
     """Return the guide with these headings, turned and scaled so that it ends at a point."""
     end = CurvedGuide(length, headings).frame(np.array([length])).position[0]
@@ -275,9 +291,9 @@ def _ending_at(goal: Array, length: float, headings: Array) -> CurvedGuide:
     return CurvedGuide(length * float(np.hypot(*goal) / np.hypot(*end)), headings + turn)
 
 
-def _rounded(points: Array, radius: float) -> Array:
-    """The polyline with arcs, of many short legs, in place of its sharp corners."""
-    corners = [points[:1]]
+def _rounded(points: Array, radius: float) -> tuple[Array, float]:
+    """The polyline with arcs, of many short legs, in place of its sharp corners; and the least radius of them."""
+    corners, least = [points[:1]], radius
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     for k in range(1, len(points) - 1):
@@ -291,6 +307,7 @@ def _rounded(points: Array, radius: float) -> Array:
         half = min(0.5 * abs(turn), 0.499 * np.pi)
         tangent = min(radius * np.tan(half), 0.999 * room)
         bend = tangent / np.tan(half)
+        least = min(least, max(bend, LEAST_BEND * radius))
         left = np.sign(turn) * np.array([-before[1], before[0]])
         center = points[k] - tangent * before + bend * left
         angles = np.linspace(0.0, turn, int(np.ceil(abs(turn) / ARC_STEP)) + 1)
@@ -299,7 +316,7 @@ def _rounded(points: Array, radius: float) -> Array:
         corners.append(center + c * spoke + s * np.array([-spoke[1], spoke[0]]))
     polyline = np.concatenate([*corners, points[-1:]])
     apart = np.hypot(*np.diff(polyline, axis=0).T) > 1e-9 * max(1.0, float(lengths.sum()))
-    return polyline[np.concatenate([[True], apart])]
+    return polyline[np.concatenate([[True], apart])], float(least)
 
 
 def guide_from_dict(data: dict[str, Any]) -> Guide:

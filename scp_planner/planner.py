@@ -13,14 +13,21 @@ from numpy.typing import NDArray
 from scp_planner.certificate import Certificate, certify_trip
 from scp_planner.explain import explain
 from scp_planner.plan import Plan, PlanStatus, Trip
-from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
+from scp_planner.problem import (
+    Limits,
+    Problem,
+    build_problem,
+    guide_along,
+    may_want_another_guide,
+    straight_travel_time,
+)
 from scp_planner.relevance import without_far_zones
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
 from scp_planner.seeds import WaySearch, WayTree, bows
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
-from scp_planner.trajectory import Trajectory
+from scp_planner.trajectory import Path, Trajectory
 from scp_planner.zones import ThreatZone, zones
 
 Array = NDArray[np.float64]
@@ -30,6 +37,8 @@ DELAY_STEPS = (0.05, 0.2, 0.8)  # s; coarser ones are tried only where there is 
 LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
+GUIDES = 6  # how often the best path becomes the guide
+WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
 
@@ -72,6 +81,7 @@ def plan(
     deadline = np.inf if time_limit is None else began + time_limit
     search = _Planning(scenario, zones(scenario), settings, deadline)
     run, certificate = search.best()
+    run, certificate = _over_better_guides(search, run, certificate)
     status, reason = _verdict(run, certificate, search.tried)
     return Plan(
         scenario=scenario.name,
@@ -151,17 +161,23 @@ class _Planning:
     )
     iterations: int = 0
     tried: int = 0
+    along: Path | None = None  # a path that becomes the guide
 
     def __post_init__(self) -> None:
         clock = perf_counter()
-        everything = build_problem(self.scenario, self.threat_zones, self.settings)
+        if self.along is None:
+            everything = build_problem(self.scenario, self.threat_zones, self.settings)
+        else:
+            breakpoints = tuple(self.along.space.acceleration.breakpoints.tolist())
+            guide = guide_along(self.along, self.settings)
+            everything = build_problem(self.scenario, self.threat_zones, self.settings, breakpoints, guide)
         self.lower_bound = lower_bound(everything)
         self.everything = everything
         self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
         self.solver: QpSolver = solver_named(self.settings.solver)
         fallback = "clarabel" if self.settings.solver != "clarabel" else "daqp"
         self.loop = ScpLoop(self.problem, self.solver, fallback)
-        self.timings["build"] = perf_counter() - clock
+        self.timings["build"] += perf_counter() - clock
 
     def trip(self, run: Run) -> Trip:
         """Return the trip that a run ended with."""
@@ -220,6 +236,10 @@ class _Planning:
             for start in bows(self.problem):
                 yield _Branch(0.0, start)
 
+    def along_the_guide(self, beta: Array, cutoff: float) -> _Attempt:
+        """Run the loop from the guide itself, driven with given accelerations."""
+        return self._attempt(self.problem.space.trajectory(self.problem.ends.theta, beta), cutoff)
+
     def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
         loop, problem = self.loop, self.problem
@@ -243,6 +263,27 @@ class _Planning:
             loop = ScpLoop(problem, self.solver, loop.fallback)
             start = run.evaluation.trajectory
         return _Attempt(run, certificate)
+
+
+def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -> tuple[Run, Certificate]:
+    """Where the guide limits the best path, take the path as the guide and go on from there, while that gains much."""
+    best, problem = _Attempt(run, certificate), search.problem
+    for _ in range(GUIDES):
+        trajectory = best.run.evaluation.trajectory
+        if not may_want_another_guide(problem, trajectory.path) or perf_counter() > search.deadline:
+            break
+        again = replace(search, along=trajectory.path)
+        attempt = again.along_the_guide(trajectory.beta, best.travel_time if best.holds else np.inf)
+        search.iterations = again.iterations
+        logger.info("a new guide: %.4f s after %.4f s", attempt.travel_time, best.travel_time)
+        if not attempt.better_than(best):
+            break
+        gain = best.travel_time - attempt.travel_time if best.holds else np.inf
+        best, problem = attempt, again.problem
+        if gain < WORTH_A_GUIDE * best.travel_time:
+            break
+    assert best.certificate is not None
+    return best.run, best.certificate
 
 
 def _tightened(problem: Problem, certificate: Certificate) -> Problem:

@@ -89,6 +89,12 @@ class PiecewisePolynomials:
         breaks[:, 0] = origin
         return PiecewisePolynomials(breaks, moved)
 
+    def rounded(self, constant: int, others: int) -> PiecewisePolynomials:
+        """Return polynomials with their constants, and their other coefficients, rounded to so many decimals."""
+        coefficients = np.round(self.coefficients, others)
+        coefficients[:, :, 0] = np.round(self.coefficients[:, :, 0], constant)
+        return PiecewisePolynomials(self.breakpoints, coefficients)
+
     @cached_property
     def derivative(self) -> PiecewisePolynomials:
         """The derivatives with respect to time."""

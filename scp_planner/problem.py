@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 
 from scp_planner.dubins import Pose, shortest_path
 from scp_planner.frames import PlanningFrame
-from scp_planner.guide import CurvedGuide, Guide, StraightGuide, smooth_guide
+from scp_planner.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
 from scp_planner.scenario import Scenario
 from scp_planner.settings import Settings
-from scp_planner.trajectory import CELLS_PER_SPAN, TimeTable, TripSpace
+from scp_planner.trajectory import CELLS_PER_SPAN, Path, TimeTable, TripSpace
+from scp_planner.zone_batch import DECIMALS
 from scp_planner.zones import ThreatZone, ZoneBatch
 
 Array = NDArray[np.float64]
 
 STEEPEST = 1.05  # rad; where a heading differs by more from the direction to the goal, the guide is no straight line
 STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
-ROOM_TO_TURN = 1.3  # guides are rounded with so many times the least radius of the vehicle
+ROOM_TO_TURN = 2.0  # guides are rounded with so many times the least radius of the vehicle
+WIDE_BEND = 4.0  # and corners of polylines with up to so many times that
+ANGLE_DECIMALS = 10  # of rad: what is planned with is rounded, see ZoneBatch.rounded
+AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
 STANDING = 1e-5  # m/s; a stop at the goal is planned with this: speeds below 0 are refused, however small
 FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
@@ -109,7 +113,8 @@ class Box:
         world = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         low, high = scenario.bounds.min, scenario.bounds.max
         offsets = np.array([high[0], -low[0], high[1], -low[1]]) - keep
-        return cls(world @ frame.rotation, offsets - world @ np.asarray(frame.origin))
+        normals = np.round(world @ frame.rotation, ANGLE_DECIMALS)
+        return cls(normals, np.round(offsets - world @ np.asarray(frame.origin), DECIMALS))
 
 
 @dataclass(frozen=True)
@@ -251,7 +256,7 @@ def build_problem(
         space,
         _end_conditions(scenario, frame, space, settings.max_offset),
         limits,
-        ZoneBatch(zones, frame, inflation),
+        ZoneBatch(zones, frame, inflation).rounded(),
         Box.of(scenario, frame, settings.box_margin),
         space.time_table(
             np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
@@ -284,22 +289,47 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
     differs from that by more than can be done by offsets, the shortest path of a curvature somewhat below the limit.
     """
     start, goal = scenario.start, scenario.goal
-    distance = float(np.hypot(*np.subtract(goal.position, start.position)))
+    distance = round(float(np.hypot(*np.subtract(goal.position, start.position))), DECIMALS)
     if np.isfinite(limits.curvature):
         radius = ROOM_TO_TURN / limits.curvature
     else:
         radius = max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
     piece = settings.path_span / CELLS_PER_SPAN
     if scenario.guide is not None:
-        return smooth_guide(frame.to_frame(np.array(scenario.guide)), radius, piece, CELLS_PER_SPAN)
+        # Offsets to the outside of a bend are easy, those to the inside are not: bends as wide as they may be driven.
+        radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
+        return smooth_guide(np.round(frame.to_frame(np.array(scenario.guide)), DECIMALS), radius, piece, CELLS_PER_SPAN)
     turns = [
-        None if heading is None else remainder(heading - frame.heading, 2.0 * pi)
+        None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
         for heading in (start.heading, goal.heading)
     ]
     if all(turn is None or abs(turn) <= STEEPEST for turn in turns):
         return StraightGuide(distance)
     shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
     return smooth_guide(shortest, radius, piece, CELLS_PER_SPAN)
+
+
+def guide_along(path: Path, settings: Settings) -> CurvedGuide:
+    """Return the guide that is a path over another guide."""
+    count = CELLS_PER_SPAN * max(4, round(path.arc_length / settings.path_span))
+    stations = path.parameter_at(np.linspace(0.0, path.arc_length, count + 1))
+    direction = path.points(stations).direction
+    headings = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
+    goal = path.points(np.ones(1)).position[0]
+    return guide_through(headings, path.arc_length, goal)
+
+
+def may_want_another_guide(problem: Problem, path: Path) -> bool:
+    """Whether another guide might let a path go further.
+
+    So it is over a curved guide, where inside of a bend offsets have little room and resolution, or where a control
+    point is at its bound.
+    """
+    if not problem.space.guide.straight:
+        return True
+    ends, free = problem.ends, problem.ends.free
+    theta = path.theta[free]
+    return bool(np.any((theta > ends.upper[free] - AT_LIMIT) | (theta < ends.lower[free] + AT_LIMIT)))
 
 
 def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:
@@ -327,7 +357,7 @@ def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, 
 
 def _sideways(angle: float) -> float:
     """The nearest heading that a path over the guide can have."""
-    return min(max(remainder(angle, 2.0 * pi), -STEEPEST_PATH), STEEPEST_PATH)
+    return min(max(round(remainder(angle, 2.0 * pi), ANGLE_DECIMALS), -STEEPEST_PATH), STEEPEST_PATH)
 
 
 def _offset_bounds(space: TripSpace, max_offset: float) -> tuple[Array, Array]:

@@ -92,6 +92,13 @@ class Outline:
         full = turn @ self.matrix[[0, 1, 1, 2]].reshape(2, 2) @ turn.T
         return Outline(matrix=full[[0, 0, 1], [0, 1, 1]])
 
+    def rounded(self, decimals: int) -> Outline:
+        """Return the outline with its vertices or matrix rounded."""
+        if self.vertices is not None:
+            return Outline(vertices=np.round(self.vertices, decimals), turning=self.turning)
+        assert self.matrix is not None
+        return Outline(matrix=np.round(self.matrix, decimals), turning=self.turning)
+
     @property
     def reach(self) -> float:
         """Radius of the disc about the origin that covers the outline, m."""

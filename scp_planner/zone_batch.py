@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from scp_planner.frames import PlanningFrame
     from scp_planner.zones import ThreatZone
 
+DECIMALS = 7  # of m, to which what is planned with is rounded
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -124,6 +126,20 @@ class ZoneBatch:
     def moving(self) -> Index:
         """The other zones."""
         return np.setdiff1d(np.arange(self.size), self.standing)
+
+    def rounded(self) -> ZoneBatch:
+        """Return the batch with rounded coefficients and vertices, in m, m/s and so on, to ``DECIMALS`` and finer.
+
+        A scene that has been moved or turned differs in its last bits; so it does not, and is planned to the same trip.
+        """
+        batch = copy(self)
+        batch.centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
+        batch.velocities = batch.centers.derivative
+        if self.covariances is not None:
+            batch.covariances = self.covariances.rounded(DECIMALS + 3, DECIMALS + 3)
+        if self.outlines is not None:
+            batch._shape(self.shaped, [outline.rounded(DECIMALS + 2) for outline in self.outlines.outlines])
+        return batch
 
     def inflated(self, extra: Array) -> ZoneBatch:
         """Return the batch with every zone larger by ``extra``, (L,) m."""

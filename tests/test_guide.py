@@ -16,7 +16,7 @@ import scp_planner as sp
 from benchmarks.dense_check import check_trip
 from scp_planner.dubins import Pose, shortest_path
 from scp_planner.guide import CurvedGuide, StraightGuide, guide_from_dict, smooth_guide
-from scp_planner.problem import Problem, build_problem
+from scp_planner.problem import Problem, build_problem, guide_along
 from scp_planner.settings import Settings
 from scp_planner.trajectory import Trajectory, TripSpace
 
@@ -307,3 +307,27 @@ def test_shortest_paths_join_their_ends_and_are_shorter_than_others(radius: floa
         assert np.hypot(*np.diff(back, axis=0).T).sum() == pytest.approx(length, rel=2e-3)
         free = shortest_path(Pose(start.position, None), goal, radius)
         assert np.hypot(*np.diff(free, axis=0).T).sum() <= length + 0.15 * radius
+
+
+def test_the_best_path_becomes_the_guide_where_the_guide_limits_it() -> None:
+    """Corners of a polyline without room for wide bends: what is planned over it alone is slower."""
+    from scp_planner.planner import _Planning
+    from scp_planner.zones import zones
+
+    scenario = scene(goal={"position": [-12.0, 1.0]})
+    search = _Planning(scenario, zones(scenario), Settings(), np.inf)
+    alone = search.best()[0].evaluation.trajectory.travel_time
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 0.99 * alone
+    dense(plan, scenario)
+
+
+def test_the_guide_along_a_path_is_that_path() -> None:
+    trip = trip_over("corner")
+    again = guide_along(trip.path, Settings())
+    stations = np.linspace(0.0, 1.0, 500)
+    old = trip.path.points(trip.path.parameter_at(stations * trip.path.arc_length)).position
+    assert again.length == pytest.approx(trip.path.arc_length, rel=1e-4)
+    assert np.hypot(*(again.frame(stations * again.length).position - old).T).max() < 0.01
+    np.testing.assert_allclose(again.frame(np.array([again.length])).position[0], old[-1], atol=1e-8)
