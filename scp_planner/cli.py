@@ -23,13 +23,21 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
-from scp_planner.errors import PlanError, ScenarioError, StudyError
+from scp_planner.errors import (
+    EstimationError,
+    MotionModelError,
+    PlanError,
+    ScenarioError,
+    StudyError,
+    TracksError,
+)
 
 if TYPE_CHECKING:
     from scp_planner.certificate import Certificate
     from scp_planner.plan import Plan
     from scp_planner.run import Run
     from scp_planner.scenario import Scenario
+    from scp_planner.tracks import Tracks
 
 BUILT_IN = "builtin:"
 """What the name of a built-in scenario follows where a file is wanted."""
@@ -119,7 +127,7 @@ def _with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return command(*args, **kwargs)
-        except (ScenarioError, PlanError, StudyError) as error:
+        except (ScenarioError, PlanError, StudyError, EstimationError, MotionModelError, TracksError) as error:
             _tell(str(error))
         except BrokenPipeError:
             raise  # the reader of stdout has seen enough
@@ -307,6 +315,97 @@ def consistency_command(
     elif not quiet:
         typer.echo(result.table())
         _tell(f"wrote {', '.join(str(file) for file in written)}")
+
+
+@studies.command("coverage")
+@_with_exit_codes
+def coverage_command(
+    tracks: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[TRACKS]...", help="Recorded tracks to measure too: half fitted, half tested."),
+    ] = None,
+    runs: Annotated[int, typer.Option("--runs", callback=_at_least(1), help="Simulated runs of each case.")] = 20_000,
+    probability: Annotated[float, typer.Option("--probability", metavar="P", help="Nominal level.")] = 0.95,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for tables and figure.")] = Path("coverage"),
+    seed: Annotated[int, typer.Option("--seed", callback=_at_least(0), help="Seed of the noise, 0 or more.")] = 0,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Measure how often zones of each level hold what they promise."""
+    _start_logging(quiet, verbose)
+    _check_target("--output", output, "", is_folder=True)
+    _check_probability(probability)
+    from scp_planner.studies.coverage import measure_coverage, plot_coverage, save_csv, summary
+
+    loaded = _load_tracks(tracks or [])
+    results = measure_coverage(probability=probability, runs=runs, seed=seed)
+    output.mkdir(exist_ok=True)
+    save_csv(results, output / "coverage.csv")
+    written = [output / "coverage.csv"]
+    if _can_plot():
+        plot_coverage(results, output / "coverage.png")
+        written.append(output / "coverage.png")
+    tables = [summary(results)]
+    if loaded:
+        tables.append(_measure_recorded(loaded, probability, output / "recorded.csv"))
+        written.append(output / "recorded.csv")
+    if not quiet:
+        typer.echo("\n\n".join(tables))
+        _tell(f"wrote {', '.join(str(file) for file in written)}")
+
+
+@app.command("fit-motion")
+@_with_exit_codes
+def fit_motion_command(
+    tracks_file: Annotated[Path, typer.Argument(metavar="TRACKS", help="File or folder of recorded tracks.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Write the model, .yaml or .json.")] = Path(
+        "motion.yaml"
+    ),
+    kind: Annotated[
+        str, typer.Option("--kind", help="random_walk (of the velocity), mean_reverting or singer.")
+    ] = "random_walk",
+    window: Annotated[
+        int, typer.Option("--window", callback=_at_least(1), help="Positions that a prediction is made from.")
+    ] = 8,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Fit a motion with process noise to recorded tracks, for use as an obstacle's `model: {process: FILE}`."""
+    _start_logging(quiet, verbose)
+    _check_target("--output", output, str(tracks_file))
+    if output.suffix not in (".yaml", ".yml", ".json"):
+        raise _bad_option("--output", output, "must end in .yaml, .yml or .json")
+    from scp_planner.motion_fitting import fit_motion_model
+
+    model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window)
+    model.save(output)
+    if not quiet:
+        _tell(f"wrote {output}")
+
+
+def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
+    """Load recorded tracks, each with a short name."""
+    from scp_planner.tracks import Tracks
+
+    return [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in paths]
+
+
+def _measure_recorded(loaded: list[tuple[str, Tracks]], probability: float, target: Path) -> str:
+    """Measure the coverage on recorded tracks, write the table and return its summary."""
+    from scp_planner.studies.recorded import measure_recorded_coverage, save_csv, summary
+
+    results = [
+        result
+        for name, tracks in loaded
+        for result in measure_recorded_coverage(tracks, data=name, probability=probability)
+    ]
+    save_csv(results, target)
+    return summary(results)
+
+
+def _check_probability(probability: float) -> None:
+    if not 0.0 < probability < 1.0:
+        raise _bad_option("--probability", probability, "must be between 0 and 1")
 
 
 @app.command("simulate")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner, Result
@@ -426,3 +427,65 @@ def test_the_module_runs_as_a_program() -> None:
     assert refused.stderr == "none.yaml: No such file or directory\n"
     unfinished = subprocess.run([*command, "plan"], capture_output=True, text=True, check=False)
     assert unfinished.returncode == 2
+
+
+def test_study_coverage_writes_table_and_figure(tmp_path: Path) -> None:
+    result = run("study", "coverage", "--runs", "200", "-o", tmp_path / "coverage")
+    assert result.exit_code == 0, result.stderr
+    assert (tmp_path / "coverage" / "coverage.png").stat().st_size > 10_000
+    rows = (tmp_path / "coverage" / "coverage.csv").read_text().splitlines()
+    assert len(rows) > 20 and "per_obstacle" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--probability", "1.5"), "1.5"),
+        (("--runs", "0"), "0: must be at least 1"),
+        (("nothing.csv",), "nothing.csv"),
+    ],
+)
+def test_bad_options_of_the_coverage_study_are_refused(tmp_path: Path, options: tuple[str, ...], expected: str) -> None:
+    result = run("study", "coverage", "-o", tmp_path / "coverage", *options)
+    assert result.exit_code == 2
+    assert expected in result.stderr
+    assert not (tmp_path / "coverage").exists()
+
+
+def test_fit_motion_writes_a_model_that_a_scenario_can_refer_to(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rows = ["id,time,x,y"]
+    for person in range(30):
+        velocity, position = rng.normal(size=2), rng.normal(size=2)
+        for step in range(24):
+            rows.append(f"{person},{0.4 * step:.1f},{position[0]:.4f},{position[1]:.4f}")
+            velocity = velocity + 0.2 * rng.normal(size=2)
+            position = position + 0.4 * velocity
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    result = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "people.yaml")
+    assert result.exit_code == 0, result.stderr
+    scenario = {
+        "schema": 1,
+        "vehicle": {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.0, "max_deceleration": 1.0},
+        "start": {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 1.0},
+        "goal": {"position": [10, 0]},
+        "obstacles": [
+            {
+                "id": "walker",
+                "shape": {"disc": 0.3},
+                "observations": {"time": [-0.8, -0.4, 0.0], "position": [[5, 6], [5, 6.4], [5, 6.8]]},
+                "model": {"process": "people.yaml"},
+            }
+        ],
+    }
+    (tmp_path / "scene.json").write_text(json.dumps(scenario))
+    planned = run("plan", tmp_path / "scene.json", "-o", tmp_path / "plan.json")
+    assert planned.exit_code == 0, planned.stderr
+
+
+def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:
+    (tmp_path / "tracks.csv").write_text("id,time,x,y\n1,0,0,0\n1,1,1,0\n")
+    result = run("fit-motion", tmp_path / "tracks.csv", "--kind", "brownian", "-o", tmp_path / "m.yaml")
+    assert result.exit_code == 2
+    assert "brownian" in result.stderr
+    assert not (tmp_path / "m.yaml").exists()
