@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 DPI = 150
-PANEL = (2.5, 2.4)  # inches
-SHOWN = ("sup_difference", "offsets", "motion", "travel_time", "excess")
+PANEL = (2.7, 2.9)  # inches
+SHOWN = ("sup_difference", "offsets", "motion", "excess")
 FIRST = {"evaluations": 1.0, "seconds": 1e-3}
 """Where the axes of convergence curves begin."""
 
@@ -56,7 +56,7 @@ def plot_consistency(result: ConsistencyResult, path: str | PathLike[str] | None
         for row, kind in zip(panels, kinds, strict=True):
             for axes, metric in zip(row, metrics, strict=True):
                 _draw_metric(axes, result, kind, metric)
-            row[0].set_title(f"zones: {kind.value}", loc="left")
+            row[0].set_ylabel(f"zones: {kind.value}\n{row[0].get_ylabel()}")
         for axes in panels[-1]:
             axes.set_xlabel("observations n")
         if path is not None:
@@ -70,16 +70,17 @@ def _draw_metric(axes: Axes, result: ConsistencyResult, kind: ZoneKind, metric: 
     for colour, noise in zip(COLOURS, result.settings.noises, strict=False):
         rows = [m for m in result.means if (m.kind, m.noise, m.metric) == (kind.value, noise, metric.name)]
         slope = result.settled_slope(kind, noise, metric)
-        fitted = "" if slope is None else f": {slope.slope:.2f} from n = {slope.from_size}"
+        fitted = "" if slope is None else f": slope {slope.slope:.2f}, n ≥ {slope.from_size}"
         axes.plot(sizes, [m.mean for m in rows], "o-", color=colour, ms=3, lw=1, label=f"{noise:g} m{fitted}")
         axes.fill_between(sizes, [m.lower for m in rows], [m.upper for m in rows], color=colour, alpha=0.2, lw=0)
         last.append(rows[-1].mean)
     middle = np.exp(np.mean(np.log(last)))
-    axes.plot(sizes, middle * (sizes / sizes[-1]) ** metric.exponent, ls=DOTTED, color=GREY, lw=1)
+    theory = middle * (sizes / sizes[-1]) ** metric.exponent
+    axes.plot(sizes, theory, ls=DOTTED, color=GREY, lw=1, label=f"theory: slope {metric.exponent:g}")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_ylabel(metric.label)
-    axes.legend(title=f"noise: slope (n^{metric.exponent:g} dotted)", fontsize=6.5, title_fontsize=6.5)
+    axes.legend(fontsize=7.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
 
 def plot_border(points: Sequence[BorderPoint], path: str | PathLike[str] | None = None) -> Figure:
@@ -98,7 +99,7 @@ def plot_border(points: Sequence[BorderPoint], path: str | PathLike[str] | None 
     from matplotlib.figure import Figure
 
     with style():
-        figure = Figure(figsize=(2.4 * PANEL[0], 1.1 * PANEL[1]), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(2.2 * PANEL[0], 0.9 * PANEL[1]), dpi=DPI, layout="constrained")
         left, right = figure.subplots(1, 2)
         for colour, speed in zip(COLOURS, dict.fromkeys(point.start_speed for point in points), strict=False):
             mine = [point for point in points if point.start_speed == speed and point.distance > 0.0]
@@ -106,10 +107,10 @@ def plot_border(points: Sequence[BorderPoint], path: str | PathLike[str] | None 
             label = f"$v_0$ = {speed:g} m/s"
             left.plot(distances, [point.travel_time for point in mine], "o-", color=colour, ms=3, lw=1, label=label)
             right.plot(distances, [-point.slope for point in mine], "o-", color=colour, ms=3, lw=1, label=label)
-        for axes, text in ((left, "travel time (s)"), (right, "-d travel time / d acceleration (s³/m)")):
+        for axes, text in ((left, "travel time τ (s)"), (right, "-dτ / da (s³/m)")):
             axes.set_xscale("log")
             axes.set_yscale("log")
-            axes.set_xlabel("acceleration above the border (m/s²)")
+            axes.set_xlabel("acceleration a above the border (m/s²)")
             axes.set_ylabel(text)
         left.legend()
         if path is not None:
@@ -138,7 +139,7 @@ def plot_comparison(trials: Sequence[Trial], path: str | PathLike[str] | None = 
 
     methods = list(dict.fromkeys(trial.method for trial in trials))
     with style():
-        figure = Figure(figsize=(4.2 * PANEL[0], 1.4 * PANEL[1]), dpi=DPI, layout="constrained")
+        figure = Figure(figsize=(3.9 * PANEL[0], 1.15 * PANEL[1]), dpi=DPI, layout="constrained")
         by_evaluations, by_time, outcome = figure.subplots(1, 3)
         _draw_convergence(by_evaluations, trials, methods, "evaluations")
         _draw_convergence(by_time, trials, methods, "seconds")
