@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Flag, auto
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +39,12 @@ MAX_HALVINGS = 22
 INTERVALS = 192  # at the first level, at most, besides those between knots
 FIRST_WIDTH = 0.04  # s, of shorter trips' intervals at the first level
 FEWEST_INTERVALS = 16
+MANY_ZONES = 32  # more than these are first searched for those that can matter
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
 END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
 GOAL_SPEED_TOLERANCE = 1e-3  # m/s
 CLEARANCE_TOLERANCE = 1e-9  # m
-REPORT_PRECISION = 1e-3  # m; the reported least clearance is a lower bound at most this far below the true one
+REPORT_PRECISION = 1e-3  # m; see certify_trip
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,8 @@ def certify_trip(
     since: float | None = None,
     until: float | None = None,
     ends: Ends = Ends.BOTH,
+    precision: float = REPORT_PRECISION,
+    batch: ZoneBatch | None = None,
 ) -> Certificate:
     """Check a trip against a scenario in continuous time. See :func:`certify`.
 
@@ -142,8 +146,16 @@ def certify_trip(
         Absolute time, s, up to which they are checked: a vehicle that stands can be hit by what moves.
     ends : Ends
         ``Ends.START`` for a trip that stops on its way.
+    precision : float
+        The reported least clearance is a lower bound at most this far below the true one, m; with inf it is any lower
+        bound that is not negative, and found sooner.
+    batch : ZoneBatch, optional
+        The zones in the trip's frame, inflated by the vehicle's radius, if they are at hand.
     """
-    check = _Check(scenario, trip, ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius))
+    if batch is None:
+        batch = ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius)
+    check = _Check(scenario, trip, batch)
+    check.precision = precision
     if since is not None:
         check.begin(since)
         ends &= Ends.GOAL
@@ -199,6 +211,7 @@ class _Check:
         self.violations: list[Violation] = []
         self.accelerations = batch.centers.derivative.derivative
         self.first_sigma, self.last_sigma = 0.0, 1.0
+        self.precision = REPORT_PRECISION
         self.start_speed = scenario.start.speed
 
     def begin(self, since: float) -> None:
@@ -242,6 +255,9 @@ class _Check:
                 ("distance from the start", float(np.hypot(*(position[0] - start.position))), 0.0, times[0]),
                 ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
             ]
+            if start.acceleration is not None:
+                error = abs(float(points.acceleration[0]) - start.acceleration)
+                found.append(("start acceleration error", error, 0.0, times[0]))
             headings.append(("start heading", start.heading, direction[0], times[0]))
         if Ends.GOAL in ends:
             away = float(np.hypot(*(position[1] - goal.position)))
@@ -264,8 +280,8 @@ class _Check:
         trajectory, limits = self.trajectory, self.limits
         speeds = trajectory.speed_control_points()
         degree = trajectory.space.acceleration.coefficients.shape[1] - 1
-        speed_sites = _greville(trajectory.space.acceleration.breakpoints, degree + 1)
-        sites = _greville(trajectory.space.acceleration.breakpoints, degree)
+        breakpoints = tuple(trajectory.space.acceleration.breakpoints.tolist())
+        speed_sites, sites = _greville(breakpoints, degree + 1), _greville(breakpoints, degree)
         fastest, slowest = int(np.argmax(speeds)), int(np.argmin(speeds))
         # Driving faster than allowed at the start is the scenario's business, not the plan's.
         top = max(limits.speed, self.start_speed)
@@ -328,15 +344,13 @@ class _Check:
         space = trajectory.space
         points = trajectory.at(space.time_table(pieces.middle))
         half = pieces.half * trajectory.travel_time
-        speed_basis = space.tables.time_table
-        edges = speed_basis(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
-        ends = trajectory.at(edges)
+        ends = trajectory.parameters_at(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
         # Inside one span the acceleration is one polynomial of degree <= 2: linear ones are bounded by their ends.
         middle = points.acceleration
         count = len(middle)
         slope = self._jerk_bound(pieces)
         acceleration = np.abs(middle) + slope * half
-        low, high = ends.parameter[:count], ends.parameter[count:]
+        low, high = ends[:count], ends[count:]
         width = np.maximum(high - points.parameter, points.parameter - low) * (1.0 + 1e-9) + 1e-12
         fastest = points.speed + acceleration * half
         slowest = np.maximum(points.speed - acceleration * half, 0.0)
@@ -385,7 +399,7 @@ class _Check:
     def _near_batch(self) -> ZoneBatch:
         """The zones that could be the nearest one, or nearer than allowed, at some time of the trip."""
         batch, trajectory = self.batch, self.trajectory
-        if batch.size <= FEW_ZONES:
+        if batch.size <= MANY_ZONES:
             return batch
         half = 0.5 / LOOKS
         middle = np.linspace(half, 1.0 - half, LOOKS)
@@ -403,13 +417,19 @@ class _Check:
         if batch.size == 0:
             return Clearance(float("inf"))
         points = enclosure.points
-        distance = batch.distances(points.time, points.path.position)
-        interval, zone = np.divmod(np.arange(distance.size), batch.size)
+        nearer = self._nearer(enclosure)
+        exact = np.inf if np.isfinite(self.precision) else float(nearer.max())
+        distance = batch.distances(points.time, points.path.position, exact)
         least = float(distance.min())
-        at = int(np.argmin(distance))
-        where = (float(pieces.middle[interval[at]]), int(zone[at]))
-        certified = np.inf
-        for _ in range(MAX_HALVINGS):
+        at = np.unravel_index(np.argmin(distance), distance.shape)
+        where = (float(pieces.middle[at[0]]), int(at[1]))
+        lower = distance - nearer
+        far = (lower >= 0.0) & (lower >= least - self.precision)
+        certified = float(lower[far].min(initial=np.inf))
+        interval, zone = np.nonzero(~far)
+        for _ in range(MAX_HALVINGS if len(interval) else 1):
+            if not len(interval):
+                break
             bound = self._clearance_bound(pieces, enclosure, interval, zone)
             value = bound.value
             worst = int(np.argmin(value))
@@ -419,7 +439,7 @@ class _Check:
                 certified = least
                 break
             # Good enough: certainly outside, and not far below the least value found.
-            done = (bound.lower >= 0.0) & (bound.lower >= least - REPORT_PRECISION)
+            done = (bound.lower >= 0.0) & (bound.lower >= least - self.precision)
             if done.any():
                 certified = min(certified, float(bound.lower[done].min()))
             if done.all():
@@ -438,6 +458,13 @@ class _Check:
             self._note("clearance", least, 0.0, sigma, True, batch.ids[index])
             return Clearance(least, batch.ids[index], self._absolute(sigma))
         return Clearance(max(certified, 0.0), batch.ids[index], self._absolute(sigma))
+
+    def _nearer(self, enclosure: _Enclosure) -> Array:
+        """How much nearer each zone can come on each interval than in its middle, crudely, (n, L) m."""
+        points, half = enclosure.points, enclosure.half
+        own = points.speed + enclosure.acceleration_bound * half
+        first, last = float(np.min(points.time - half)), float(np.max(points.time + half))
+        return self.batch.approach_bound(first, last, half, own)
 
     def _clearance_bound(self, pieces: _Pieces, enclosure: _Enclosure, interval: Index, zone: Index) -> _Bound:
         batch, points = self.batch, enclosure.points
@@ -488,10 +515,12 @@ class _Bound:
     lower: Array
 
 
-def _greville(breakpoints: Array, degree: int) -> Array:
+@lru_cache(maxsize=64)
+def _greville(breakpoints: tuple[float, ...], degree: int) -> Array:
     """Sites in normalised time that the control points of a clamped spline belong to."""
+    breaks = np.array(breakpoints)
     if degree == 0:
-        return 0.5 * (breakpoints[1:] + breakpoints[:-1])
-    knots = np.concatenate([np.full(degree, breakpoints[0]), breakpoints, np.full(degree, breakpoints[-1])])
+        return 0.5 * (breaks[1:] + breaks[:-1])
+    knots = np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
     count = len(knots) - degree - 1
     return np.array([knots[k + 1 : k + degree + 1].mean() for k in range(count)])

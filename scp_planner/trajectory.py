@@ -699,6 +699,12 @@ class Trajectory:
             x = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
         return base + width * x
 
+    def parameters_at(self, sigma: Array) -> Array:
+        """Normalised stations at normalised times, (n,)."""
+        span, x = self.space.acceleration.locate(sigma)
+        distance = evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma
+        return self.path.parameter_at(distance)
+
     def at(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table."""
         tau, v0 = self.travel_time, self.space.start_speed

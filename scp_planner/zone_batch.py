@@ -284,6 +284,42 @@ class ZoneBatch:
             rate[rows] += spin * _cross(normal[rows], lever[rows])
         return rate
 
+    def approach_bound(self, first: float, last: float, half: Array, speed: Array) -> Array:
+        """Bound of how much nearer zones come to a moving point within half an interval, crudely.
+
+        The centre moves by |centre'| h at most. With |C(t) - C(m)| <= |C'| h the support sqrt(nu' C nu) grows by
+        sqrt(|C'| h) at most, since sqrt(a + b) <= sqrt(a) + sqrt(b).
+
+        Parameters
+        ----------
+        first, last : float
+            Span of time of which all intervals are parts, s.
+        half : (n,) array
+            Half widths of the intervals, s.
+        speed : (n,) array
+            Bound of the point's speed on them, m/s.
+
+        Returns
+        -------
+        (n, L) array
+            m; inf for zones of which no bound is known so cheaply.
+        """
+        every = np.arange(self.size)
+        middle = np.full(self.size, 0.5 * (first + last))
+        radius = np.full(self.size, 0.5 * (last - first))
+        moved = _magnitude_bound(self.velocities, every, middle, radius)
+        moved[self.turning | _broken(self.centers, first, last)] = np.inf
+        bound = half[:, None] * (moved + speed[:, None])
+        if self.covariances is not None:
+            slots, count = self.uncertain, len(self.uncertain)
+            growth = np.zeros(count)
+            for order, term in enumerate(_taylor(self.covariances.derivative, np.arange(count), middle[:count])):
+                spread = np.maximum(np.abs(term[:, 0]), np.abs(term[:, 2])) + np.abs(term[:, 1])
+                growth += spread * radius[0] ** order
+            growth[_broken(self.covariances, first, last)] = np.inf
+            bound[:, slots] += np.sqrt(half[:, None] * growth)
+        return bound
+
     def acceleration_bound(self, index: Index, times: Array, half: Array) -> Array:
         """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
 
@@ -494,6 +530,13 @@ def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> li
         polynomials = polynomials.derivative
         factor *= order + 1
     return terms
+
+
+def _broken(polynomials: PiecewisePolynomials, first: float, last: float) -> NDArray[np.bool_]:
+    """Whether each has a breakpoint between two times, (L,)."""
+    inner = polynomials.breakpoints[:, 1:-1]
+    broken: NDArray[np.bool_] = np.any((inner > first) & (inner < last), axis=1)
+    return broken
 
 
 def _magnitude_bound(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> Array:
