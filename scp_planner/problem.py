@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import pi, remainder, sqrt, tan
 
 import numpy as np
@@ -24,6 +25,9 @@ STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
 ROOM_TO_TURN = 2.0  # guides are rounded with so many times the least radius of the vehicle
 WIDE_BEND = 4.0  # and corners of polylines with up to so many times that
 ANGLE_DECIMALS = 10  # of rad: what is planned with is rounded, see ZoneBatch.rounded
+GOAL_SHARE = 0.95  # of the goal's radius: the guide ends before its centre, and the path anywhere beside that
+INSIDE = 1e-6  # m, from the border of the goal
+REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
 AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
 STANDING = 1e-5  # m/s; a stop at the goal is planned with this: speeds below 0 are refused, however small
@@ -79,7 +83,10 @@ class EndConditions:
     goal_speed : float or None
         m/s.
     lower, upper : (K1,) arrays
-        Bounds of the control points, m: the largest offset, and less where the guide would fold.
+        Bounds of the control points, m: the largest offset, and less where the guide would fold; the last one stays
+        within the radius of the goal.
+    start_acceleration : float or None
+        What the first control point of the acceleration is to be, m/s^2.
     """
 
     theta: Array
@@ -87,6 +94,7 @@ class EndConditions:
     goal_speed: float | None
     lower: Array
     upper: Array
+    start_acceleration: float | None = None
 
 
 @dataclass(frozen=True)
@@ -149,6 +157,22 @@ class Problem:
     box: Box
     samples: TimeTable
     grid: int
+
+    @cached_property
+    def highest_accelerations(self) -> Array:
+        """Upper bounds of the accelerations, (K2,) m/s^2; a given one at the start is its own."""
+        return self._bounds(self.limits.acceleration)
+
+    @cached_property
+    def lowest_accelerations(self) -> Array:
+        """Lower bounds of the accelerations, (K2,) m/s^2."""
+        return self._bounds(-self.limits.deceleration)
+
+    def _bounds(self, limit: float) -> Array:
+        bounds = np.full(self.space.acceleration_size, limit)
+        if self.ends.start_acceleration is not None:
+            bounds[0] = self.ends.start_acceleration
+        return bounds
 
     @property
     def step_size(self) -> int:
@@ -240,6 +264,8 @@ def build_problem(
     if breakpoints is None:
         time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
         breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
+        if start.acceleration is not None and settings.acceleration_degree == 0:
+            breakpoints = tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
     space = TripSpace(
         guide,
         start.speed,
@@ -295,18 +321,34 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
     else:
         radius = max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
     piece = settings.path_span / CELLS_PER_SPAN
+    short = round(GOAL_SHARE * goal.radius, DECIMALS)
     if scenario.guide is not None:
         # Offsets to the outside of a bend are easy, those to the inside are not: bends as wide as they may be driven.
         radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
-        return smooth_guide(np.round(frame.to_frame(np.array(scenario.guide)), DECIMALS), radius, piece, CELLS_PER_SPAN)
+        polyline = _shortened(np.round(frame.to_frame(np.array(scenario.guide)), DECIMALS), short)
+        return smooth_guide(polyline, radius, piece, CELLS_PER_SPAN)
     turns = [
         None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
         for heading in (start.heading, goal.heading)
     ]
     if all(turn is None or abs(turn) <= STEEPEST for turn in turns):
-        return StraightGuide(distance)
+        return StraightGuide(distance - short)
     shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
-    return smooth_guide(shortest, radius, piece, CELLS_PER_SPAN)
+    return smooth_guide(_shortened(shortest, short), radius, piece, CELLS_PER_SPAN)
+
+
+def _shortened(points: Array, length: float) -> Array:
+    """A polyline without the last part that lies within a distance of its end."""
+    if length == 0.0:
+        return points
+    away = np.hypot(*(points - points[-1]).T)
+    last = int(np.flatnonzero(away > length)[-1])
+    begin, end = points[last] - points[-1], points[last + 1] - points[-1]
+    leg = end - begin
+    # |begin + x leg| = length, the larger root
+    a, b, c = leg @ leg, begin @ leg, begin @ begin - length**2
+    share = (-b + sqrt(max(b * b - a * c, 0.0))) / a if begin @ leg >= 0.0 else (-b - sqrt(max(b * b - a * c, 0.0))) / a
+    return np.concatenate([points[: last + 1], (points[-1] + begin + min(share, 1.0) * leg)[None]])
 
 
 def guide_along(path: Path, settings: Settings) -> CurvedGuide:
@@ -345,14 +387,27 @@ def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, 
     if scenario.start.heading is not None:
         theta[1] = reach * tan(_sideways(scenario.start.heading - frame.heading - float(ends[0])))
         first = 2
+    lower, upper = _offset_bounds(space, max_offset)
+    if scenario.goal.heading is None and scenario.goal.radius > 0.0:
+        last += 1
+        lower[-1], upper[-1] = _end_bounds(scenario, frame, space)
     if scenario.goal.heading is not None:
         theta[-2] = -reach * tan(_sideways(scenario.goal.heading - frame.heading - float(ends[1])))
         last -= 1
-    lower, upper = _offset_bounds(space, max_offset)
     goal_speed = scenario.goal.speed
     if goal_speed is not None:
         goal_speed = max(goal_speed, STANDING)
-    return EndConditions(theta, slice(first, last), goal_speed, lower, upper)
+    return EndConditions(theta, slice(first, last), goal_speed, lower, upper, scenario.start.acceleration)
+
+
+def _end_bounds(scenario: Scenario, frame: PlanningFrame, space: TripSpace) -> tuple[float, float]:
+    """Offsets at the end of the guide that lie within the radius of the goal, m."""
+    end = space.guide.frame(np.array([space.length]))
+    goal = np.array([float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position))), 0.0])
+    away = end.position[0] - goal
+    along, across = float(away @ end.tangent[0]), float(away @ end.normal[0])
+    half = sqrt(max(scenario.goal.radius**2 - along**2, 0.0))
+    return min(-across - half + INSIDE, 0.0), max(-across + half - INSIDE, 0.0)
 
 
 def _sideways(angle: float) -> float:

@@ -274,6 +274,8 @@ class ScpLoop:
         theta = trajectory.theta.copy()
         theta[free] += z[:count]
         beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
+        if self.problem.ends.start_acceleration is not None:
+            beta[0] = self.problem.ends.start_acceleration  # the row is exact to first order
         moved = self.problem.space.trajectory(theta, beta)
         return evaluate_trip(self.problem, moved, NEAR) if np.isfinite(moved.travel_time) else None
 

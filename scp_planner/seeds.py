@@ -370,8 +370,8 @@ class WaySearch:
         program = QuadraticProgram(
             matrix.T @ matrix + DRIVE_SMOOTHING * np.eye(size),
             -matrix.T @ wanted,
-            np.full(size, -limits.deceleration),
-            np.full(size, limits.acceleration),
+            self.problem.lowest_accelerations,
+            self.problem.highest_accelerations,
             np.concatenate([speeds, -speeds]),
             np.concatenate(
                 [

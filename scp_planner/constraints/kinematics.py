@@ -52,9 +52,9 @@ class KinematicRows:
         self.matrix[self._upper, -1] = space.start_speed - limits.speed
         self.matrix[self._lower, -1] = -space.start_speed
         self.matrix[self._up, self._beta] = eye
-        self.matrix[self._up, -1] = -2.0 * limits.acceleration
+        self.matrix[self._up, -1] = -2.0 * problem.highest_accelerations
         self.matrix[self._down, self._beta] = -eye
-        self.matrix[self._down, -1] = -2.0 * limits.deceleration
+        self.matrix[self._down, -1] = 2.0 * problem.lowest_accelerations
         self.bound = np.zeros(self._down.stop)
 
     def at(self, trajectory: Trajectory) -> tuple[Array, Array]:
@@ -78,8 +78,8 @@ class KinematicRows:
         speeds = v0 + tau * (self._speeds @ beta)
         bound[self._upper] = limits.speed - speeds
         bound[self._lower] = speeds
-        bound[self._up] = limits.acceleration - beta
-        bound[self._down] = limits.deceleration + beta
+        bound[self._up] = problem.highest_accelerations - beta
+        bound[self._down] = beta - problem.lowest_accelerations
         return matrix, bound
 
 
