@@ -178,6 +178,30 @@ class Motion(Part):
     acceleration: Vector = Field((0.0, 0.0), description="[x, y], m/s2")
 
 
+class Course(Part):
+    """A motion given by positions at times, such as another program's prediction: a cubic spline through them.
+
+    After the last time it goes straight on at the speed that it then has, and before the first one too.
+    """
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.times_increase, scenario_checks.one_position_a_time)
+
+    time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
+    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+
+
+def _motion_case(data: Any) -> str:
+    """Tell a course from a motion by its times."""
+    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
+    return variant("course" if given else "motion")
+
+
+KnownMotion = Annotated[
+    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
+    Discriminator(_motion_case),
+]
+
+
 def _covariance_case(data: Any) -> str:
     """Tell one matrix from a list of matrices by what stands two brackets deep."""
     try:
@@ -256,7 +280,7 @@ class Obstacle(Part):
 
     id: Text = Field(description="text, unique")
     shape: Shape = Field(description=f"{{one of {', '.join(_SHAPE_KEYS)}: size}}")
-    motion: Motion | None = Field(None, description="known exactly")
+    motion: KnownMotion | None = Field(None, description="known exactly")
     observations: Observations | None = Field(None, description="from which the motion is estimated")
     model: Model = Field(Model(), description="of the motion to estimate")
     margin: NotNegative = Field(0.0, description="extra clearance, m")

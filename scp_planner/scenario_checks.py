@@ -116,8 +116,8 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
     radius, start = scenario.vehicle.radius, scenario.start
     for i, obstacle in enumerate(scenario.obstacles):
         motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
-        if motion is None or shape is None:
-            continue  # observed, or faulty
+        if motion is None or shape is None or _known(motion, "time") is not None:
+            continue  # observed, or faulty, or a course, whose spline is not known here
         try:
             distance = shape.distance(*_from_centre(start.position, motion, start.time))
         except Unknown:

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.estimation import estimate_obstacle
 from scp_planner.motion_estimate import PolynomialEstimate
-from scp_planner.scenario import Motion, Obstacle
+from scp_planner.scenario import KnownMotion, Motion, Obstacle
 from scp_planner.tracks import Track, Tracks
+from scp_planner.zones import motion_polynomials
 
 Array = NDArray[np.float64]
 Course = Callable[[Array], Array]
@@ -69,8 +70,11 @@ class Script:
         return {name: np.asarray(course(times), dtype=float) for name, course in self.courses.items()}
 
 
-def motion_course(motion: Motion) -> Course:
+def motion_course(motion: KnownMotion) -> Course:
     """The course of a known motion."""
+    if not isinstance(motion, Motion):
+        centers = motion_polynomials(motion)
+        return lambda times: centers.at(np.zeros(len(times), dtype=np.intp), np.asarray(times, dtype=float))
     place, velocity, acceleration = (np.array(part) for part in (motion.position, motion.velocity, motion.acceleration))
 
     def course(times: Array) -> Array:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scp_planner.ellipse import ellipse_contact, support
 from scp_planner.frames import PlanningFrame
 from scp_planner.polynomials import PiecewisePolynomials
-from scp_planner.scenario import Disc, Ellipse, Model, Motion, Obstacle, Rectangle, Scenario, Shape
+from scp_planner.scenario import Course, Disc, Ellipse, KnownMotion, Model, Obstacle, Rectangle, Scenario, Shape
 from scp_planner.shapes import Outline, convex_pieces
 from scp_planner.zone_batch import ZoneBatch, ZoneContacts, directions_of, turned_back
 
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
+SLOWEST_HEADING = 0.1  # m/s; shapes on courses that are anywhere slower are covered by discs
+SLOWNESS_LOOKS = 17  # at each piece of a course
 HORIZON = 120.0  # s; longest trip that estimated zones are made for
 
 
@@ -196,12 +198,15 @@ class Body:
     outlines: tuple[Outline, ...] = ()
 
 
-def known_zone(name: str, shape: Shape, margin: float, motion: Motion) -> ThreatZone:
+def known_zone(name: str, shape: Shape, margin: float, motion: KnownMotion) -> ThreatZone:
     """Return the zone of an obstacle whose motion is known, with an extra margin in m."""
     centers = motion_polynomials(motion)
     if isinstance(shape, Disc):
         return ThreatZone(name, shape.disc + margin, centers)
-    return ThreatZone(name, margin, centers, None, shape_outlines(shape, _fixed_heading(centers)))
+    outlines = shape_outlines(shape, _fixed_heading(centers))
+    if isinstance(motion, Course) and any(outline.turning for outline in outlines) and _turns_on_the_spot(centers):
+        return ThreatZone(name, covering_radius(shape) + margin, centers)
+    return ThreatZone(name, margin, centers, None, outlines)
 
 
 def estimated_body(shape: Shape, model: Model) -> Body:
@@ -216,10 +221,32 @@ def estimated_body(shape: Shape, model: Model) -> Body:
     return Body(0.0, outlines)
 
 
-def motion_polynomials(motion: Motion) -> PiecewisePolynomials:
+def motion_polynomials(motion: KnownMotion) -> PiecewisePolynomials:
     """The centre of a motion that is known, of absolute time."""
+    if isinstance(motion, Course):
+        return _course_polynomials(motion)
     half = (0.5 * motion.acceleration[0], 0.5 * motion.acceleration[1])
     return PiecewisePolynomials.single(0.0, np.array([motion.position, motion.velocity, half]))
+
+
+def _course_polynomials(course: Course) -> PiecewisePolynomials:
+    """The natural cubic spline through the positions of a course, straight on at both ends.
+
+    Its second derivative is zero at its ends: so the motion goes straight on there without a jump of its acceleration.
+    """
+    from scipy.interpolate import CubicSpline
+
+    times, positions = np.array(course.time), np.array(course.position)
+    spline = CubicSpline(times - times[0], positions - positions[0], bc_type="natural")
+    pieces = np.zeros((len(times) + 1, 4, 2))
+    pieces[1:-1] = spline.c[::-1].transpose(1, 0, 2)
+    pieces[1:-1, 0] += positions[0]
+    lead = 1.0  # s; the first and the last piece go on for ever
+    velocity = spline(np.array([0.0, times[-1] - times[0]]), 1)
+    pieces[0, :2] = positions[0] - lead * velocity[0], velocity[0]
+    pieces[-1, :2] = positions[-1], velocity[1]
+    breakpoints = np.concatenate([[times[0] - lead], times, [np.inf]])
+    return PiecewisePolynomials(breakpoints[None], pieces[None])
 
 
 def shape_outlines(shape: Shape, heading: float | None) -> tuple[Outline, ...]:
@@ -251,6 +278,15 @@ def _fixed_heading(centers: PiecewisePolynomials) -> float | None:
         return 0.0
     across = np.abs(vectors[:, 0] * largest[1] - vectors[:, 1] * largest[0]) / size
     return atan2(largest[1], largest[0]) if np.all(across <= STRAIGHT * np.hypot(*vectors.T)) else None
+
+
+def _turns_on_the_spot(centers: PiecewisePolynomials) -> bool:
+    """Whether a course is anywhere so slow that its direction says nothing of its heading."""
+    breaks = centers.breakpoints[0]
+    ends = np.where(np.isfinite(breaks[1:]), breaks[1:], breaks[:-1] + 1.0)
+    times = (breaks[:-1] + np.linspace(0.0, 1.0, SLOWNESS_LOOKS)[:, None] * (ends - breaks[:-1])).ravel()
+    velocity = centers.derivative.at(np.zeros(len(times), dtype=np.intp), times)
+    return bool(np.hypot(velocity[:, 0], velocity[:, 1]).min() < SLOWEST_HEADING)
 
 
 def covering_radius(shape: Shape) -> float:
