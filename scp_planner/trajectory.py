@@ -36,7 +36,7 @@ Index = NDArray[np.intp]
 QUADRATURE_ORDER = 6  # Gauss nodes a cell: 4 left jumps of 1e-5 m/s in the speed over ground between cells
 CELLS_PER_SPAN = 5  # the ends of cells are the stations at which curvature is limited
 MAX_BISECTIONS = 60
-NEWTON_STEPS = 2  # from a quadratic guess inside a cell
+NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
 
 
 @dataclass(frozen=True)
