@@ -6,7 +6,8 @@ Zones of all obstacles are made together, with the level of confidence that the 
 *Foreseen* zones are those that will be looked at when the vehicle gets there. The zone of an obstacle at a time t,
 predicted now, grows with t; but by then newer observations will have been made. The planner never needs to know
 more than where an obstacle will be within its *foresight*, the time that it needs to react and to stop. So beyond the
-foresight the foreseen zone keeps its size, about the centre that is expected now.
+foresight the foreseen zone does not grow, about the centre that is expected now; it even shrinks, as an obstacle that
+is seen for longer is known better.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -39,7 +42,7 @@ from scp_planner.scenario import (
     Shape,
     Vector,
 )
-from scp_planner.zones import HORIZON, Body, ThreatZone, estimated_body, known_zone
+from scp_planner.zones import HORIZON, Body, ThreatZone, ZoneBatch, estimated_body, known_zone
 
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -48,6 +51,8 @@ GATE_PROBABILITY = 1e-7
 """An observation that is less probable than this, by what was seen before, is taken for a fault of the sensor..."""
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
+LONGER = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+"""s of further observation after which foreseen zones are computed; in between, they are interpolated."""
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
 LEARNT = 1.0
 """s. From this span of observations on, a newcomer's motion is estimated without the prior for newcomers."""
@@ -444,6 +449,14 @@ class ObstacleTracks:
                 alpha = shared_alpha(alpha, estimated)
         return uniform_scale(alpha, length, _NORMAL, terms)
 
+    def learning(self) -> dict[str, Learning]:
+        """How estimates will improve, by id: those of polynomial motions."""
+        return {
+            track.id: Learning(track.model.order, len(track.times), track.times[-1] - track.times[0])
+            for track in self.tracks.values()
+            if track.times and track.fixed is None and track.model.process is None
+        }
+
     def as_obstacles(self) -> tuple[Obstacle, ...]:
         """Give what is known as obstacles of a scenario, with the planner's margin."""
         return tuple(self._as_obstacle(track) for track in self.tracks.values() if track.seen)
@@ -472,33 +485,76 @@ class ObstacleTracks:
 _NORMAL = NormalErrors()
 
 
-def foreseen(zones: tuple[ThreatZone, ...], start: float, foresight: float) -> tuple[ThreatZone, ...]:
-    """Zones that do not grow beyond a time, see the head of this module.
+@dataclass(frozen=True)
+class Learning:
+    """What an estimate of a polynomial motion is made from: how it will improve by going on like this.
+
+    Attributes
+    ----------
+    order : int
+    count : int
+        Observations.
+    span : float
+        From the first to the last of them, s.
+    """
+
+    order: int
+    count: int
+    span: float
+
+    def variance(self, lead: float, longer: Array) -> Array:
+        """Relative variance of a prediction so far ahead, s, after observing for so much longer, (n,) s.
+
+        With n observations spread evenly over T it is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
+        polynomials.
+        """
+        span = self.span + longer
+        s = 1.0 + 2.0 * lead / span
+        growth = np.ones_like(s)
+        if self.order >= 1:
+            growth += 3.0 * s * s
+        if self.order >= 2:
+            growth += 1.25 * (3.0 * s * s - 1.0) ** 2
+        return growth * self.span / span
+
+
+def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning]) -> ZoneBatch:
+    """Zones that do not grow beyond the foresight, but shrink with what will be learnt; see the head of this module.
 
     Parameters
     ----------
-    zones : tuple of ThreatZone
-    start : float
-        Absolute time now, s.
+    batch : ZoneBatch
+        On a clock that is 0 now.
     foresight : float
         s.
+    learning : mapping of str to Learning
+        By the ids of the zones; the others keep their size.
     """
-    return tuple(_foreseen(zone, start + foresight) for zone in zones)
-
-
-def _foreseen(zone: ThreatZone, until: float) -> ThreatZone:
-    covariances = zone.covariances
-    if covariances is None:
-        return zone
-    before = covariances.breakpoints[0] < until
-    count = max(int(before[:-1].sum()), 1)
-    _, powers, width = covariances.coefficients.shape[1:]
-    kept = np.zeros((1, count + 1, powers, width))
-    kept[0, :count] = covariances.coefficients[0, :count]
-    lag = until - covariances.breakpoints[0, count - 1]
-    kept[0, count, 0] = lag ** np.arange(powers) @ kept[0, count - 1]
-    breaks = np.concatenate([covariances.breakpoints[0, :count], [until, np.inf]])
-    return replace(zone, covariances=PiecewisePolynomials(breaks[None], kept))
+    if batch.covariances is None:
+        return batch
+    covariances = batch.covariances
+    pieces, powers, width = covariances.coefficients.shape[1:]
+    count = covariances.size
+    factors = np.ones((count, len(LONGER)))
+    for k, index in enumerate(batch.uncertain):
+        known = learning.get(batch.ids[index])
+        if known is not None and known.span > 0.0:
+            variance = known.variance(foresight, LONGER)
+            factors[k] = variance / variance[0]
+    every = np.arange(count)
+    size = covariances.at(every, np.full(count, foresight))
+    # Pieces that begin after the foresight are empty, and those that follow them are taken first.
+    begins = np.minimum(covariances.breakpoints[:, :-1], foresight)
+    coefficients = np.zeros((count, pieces + len(LONGER), max(powers, 2), width))
+    coefficients[:, :pieces, :powers] = covariances.coefficients
+    coefficients[:, pieces:, 0] = factors[:, :, None] * size[:, None]
+    slopes = np.diff(factors, axis=1) / np.diff(LONGER)
+    coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
+    later = np.broadcast_to(foresight + LONGER, (count, len(LONGER)))
+    end = np.full((count, 1), np.inf)
+    seen = copy(batch)
+    seen.covariances = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
+    return seen
 
 
 def _shift(order: int, shift: Array, scale: Array) -> Array:

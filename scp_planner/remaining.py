@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.guide import Guide
 from scp_planner.plan import Trip
 from scp_planner.problem import Problem
 from scp_planner.trajectory import Trajectory, TripSpace
@@ -28,6 +29,8 @@ WAY_BACK_TIMES = 8.0
 CATCHING_UP = 0.3
 """Share of the limits of acceleration that is used to get back to the planned speed."""
 MOST_STRETCHES = 8
+GUIDE_STEP = 0.25
+"""m, between the points of a curved guide that nearest ones are looked for among."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +83,11 @@ def _path(problem: Problem, old: Trip, first: float) -> Array:
     parameters = np.linspace(float(now.parameter[0]), 1.0, PATH_SAMPLES)
     points = trajectory.path.points(parameters)
     ahead = problem.frame.to_frame(old.frame.to_world(points.position))
-    x, y = ahead[:, 0], ahead[:, 1].copy()
+    x, y = _over(space.guide, ahead)
     off = float(y[0])
     back = min(max(WAY_BACK, WAY_BACK_TIMES * abs(off)), space.length)
     left = np.minimum(np.maximum(x / back, 0.0), 1.0)
-    y -= off * (1.0 - left) ** 2 * (1.0 + 2.0 * left)
+    y = y - off * (1.0 - left) ** 2 * (1.0 + 2.0 * left)
     # A path over the guide goes forward; what does not (a bow driven backwards along the new guide) is left out.
     forward = np.maximum.accumulate(x) <= x + 1e-9
     forward &= (x >= 0.0) & (x <= space.length)
@@ -102,11 +105,28 @@ def _path(problem: Problem, old: Trip, first: float) -> Array:
     return theta
 
 
+def _over(guide: Guide, points: Array) -> tuple[Array, Array]:
+    """Stations and offsets of points (n, 2) m over a guide, (n,) m each."""
+    if guide.straight:
+        return points[:, 0], points[:, 1]
+    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / GUIDE_STEP)) + 1)
+    away = points[:, None] - guide.frame(stations).position
+    nearest = stations[np.argmin((away * away).sum(axis=2), axis=1)]
+    for _ in range(2):
+        frame = guide.frame(nearest)
+        relative = points - frame.position
+        along = (relative * frame.tangent).sum(axis=1)
+        across = (relative * frame.normal).sum(axis=1)
+        nearest = np.clip(nearest + along / np.maximum(1.0 - frame.curvature * across, 0.1), 0.0, guide.length)
+    frame = guide.frame(nearest)
+    return nearest, ((points - frame.position) * frame.normal).sum(axis=1)
+
+
 def _drive(problem: Problem, old: Trajectory, first: float, speed: float) -> Array:
     """Accelerations, piecewise constant, that keep the planned speeds; or those at the middles of their spans."""
     space, limits = problem.space, problem.limits
     breaks = space.acceleration.breakpoints
-    left = (1.0 - first) * old.travel_time
+    left = max((1.0 - first) * old.travel_time, 1e-3)
     planned = old.speed_at(first + (1.0 - first) * breaks)
     ahead = speed - float(planned[0])
     rate = CATCHING_UP * (limits.deceleration if ahead > 0.0 else limits.acceleration)

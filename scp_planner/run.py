@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
-from scp_planner.online import OnlinePlan, Outcome
+from scp_planner.online import OnlinePlan
+from scp_planner.online_settings import Outcome
 from scp_planner.plan import Plan
 from scp_planner.polynomials import PiecewisePolynomials
 from scp_planner.scenario import Disc, Obstacle, Scenario, Shape

@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.online import OnlinePlan, OnlineSettings, Outcome, Planner
+from scp_planner.online import OnlinePlan, Planner
+from scp_planner.online_settings import OnlineSettings, Outcome
 from scp_planner.run import STRANGER, Cycle, Run, ZoneRecord
 from scp_planner.scenario import Disc, Observations, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation, Sensor
@@ -279,15 +280,7 @@ class _Loop:
                 planner.add_obstacle(name, self.shapes.get(name, STRANGER), covariance=covariance)
             else:
                 planner.add_obstacle(name, given.shape, covariance=covariance, model=given.model, margin=given.margin)
-        own = self.known.get(name)
-        if (
-            own is not None
-            and own.observations is not None
-            and self.planner.obstacles.tracks[name].covariance is not None
-        ):
-            planner.observe(name, one.time, one.position)
-        else:
-            planner.observe(name, one.time, one.position, covariance)
+        planner.observe(name, one.time, one.position, covariance)
 
     # the drive
 
