@@ -37,7 +37,8 @@ def test_times_may_have_any_shape_and_are_clamped(plan: sp.Plan) -> None:
     assert plan.speed(plan.start_time).shape == ()
     assert plan.position(np.zeros((2, 3))).shape == (2, 3, 2)
     np.testing.assert_allclose(plan.position(-100.0), [2.0, -1.0], atol=1e-12)
-    np.testing.assert_allclose(plan.position(plan.arrival_time + 9.0), [20.0, 0.0], atol=1e-9)
+    # The planning frame's lengths are rounded to 0.1 um, so that a scene that is turned or moved gives the same plan.
+    np.testing.assert_allclose(plan.position(plan.arrival_time + 9.0), [20.0, 0.0], rtol=0.0, atol=1e-7)
 
 
 def test_a_saved_plan_is_loaded_to_the_bit(plan: sp.Plan, tmp_path: Path) -> None:
