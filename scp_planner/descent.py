@@ -9,6 +9,8 @@ this is done as well as we know how, on the objective of all methods (objective.
 - Settling. With a hinge of width w the minimiser lies off an active constraint by a small multiple of w, to either
   side. In the last stages each active constraint is moved by just this distance, so that the trip ends on the true one,
   and moved further where the certificate still finds something missing.
+- A second attempt. Wide hinges and low prices may lead through an obstacle to where no trip is feasible. Then the
+  descent begins again with narrow hinges and high prices.
 
 Three minimisers: L-BFGS-B with the exact gradient, plain gradient descent with a line search, and a Monte Carlo search
 that needs no gradient. Nothing is linearised and no subproblem is solved.
@@ -34,6 +36,7 @@ from scp_planner.objective import (
     GOAL_SPEED,
     LATERAL,
     OBJECTIVE_LIMITS,
+    OFFSET,
     REVERSE,
     SPEED,
     Hinge,
@@ -63,6 +66,8 @@ SETTLED = 1e-4  # m or relative; distance to active constraints at which settlin
 TARGET = 1e-5  # m or relative; what is left to an active constraint by settling
 OUTSIDE = 1e6  # s; value of trips that never arrive
 TIGHTENINGS = 3
+CAREFUL = 10.0  # times the first prices, in the second attempt
+CAREFUL_WIDTH = 0.05  # m; widest hinge of the second attempt
 REPAIRABLE = 0.01  # m or relative; larger violations are not tightened away
 ARMIJO = 1e-4
 CERTIFIED_LIMITS = {"lateral_acceleration": LATERAL, "curvature": CURVATURE, "speed": SPEED}
@@ -213,28 +218,44 @@ class Descent:
         deadline: float = np.inf,
         keep_moments: bool = False,
     ) -> None:
-        self.problem = problem
-        self.settings = settings
+        self.given = problem
+        self.start = start
         self.deadline = deadline
         self.keep_moments = keep_moments
         self.random = np.random.default_rng(seed)
         self.began = perf_counter()
-        limits = problem.limits
-        self.weights = Weights.uniform(problem, settings.zone_price, settings.limit_price)
-        self.weights.limits[ACCELERATION] = 0.0  # kept as bounds
-        self.margins = Margins.none(problem)
-        objective = PenalisedObjective(problem, self.weights, Hinge())
-        self.path_size = objective.path_size
+        self.path_size = problem.ends.free.stop - problem.ends.free.start
         self.scaling = path_scaling(problem)
-        self.base = objective.omega(start)[: self.path_size]
-        count = problem.space.acceleration_size
+        self.base = start.theta[problem.ends.free]
         free = np.full(self.path_size, np.inf)
-        self.lower = np.concatenate([-free, np.full(count, -limits.deceleration)])
-        self.upper = np.concatenate([free, np.full(count, limits.acceleration)])
-        self.y = np.clip(np.concatenate([np.zeros(self.path_size), start.beta]), self.lower, self.upper)
+        self.lower = np.concatenate([-free, problem.lowest_accelerations])
+        self.upper = np.concatenate([free, problem.highest_accelerations])
+        self._begin(settings)
         self.run_so_far = DescentRun(DescentStatus.UNSETTLED, self._exact())
-        self.objective = objective
+
+    def _begin(self, settings: DescentSettings) -> None:
+        """Go back to the start."""
+        self.problem = self.given
+        self.settings = settings
+        self.weights = Weights.uniform(self.problem, settings.zone_price, settings.limit_price)
+        self.weights.limits[ACCELERATION] = 0.0  # kept as bounds
+        self.margins = Margins.none(self.problem)
+        self.objective = PenalisedObjective(self.problem, self.weights, Hinge())
+        self.y = np.clip(np.concatenate([np.zeros(self.path_size), self.start.beta]), self.lower, self.upper)
         self.best = np.inf
+
+    def run_carefully(self) -> DescentRun:
+        """Once more from the start, with narrow hinges and high prices at once: the trip stays in the start's way."""
+        settings = self.settings
+        self._begin(
+            replace(
+                settings,
+                widths=(CAREFUL_WIDTH, *(width for width in settings.widths if width < CAREFUL_WIDTH)),
+                zone_price=CAREFUL * settings.zone_price,
+                limit_price=CAREFUL * settings.limit_price,
+            )
+        )
+        return self.run()
 
     def run(self) -> DescentRun:
         """Go through all stages, and settle."""
@@ -415,7 +436,7 @@ def path_scaling(problem: Problem) -> Array:
 
 
 def _signed_excess(problem: Problem, evaluation: Evaluation) -> tuple[Array, Array]:
-    """Excesses, with their sign, over zones (L,) m and limits (7,), with the minima between samples refined."""
+    """Excesses, with their sign, over zones (L,) m and limits (8,), with the minima between samples refined."""
     trajectory, limits = evaluation.trajectory, problem.limits
     zones = -evaluation.clearance.min(axis=0) if problem.zones.size else np.zeros(0)
     np.maximum.at(zones, evaluation.minima_zone, -evaluation.minima_contacts.distance)
@@ -428,6 +449,8 @@ def _signed_excess(problem: Problem, evaluation: Evaluation) -> tuple[Array, Arr
     if problem.ends.goal_speed is not None:
         found[GOAL_SPEED] = abs(trajectory.final_speed - problem.ends.goal_speed) - SETTLED
     found[REVERSE] = -float(speeds.min())
+    theta, ends, free = trajectory.theta[problem.ends.free], problem.ends, problem.ends.free
+    found[OFFSET] = float(np.max(np.maximum(theta - ends.upper[free], ends.lower[free] - theta), initial=-np.inf))
     return zones, found
 
 
@@ -521,7 +544,7 @@ class CheckedDescent:
 def checked_descent(
     problem: Problem, threat_zones: tuple[ThreatZone, ...], descent: Descent, timings: dict[str, float] | None = None
 ) -> CheckedDescent:
-    """Descend, and check the result; repeat with tighter margins what hardly fails.
+    """Descend, and check the result; repeat with tighter margins what hardly fails, and carefully what fails.
 
     Parameters
     ----------
@@ -534,27 +557,29 @@ def checked_descent(
     timings : dict, optional
         To which wall times are added, s.
     """
-    timings = {} if timings is None else timings
-    clock = descent.began
-    run: DescentRun | None = descent.run()
     best: CheckedDescent | None = None
-    for tightening in range(TIGHTENINGS + 1):
-        assert run is not None
-        timings["descent"] = timings.get("descent", 0.0) + perf_counter() - clock
-        clock = perf_counter()
-        certificate = certify_trip(problem.scenario, Trip(problem.frame, run.trajectory), threat_zones)
-        checking = perf_counter() - clock
-        timings["certificate"] = timings.get("certificate", 0.0) + checking
-        descent.began += checking
-        checked = CheckedDescent(replace(run), certificate)
-        best = checked if checked.better_than(best) else best
-        clock = perf_counter()
-        if certificate.holds or tightening == TIGHTENINGS or not run.repairable:
-            break
-        run = descent.tighten(certificate)
-        if run is None:
+    checking = 0.0
+    for attempt in (descent.run, descent.run_carefully):
+        run: DescentRun | None = attempt()
+        for _ in range(TIGHTENINGS + 1):
+            assert run is not None
+            clock = perf_counter()
+            certificate = certify_trip(problem.scenario, Trip(problem.frame, run.trajectory), threat_zones)
+            checking += perf_counter() - clock
+            descent.began += perf_counter() - clock
+            checked = CheckedDescent(replace(run), certificate)
+            best = checked if checked.better_than(best) else best
+            if certificate.holds or not run.repairable:
+                break
+            run = descent.tighten(certificate)
+            if run is None:
+                break
+        if certificate.holds or descent.run_so_far.status is DescentStatus.TIME_LIMIT:
             break
     assert best is not None
     best.run.evaluations = descent.run_so_far.evaluations
     best.run.iterations = descent.run_so_far.iterations
+    if timings is not None:
+        timings["descent"] = timings.get("descent", 0.0) + perf_counter() - descent.began
+        timings["certificate"] = timings.get("certificate", 0.0) + checking
     return best

@@ -37,10 +37,10 @@ from scp_planner.zones import ZoneBatch
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-OBJECTIVE_LIMITS = (*LIMIT_NAMES, "reverse", "acceleration")
-"""What the penalties of limits are for; the last two SCP keeps by linear rows, so that they are 0 on its iterates."""
+OBJECTIVE_LIMITS = (*LIMIT_NAMES, "reverse", "acceleration", "offset")
+"""What the penalties of limits are for; the last three SCP keeps by linear rows, so that they are 0 on its iterates."""
 
-LATERAL, CURVATURE, SPEED, BOX, GOAL_SPEED, REVERSE, ACCELERATION = range(len(OBJECTIVE_LIMITS))
+LATERAL, CURVATURE, SPEED, BOX, GOAL_SPEED, REVERSE, ACCELERATION, OFFSET = range(len(OBJECTIVE_LIMITS))
 NEGLIGIBLE = 37.0  # exp(-37) is below the rounding of 1
 CLUSTER = np.linspace(-1.0, 1.0, 9)  # samples about a minimum of clearance, in steps of the grid
 
@@ -53,8 +53,8 @@ class Weights:
     ----------
     zones : (L,) array
         s per m of entry.
-    limits : (7,) array
-        s per unit of excess, see OBJECTIVE_LIMITS: relative, but m for the workspace box and m/s for the goal speed.
+    limits : (8,) array
+        s per unit of excess, see OBJECTIVE_LIMITS: relative, but m for box and offsets, and m/s for the goal speed.
     """
 
     zones: Array
@@ -97,7 +97,7 @@ class Margins:
     ----------
     zones : (L,) array
         m.
-    limits : (7,) array
+    limits : (8,) array
         See OBJECTIVE_LIMITS.
     """
 
@@ -165,9 +165,9 @@ class ObjectiveValue:
         tau, s; inf outside D0(v0).
     zones : (L,) array
         Violations of zones, m.
-    limits : (7,) array
+    limits : (8,) array
         Violations of limits, see OBJECTIVE_LIMITS.
-    zone_use, limit_use : (L,), (7,) arrays
+    zone_use, limit_use : (L,), (8,) arrays
         Derivatives of the violations with respect to a common margin, in [0, 1]: times the price, the multiplier.
     gradient : (K,) array
         dQ / d omega; empty if it was not asked for.
@@ -386,6 +386,7 @@ class _Terms:
             (REVERSE, self._speed(self.problem.limits.speed, -1.0)),
             (ACCELERATION, self._acceleration()),
             (GOAL_SPEED, self._goal_speed()),
+            (OFFSET, self._offset()),
         ):
             violation[limit], use[limit] = found
         return violation, use
@@ -494,6 +495,16 @@ class _Terms:
         violation, share = self._violation(ACCELERATION, excess)
         price = self.objective.weights.limits[ACCELERATION] * share
         self.beta += price[: len(beta)] / limits.acceleration - price[len(beta) :] / limits.deceleration
+        return violation, float(share.sum())
+
+    def _offset(self) -> tuple[float, float]:
+        """Control points of the offset beyond their bounds, m: over a bent guide they keep the path from folding."""
+        ends, free = self.problem.ends, self.problem.ends.free
+        theta = self.trajectory.theta[free]
+        excess = np.concatenate([theta - ends.upper[free], ends.lower[free] - theta])
+        violation, share = self._violation(OFFSET, excess)
+        price = self.objective.weights.limits[OFFSET] * share
+        self.theta[free] += price[: len(theta)] - price[len(theta) :]
         return violation, float(share.sum())
 
     def _goal_speed(self) -> tuple[float, float]:

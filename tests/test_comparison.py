@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.comparison import (
@@ -25,7 +26,6 @@ from scp_planner.plotting.studies import plot_comparison
 from scp_planner.problem import build_problem
 from scp_planner.settings import Settings
 from scp_planner.zones import zones
-from tests.scenes import CROSSERS, disc, scene
 
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
 

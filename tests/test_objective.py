@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.evaluation import LIMIT_NAMES, Penalties, evaluate_trip
@@ -20,6 +21,7 @@ from scp_planner.objective import (
     GOAL_SPEED,
     LATERAL,
     OBJECTIVE_LIMITS,
+    OFFSET,
     REVERSE,
     SPEED,
     Hinge,
@@ -32,7 +34,6 @@ from scp_planner.objective import (
 from scp_planner.problem import Problem, build_problem
 from scp_planner.settings import Settings
 from scp_planner.zones import zones
-from tests.scenes import CROSSERS, scene
 
 Array = NDArray[np.float64]
 
@@ -66,11 +67,21 @@ SCENES = {
             bounds={"min": [-1.0, -1.5], "max": [21.0, 1.0]},
             goal={"position": [20.0, 0.0], "speed": 1.5, "heading": 0.2},
         ),
-        Settings(),
+        Settings(max_offset=1.0),
     ),
     "from rest, linear acceleration": (
         scene(*CROSSERS, start={"speed": 0.0, "heading": None}),
         SMOOTHER,
+    ),
+    "along a bent guide": (
+        scene(
+            disc("on-the-way", (9.0, 1.5), (0.3, 0.1), radius=0.8),
+            disc("late", (16.0, -6.0), (0.0, 0.8), radius=0.7),
+            guide=[[0.0, 0.0], [10.0, 2.0], [20.0, 0.0]],
+            bounds={"min": [-1.0, -1.0], "max": [21.0, 2.0]},
+            start={"heading": None},
+        ),
+        Settings(),
     ),
     "turned, on another clock": (
         scene(
@@ -260,6 +271,9 @@ def test_violations_of_limits_are_those_of_the_trip() -> None:
         assert found.limits[ACCELERATION] == pytest.approx(max(0.0, use.max() - 1.0))
         assert found.limits[GOAL_SPEED] == pytest.approx(abs(trajectory.final_speed - 1.5))
         stations = trajectory.path.points(problem.space.tables.station_parameters)
+        theta, ends = trajectory.theta[problem.ends.free], problem.ends
+        offset = max((theta - ends.upper[ends.free]).max(), (ends.lower[ends.free] - theta).max(), 0.0)
+        assert found.limits[OFFSET] == pytest.approx(offset)
         curvature = np.abs(trajectory.path.bend(stations).curvature)
         assert found.limits[CURVATURE] == pytest.approx(max(0.0, curvature.max() / limits.curvature - 1.0))
         world = problem.frame.to_world(stations.position)[:, 1]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner import builtin
@@ -19,7 +20,6 @@ from scp_planner.scp import ScpLoop
 from scp_planner.settings import Settings
 from scp_planner.solvers import solver_named
 from scp_planner.zones import zones
-from tests.scenes import CROSSERS, disc, scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
@@ -79,6 +79,34 @@ def test_the_goal_speed_is_met_to_rounding() -> None:
     plan = sp.penalty_descent(scenario, SMALL)
     assert plan.certified, plan.reason
     assert float(plan.speed(plan.arrival_time)) == pytest.approx(0.8, abs=1e-6)
+
+
+def test_a_given_acceleration_at_the_start_is_kept() -> None:
+    scenario = scene(CROSSERS[0], start={"acceleration": -0.5})
+    plan = sp.penalty_descent(scenario, SMALL)
+    assert plan.certified, plan.reason
+    assert float(plan.acceleration(plan.start_time)) == -0.5
+
+
+def test_a_goal_with_a_radius_is_met_anywhere_inside() -> None:
+    scenario = scene(disc("at-the-goal", (20.0, 1.0), radius=1.2), goal={"position": [20.0, 0.0], "radius": 2.0})
+    plan = sp.penalty_descent(scenario, SMALL)
+    assert plan.certified, plan.reason
+    assert np.hypot(*(plan.position(plan.arrival_time) - [20.0, 0.0])) <= 2.0 + 1e-6
+
+
+def test_a_trip_along_a_bent_guide_is_certified() -> None:
+    scenario = scene(disc("on-the-way", (9.0, 1.5), radius=0.6), guide=[[0.0, 0.0], [10.0, 2.0], [20.0, 0.0]])
+    plan = sp.penalty_descent(scenario)
+    assert plan.certified, plan.reason
+    assert plan.travel_time == pytest.approx(sp.plan(scenario).travel_time, rel=0.02)
+
+
+def test_a_queue_that_has_to_be_waited_for_is_waited_for() -> None:
+    """Wide hinges and low prices lead through one of the discs; the second, careful attempt stays behind them."""
+    queue = [disc(f"cart-{k}", (10.0, -8.0 + 2.0 * k), (0.0, 1.0), radius=1.2) for k in range(5)]
+    plan = sp.penalty_descent(scene(*queue), Settings())
+    assert plan.certified, plan.reason
 
 
 def test_a_workspace_box_is_kept() -> None:
