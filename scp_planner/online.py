@@ -50,8 +50,9 @@ __all__ = ["OnlinePlan", "OnlineSettings", "Outcome", "Planner", "Safety"]
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
-SETTINGS = Settings(clearance_margin=5e-3, samples=100, tolerance=2e-3)
-"""Of the loop, unless others are given: plans are for a moment only."""
+SETTINGS = Settings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
+"""Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
+between samples."""
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
 NEAR_GOAL = 0.4
 """s. With less of the trip left than this, the last plan is driven to its end if its certificate holds."""
@@ -59,8 +60,10 @@ ARRIVED = 1e-3
 """m."""
 LOOK_GAIN, LOOK_GAIN_TIME = 0.02, 0.1
 """Another way round must be faster by this share, and by this time in s, for the vehicle to change over to it."""
+VIOLATION_COST = 5.0
+"""s/m. What the entry into a foreseen zone counts, in comparing ways."""
 LOOK_SOONER = 3
-"""Without a plan, looks at other ways round come so many times as often."""
+"""Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
 FIRST_LOOK_TIME = 0.02
 """s of wall time, that a look is expected to take before one has been timed."""
 SLOWER = 5e-3
@@ -428,7 +431,9 @@ class Planner:
         return best, why if best is not None else refused
 
     def _look_is_due(self, now: _Replan, best: Vetted | None, ahead: Trajectory | None) -> bool:
-        every = self.online.look_every if best is not None else max(self.online.look_every // LOOK_SOONER, 1)
+        every = self.online.look_every
+        if best is None or not best.feasible:
+            every = max(every // LOOK_SOONER, 1)
         due = self.plan is None or ahead is None or self._cycle % every == every - 1
         # A look cannot be broken off; a plan is worth waiting for only where there is none at all.
         return due and (self.plan is None or perf_counter() + self._look_time < now.deadline)
@@ -437,11 +442,11 @@ class Planner:
         """Look for a way that is clearly faster than the best so far, or for any."""
         cutoff = math.inf
         if best is not None:
-            tau = best.trip.trajectory.travel_time
+            tau = best.trip.trajectory.travel_time + VIOLATION_COST * best.violation
             cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
         found: Vetted | None = None
         said = "no way round was found"
-        runs = 1 if best is not None else self.online.first_runs
+        runs = 1 if math.isfinite(cutoff) else self.online.first_runs
         iterations = self.online.look_iterations if self.plan is not None else self.settings.max_iterations
         for number, start in enumerate(self._starts(now, loop.problem, cutoff)):
             if number >= runs or (number and perf_counter() > now.deadline):

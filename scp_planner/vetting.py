@@ -119,16 +119,21 @@ class Vetted:
         Of the trip, or of its stop if that is all that is certified.
     stop : Stop or None
         The certified stop; None for a trip that is certified to the goal.
-    feasible : bool
-        Whether the trip keeps clear of foreseen zones, as far as samples tell.
+    violation : float
+        How much the trip enters foreseen zones, m, or exceeds limits, as far as samples tell.
     iterations : int
     """
 
     trip: Trip
     certificate: Certificate
     stop: Stop | None
-    feasible: bool = False
+    violation: float = math.inf
     iterations: int = 0
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the trip keeps clear of foreseen zones."""
+        return self.violation <= FEASIBILITY
 
     @property
     def certified(self) -> bool:
@@ -190,12 +195,12 @@ class Vetting:
             Absolute time at which the stop from the last plan leaves it, s: tried first.
         """
         trip = Trip(problem.frame, trajectory)
-        feasible = evaluation is not None and evaluation.worst_violation <= FEASIBILITY
+        violation = math.inf if evaluation is None else evaluation.worst_violation
         why = ""
         if not self.stops_will_do or self._may_hold(now, evaluation):
             certificate = now.certify(trip)
             if certificate.holds:
-                return Vetted(trip, certificate, None, feasible, iterations)
+                return Vetted(trip, certificate, None, violation, iterations)
             why = _violations(certificate)
             if not self.stops_will_do:
                 return Refusal(why)
@@ -203,7 +208,7 @@ class Vetting:
         if isinstance(found, Refusal):
             return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part))
         stop, certificate = found
-        return Vetted(trip, certificate, stop, feasible, iterations)
+        return Vetted(trip, certificate, stop, violation, iterations)
 
     @staticmethod
     def _may_hold(now: Moment, evaluation: Evaluation | None) -> bool:
