@@ -1,4 +1,4 @@
-"""The published estimators, written as in the appendix of Zambom and Seguin (2021): power sums and substitution.
+"""The published estimators, in the form of the appendix of Zambom and Seguin (2021): power sums and substitution.
 
 They estimate eta(t) = eta0 + V t + W t^2 from observations N_i at times t_i by least squares, with the power sums
 c_j = sum_i t_i^j and s_j = sum_i t_i^j N_i, one after the other from the three normal equations
