@@ -42,7 +42,7 @@ from scp_planner.seeds import WaySearch, bows, ways
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.trajectory import Trajectory
-from scp_planner.vetting import Moment, Refusal, Stop, Vetted, Vetting
+from scp_planner.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.zones import ThreatZone
 
 __all__ = ["OnlinePlan", "OnlineSettings", "Outcome", "Planner", "Safety"]
@@ -170,7 +170,7 @@ class Planner:
         self._foresight = self.online.foresight
         if self._foresight is None:
             stopping = scenario.vehicle.max_speed / scenario.vehicle.max_deceleration
-            self._foresight = self.online.period + self.online.reaction_time + stopping
+            self._foresight = self.online.period + self.online.reaction_time + stopping + 0.5 * COMMITMENT
         self._state: State | None = None
         self._cycle = 0
         self._look_time = FIRST_LOOK_TIME
@@ -381,7 +381,7 @@ class Planner:
     def _answer(self, now: _Replan) -> OnlinePlan:
         last = self.plan if self.plan is not None and self.plan.outcome is not Outcome.BRAKING else None
         state, goal = now.moment.state, self._given.goal
-        if math.dist(state.position, goal.position) <= max(goal.radius, ARRIVED):
+        if math.dist(state.position, goal.position) <= max(goal.radius, ARRIVED) + self.online.tracking_error:
             return self._standing(now, "arrived")
         if last is not None and last.arrival_time - state.time < NEAR_GOAL:
             kept = self._vetting.vet_kept(now.moment, last.trip)

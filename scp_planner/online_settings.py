@@ -48,7 +48,8 @@ class OnlineSettings:
         on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too.
     safety : Safety
     foresight : float or None
-        See `scp_planner.refresh`, s. None: the time to react, to the next replan and to stop.
+        See `scp_planner.refresh`, s. None: the time to react, to the next replan and to stop, and somewhat more, since
+        a stop need not begin at once.
     iterations : int
         Steps of the loop in one replan, at most.
     look_every : int

@@ -5,7 +5,7 @@ Zones of all obstacles are made together, with the level of confidence that the 
 
 *Foreseen* zones are those that will be looked at when the vehicle gets there. The zone of an obstacle at a time t,
 predicted now, grows with t; but by then newer observations will have been made. The planner never needs to know
-more than where an obstacle will be within its *foresight*, the time that it needs to react and to stop. So beyond the
+more than where an obstacle will be within its *foresight*, about the time that it needs to stop. So beyond the
 foresight the foreseen zone does not grow, about the centre that is expected now; it even shrinks, as an obstacle that
 is seen for longer is known better.
 """

@@ -34,12 +34,14 @@ Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 STEPS = 5  # of the simulation in one cycle
-HISTORY = 3.0
+HISTORY = 5.0
 """s of observations before the start: what a sensor has seen when the vehicle sets off."""
 TIME_LIMIT = 60.0
 """s after which a run ends, or four times the trip without obstacles if that is longer."""
 WAY_BACK_TIME = 0.5
 """s in which a vehicle that is off its plan gets most of the way back."""
+NO_TIME = 1e-6
+"""s."""
 MOVING = 0.01
 """m/s. Contact at a lower speed is contact of a vehicle that stands."""
 
@@ -360,7 +362,7 @@ class _Loop:
     def _arrives(self, plan: OnlinePlan, time: float) -> bool:
         if plan.outcome is Outcome.BRAKING:
             return False
-        return plan.arrival_time <= time
+        return plan.arrival_time <= time + NO_TIME
 
     def _write_down(self, time: float) -> None:
         if not self.times:
