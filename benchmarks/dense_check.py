@@ -56,6 +56,7 @@ class Tolerances:
 
     clearance: float = 3e-6  # m
     position: float = 1e-6  # m
+    arrival: float = 1e-3  # s
     heading: float = 2e-4  # rad
     boundary_speed: float = 2e-4  # m/s, one-sided differences at the ends
     speed: float = 1e-5  # m/s
@@ -226,6 +227,10 @@ def _ends(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tole
     gap = float(np.linalg.norm(positions[-1] - np.asarray(goal["position"], dtype=float)))
     reach = float(goal.get("radius") or 0.0)
     require("goal_position", gap, reach, gap - reach, allowed.position, end)
+    for name, sign in (("earliest_arrival", -1.0), ("latest_arrival", 1.0)):
+        if goal.get(name) is not None:
+            limit = float(goal[name])
+            require(name, end, limit, sign * (end - limit), allowed.arrival, end)
 
     step = max(1, round(SPEED_WINDOW / (times[1] - times[0])))
     for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):

@@ -44,6 +44,8 @@ RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
 END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
 GOAL_SPEED_TOLERANCE = 1e-3  # m/s
 CLEARANCE_TOLERANCE = 1e-9  # m
+ARRIVAL_TOLERANCE = 1e-3  # s, around the earliest and latest arrival
+LATEST = "latest arrival"
 REPORT_PRECISION = 1e-3  # m; see certify_trip
 
 
@@ -94,6 +96,11 @@ class Certificate:
     clearance: Clearance
     limits: dict[str, LimitUse]
     violations: tuple[Violation, ...] = field(default=())
+
+    @property
+    def late(self) -> bool:
+        """Whether the trip arrives later than it may, and nothing else is wrong with it."""
+        return bool(self.violations) and all(violation.what == LATEST for violation in self.violations)
 
 
 def certify(scenario: Scenario, plan: Plan, threat_zones: tuple[ThreatZone, ...] | None = None) -> Certificate:
@@ -266,11 +273,17 @@ class _Check:
                 error = abs(float(points.speed[1]) - goal.speed)
                 found.append(("goal speed error", error, GOAL_SPEED_TOLERANCE, times[1]))
             headings.append(("goal heading", goal.heading, direction[1], times[1]))
+            if goal.latest_arrival is not None:
+                found.append((LATEST, times[1], goal.latest_arrival + ARRIVAL_TOLERANCE, times[1]))
         for name, wanted, vector, time in headings:
             if wanted is not None:
                 turn = np.arctan2(vector[1], vector[0]) - wanted
                 found.append((name, abs(float(np.arctan2(np.sin(turn), np.cos(turn)))), 0.0, time))
-        return [
+        early = []
+        if Ends.GOAL in ends and goal.earliest_arrival is not None:
+            if times[1] < goal.earliest_arrival - ARRIVAL_TOLERANCE:
+                early.append(Violation("earliest arrival", times[1], goal.earliest_arrival, times[1]))
+        return early + [
             Violation(name, value, allowed, time)
             for name, value, allowed, time in found
             if not value <= allowed + END_TOLERANCE

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scp_planner.certificate import Certificate, certify_trip
 from scp_planner.descent import Descent, DescentSettings, Moment, Variant, checked_descent
-from scp_planner.evaluation import LIMIT_NAMES, Evaluation, Penalties, evaluate_trip
+from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
 from scp_planner.files import write_text
 from scp_planner.penalty_descent import starts
 from scp_planner.plan import Trip
@@ -298,7 +298,7 @@ def _trial(
 
 
 def _curve(problem: Problem, moments: list[Moment]) -> Curve:
-    prices = Penalties(np.full(problem.zones.size, CURVE_PRICE), np.full(len(LIMIT_NAMES), CURVE_PRICE))
+    prices = Penalties.uniform(problem, CURVE_PRICE)
     merits = [evaluate_trip(problem, moment.trajectory, NEAR).merit(prices) for moment in moments]
     return Curve(
         np.array([moment.evaluations for moment in moments]),

@@ -37,6 +37,7 @@ from scp_planner.objective import (
     LATERAL,
     OBJECTIVE_LIMITS,
     OFFSET,
+    OPTIONAL,
     REVERSE,
     SPEED,
     Hinge,
@@ -441,7 +442,8 @@ def _signed_excess(problem: Problem, evaluation: Evaluation) -> tuple[Array, Arr
     zones = -evaluation.clearance.min(axis=0) if problem.zones.size else np.zeros(0)
     np.maximum.at(zones, evaluation.minima_zone, -evaluation.minima_contacts.distance)
     speeds = trajectory.speed_control_points()[1:] / limits.speed
-    found = np.full(len(OBJECTIVE_LIMITS), -np.inf)
+    found = np.full(len(OBJECTIVE_LIMITS) + len(problem.optional), -np.inf)
+    found[OPTIONAL:] = [excess.max(initial=-np.inf) for excess in evaluation.optional]
     found[LATERAL] = evaluation.sites.worst_lateral / limits.lateral_acceleration - 1.0
     found[CURVATURE] = float(np.abs(evaluation.sites.curvature).max()) / limits.curvature - 1.0
     found[SPEED] = float(speeds.max()) - 1.0

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints import Limit
 from scp_planner.constraints.bounds import box_gaps
 from scp_planner.constraints.kinematics import BendSites, bend_sites
 from scp_planner.problem import Problem
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
-LIMIT_NAMES = ("lateral acceleration", "curvature", "speed", "workspace bounds", "goal speed")
+LIMIT_NAMES = tuple(limit.name.lower().replace("_", " ") for limit in Limit)
 
 
 @dataclass
@@ -35,13 +36,18 @@ class Penalties:
     ----------
     zones : (L,) array
         s per m of the deepest entry into each zone.
-    limits : (5,) array
+    limits : (5 + E,) array
         s per unit of relative excess over lateral acceleration, curvature and speed, s per m outside the box, s per m/s
-        of difference from the goal speed.
+        of difference from the goal speed; then s per unit of each of the problem's optional limits.
     """
 
     zones: Array
     limits: Array
+
+    @classmethod
+    def uniform(cls, problem: Problem, price: float) -> Penalties:
+        """Return one price for everything."""
+        return cls(np.full(problem.zones.size, price), np.full(len(Limit) + len(problem.optional), price))
 
 
 @dataclass(frozen=True)
@@ -67,8 +73,10 @@ class Evaluation:
         Deepest entry into each zone, m, 0 where there is none.
     box_gaps : (M, S) array
         Distances to the sides of the workspace box at the fixed stations, m.
-    limit_violation : (5,) array
-        Excess over the limits, see LIMIT_NAMES.
+    limit_violation : (5 + E,) array
+        Excess over the limits, see LIMIT_NAMES, and then over the problem's optional ones.
+    optional : tuple of (n,) arrays
+        Excesses over each of the optional limits in all places.
     """
 
     trajectory: Trajectory
@@ -81,6 +89,7 @@ class Evaluation:
     zone_violation: Array
     box_gaps: Array
     limit_violation: Array
+    optional: tuple[Array, ...] = ()
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""
@@ -123,6 +132,7 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
         np.maximum.at(violation, zone, -contacts.distance)
     sites = bend_sites(problem, trajectory, points)
     gaps = box_gaps(problem, trajectory.path)
+    optional = tuple(limit.excess(trajectory) for limit in problem.optional)
     return Evaluation(
         trajectory,
         points,
@@ -133,7 +143,8 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
         sites,
         violation,
         gaps,
-        _limit_violation(problem, trajectory, sites, gaps),
+        _limit_violation(problem, trajectory, sites, gaps, optional),
+        optional,
     )
 
 
@@ -203,7 +214,10 @@ def _closing(contacts: ZoneContacts, points: TripPoints, index: Index) -> Array:
     return rate
 
 
-def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites, gaps: Array) -> Array:
+def _limit_violation(
+    problem: Problem, trajectory: Trajectory, sites: BendSites, gaps: Array, optional: tuple[Array, ...]
+) -> Array:
+    """Violations in the order of Limit, then of the optional limits."""
     goal_speed = problem.ends.goal_speed
     return np.maximum(
         [
@@ -212,6 +226,7 @@ def _limit_violation(problem: Problem, trajectory: Trajectory, sites: BendSites,
             float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
             -float(gaps.min(initial=0.0)),
             0.0 if goal_speed is None else abs(trajectory.final_speed - goal_speed),
+            *[float(excess.max(initial=-np.inf)) for excess in optional],
         ],
         0.0,
     )

@@ -49,4 +49,6 @@ def _relaxation(violation: Violation) -> str:
     if violation.obstacle is not None:
         return f"{-violation.value:.3g} m less of {violation.obstacle}"
     excess = violation.value - violation.allowed
+    if violation.what in ("earliest arrival", "latest arrival"):
+        return f"the {violation.what} {abs(excess):.3g} s {'sooner' if excess < 0.0 else 'later'}"
     return f"{abs(excess):.3g} more of {violation.what}"

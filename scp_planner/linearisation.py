@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.constraints import Rows
+from scp_planner.constraints import Limit, Rows
 from scp_planner.constraints.bounds import box_rows
 from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
 from scp_planner.constraints.kinematics import (
@@ -63,6 +63,8 @@ class Linearisation:
         Stations that are candidates for lateral rows, and for curvature rows.
     walls : (w,) array of int
         Stations and sides of the workspace box, flattened.
+    optional : tuple of arrays of int
+        Places of each optional limit.
     """
 
     base: Evaluation
@@ -73,6 +75,7 @@ class Linearisation:
     stations: Index
     bends: Index
     walls: Index
+    optional: tuple[Index, ...] = ()
 
     def gaps(self, problem: Problem, other: Evaluation) -> Array:
         """Gaps of the same rows, (m,), at another trip."""
@@ -94,6 +97,7 @@ class Linearisation:
                 both_gaps(other.sites.curvature[self.bends] / limits.curvature),
                 other.box_gaps.ravel()[self.walls],
                 goal_speed_rows(problem, other.trajectory, 0).gap,
+                *[-excess[index] for excess, index in zip(other.optional, self.optional, strict=True)],
             ]
         )
         return gaps[self.kept]
@@ -121,6 +125,9 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - LATERAL_REACH) * lateral)
     bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - CURVATURE_REACH) * bend)
     walls = np.flatnonzero(base.box_gaps < near)
+    optional = tuple(
+        np.flatnonzero(excess > -limit.reach) for limit, excess in zip(problem.optional, base.optional, strict=True)
+    )
     minima = np.zeros(len(base.minima_zone), dtype=np.intp)
     sites = ClearanceSites.of(base.minima_zone, minima, base.minima, base.minima_contacts).joined(
         ClearanceSites.of(zone, sample, points, contacts)
@@ -128,14 +135,25 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     rows = Rows.stack(
         [
             clearance_rows(problem, trajectory, sites),
-            lateral_rows(problem, trajectory, base.sites, stations, zones.size),
-            curvature_rows(problem, trajectory, base.sites, bends, zones.size + 1),
-            box_rows(problem, base.box_gaps, walls, zones.size + 3),
-            goal_speed_rows(problem, trajectory, zones.size + 4),
+            lateral_rows(problem, trajectory, base.sites, stations, zones.size + Limit.LATERAL_ACCELERATION),
+            curvature_rows(problem, trajectory, base.sites, bends, zones.size + Limit.CURVATURE),
+            box_rows(problem, base.box_gaps, walls, zones.size + Limit.WORKSPACE_BOUNDS),
+            goal_speed_rows(problem, trajectory, zones.size + Limit.GOAL_SPEED),
+            *[
+                Rows(
+                    limit.gradient(trajectory, index),
+                    -excess[index],
+                    np.full(len(index), zones.size + len(Limit) + number),
+                    index,
+                )
+                for number, (limit, excess, index) in enumerate(
+                    zip(problem.optional, base.optional, optional, strict=True)
+                )
+            ],
         ]
     )
     kept = np.flatnonzero(_reach(problem, rows, trust) >= rows.gap)
-    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, bends, walls)
+    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, bends, walls, optional)
 
 
 def _reach(problem: Problem, rows: Rows, trust: TrustRegion) -> Array:

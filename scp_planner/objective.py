@@ -28,7 +28,9 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints import Limit
 from scp_planner.constraints.bounds import box_gaps
+from scp_planner.constraints.optional import OptionalLimit
 from scp_planner.evaluation import LIMIT_NAMES, Penalties, local_minima, refine_minima
 from scp_planner.problem import Problem
 from scp_planner.trajectory import PathBend, TimeTable, Trajectory, TripPoints
@@ -40,7 +42,10 @@ Index = NDArray[np.intp]
 OBJECTIVE_LIMITS = (*LIMIT_NAMES, "reverse", "acceleration", "offset")
 """What the penalties of limits are for; the last three SCP keeps by linear rows, so that they are 0 on its iterates."""
 
-LATERAL, CURVATURE, SPEED, BOX, GOAL_SPEED, REVERSE, ACCELERATION, OFFSET = range(len(OBJECTIVE_LIMITS))
+LATERAL, CURVATURE, SPEED = Limit.LATERAL_ACCELERATION, Limit.CURVATURE, Limit.SPEED
+BOX, GOAL_SPEED = Limit.WORKSPACE_BOUNDS, Limit.GOAL_SPEED
+REVERSE, ACCELERATION, OFFSET = range(len(Limit), len(OBJECTIVE_LIMITS))
+OPTIONAL = len(OBJECTIVE_LIMITS)  # where the problem's optional limits begin
 NEGLIGIBLE = 37.0  # exp(-37) is below the rounding of 1
 CLUSTER = np.linspace(-1.0, 1.0, 9)  # samples about a minimum of clearance, in steps of the grid
 
@@ -53,8 +58,9 @@ class Weights:
     ----------
     zones : (L,) array
         s per m of entry.
-    limits : (8,) array
-        s per unit of excess, see OBJECTIVE_LIMITS: relative, but m for box and offsets, and m/s for the goal speed.
+    limits : (8 + E,) array
+        s per unit of excess, see OBJECTIVE_LIMITS: relative, but m for box and offsets, and m/s for the goal speed;
+        then of the problem's optional limits.
     """
 
     zones: Array
@@ -64,13 +70,14 @@ class Weights:
     def uniform(cls, problem: Problem, zones: float, limits: float | None = None) -> Weights:
         """Return one price for all zones and one (default: the same) for all limits."""
         price = zones if limits is None else limits
-        return cls(np.full(problem.zones.size, zones), np.full(len(OBJECTIVE_LIMITS), price))
+        return cls(np.full(problem.zones.size, zones), np.full(_count(problem), price))
 
     @classmethod
     def of(cls, penalties: Penalties) -> Weights:
         """Return the prices of a run of SCP; what its rows keep exactly costs as much as its dearest limit."""
         hard = np.full(len(OBJECTIVE_LIMITS) - len(LIMIT_NAMES), float(np.max(penalties.limits)))
-        return cls(penalties.zones.copy(), np.concatenate([penalties.limits, hard]))
+        own, optional = np.split(penalties.limits, [len(LIMIT_NAMES)])
+        return cls(penalties.zones.copy(), np.concatenate([own, hard, optional]))
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,7 @@ class Margins:
     ----------
     zones : (L,) array
         m.
-    limits : (8,) array
+    limits : (8 + E,) array
         See OBJECTIVE_LIMITS.
     """
 
@@ -107,7 +114,11 @@ class Margins:
     @classmethod
     def none(cls, problem: Problem) -> Margins:
         """Return no margins."""
-        return cls(np.zeros(problem.zones.size), np.zeros(len(OBJECTIVE_LIMITS)))
+        return cls(np.zeros(problem.zones.size), np.zeros(_count(problem)))
+
+
+def _count(problem: Problem) -> int:
+    return len(OBJECTIVE_LIMITS) + len(problem.optional)
 
 
 @dataclass(frozen=True)
@@ -165,9 +176,9 @@ class ObjectiveValue:
         tau, s; inf outside D0(v0).
     zones : (L,) array
         Violations of zones, m.
-    limits : (8,) array
+    limits : (8 + E,) array
         Violations of limits, see OBJECTIVE_LIMITS.
-    zone_use, limit_use : (L,), (8,) arrays
+    zone_use, limit_use : (L,), (8 + E,) arrays
         Derivatives of the violations with respect to a common margin, in [0, 1]: times the price, the multiplier.
     gradient : (K,) array
         dQ / d omega; empty if it was not asked for.
@@ -272,7 +283,7 @@ class PenalisedObjective:
         return ObjectiveValue(value, trajectory.travel_time, zones, limits, zone_use, limit_use, total)
 
     def _outside(self) -> ObjectiveValue:
-        zones, limits = np.zeros(self.problem.zones.size), np.zeros(len(OBJECTIVE_LIMITS))
+        zones, limits = np.zeros(self.problem.zones.size), np.zeros(_count(self.problem))
         return ObjectiveValue(np.inf, np.inf, zones, limits, zones, limits, np.full(self.size, np.nan))
 
 
@@ -377,7 +388,7 @@ class _Terms:
 
     def limits(self) -> tuple[Array, Array]:
         """Violations of the limits and their use."""
-        violation, use = np.zeros(len(OBJECTIVE_LIMITS)), np.zeros(len(OBJECTIVE_LIMITS))
+        violation, use = np.zeros(_count(self.problem)), np.zeros(_count(self.problem))
         for limit, found in (
             (LATERAL, self._lateral()),
             (CURVATURE, self._curvature()),
@@ -389,7 +400,23 @@ class _Terms:
             (OFFSET, self._offset()),
         ):
             violation[limit], use[limit] = found
+        for place, optional in enumerate(self.problem.optional, start=OPTIONAL):
+            violation[place], use[place] = self._optional(place, optional)
         return violation, use
+
+    def _optional(self, place: int, limit: OptionalLimit) -> tuple[float, float]:
+        """One of the problem's optional limits, whose rows are for steps of (theta, b = tau^2 beta, tau)."""
+        trajectory, tau = self.trajectory, self.trajectory.travel_time
+        violation, share = self._violation(place, limit.excess(trajectory))
+        counted = np.flatnonzero(share)
+        if self.wanted and len(counted):
+            price = self.objective.weights.limits[place] * share[counted]
+            theta, beta, (rho,) = np.split(price @ limit.gradient(trajectory, counted), [-1 - len(self.beta), -1])
+            self.theta[self.problem.ends.free] += theta
+            self.beta += beta
+            # at fixed beta: b moves with tau
+            self.tau += (float(rho) + 2.0 * float(beta @ trajectory.beta)) / tau
+        return violation, float(share.sum())
 
     def _violation(self, limit: int, excess: Array) -> tuple[float, Array]:
         """Give the violation of excesses (n,), and the derivatives with respect to each."""

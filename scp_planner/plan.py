@@ -216,7 +216,7 @@ class Plan:
             # A stop ends on its path, not at the goal.
             **(
                 {"stops": True}
-                if space.travel_time(trajectory.path.arc_length, trajectory.beta) != self.travel_time
+                if space.travel_time(trajectory.path.arc_length, trajectory.beta, self.travel_time) != self.travel_time
                 else {}
             ),
             "lower_bound": self.lower_bound,
@@ -332,8 +332,8 @@ class Plan:
         )
         theta = path.vector("offsets", space.path_size)
         beta = drive.vector("coefficients", space.acceleration_size)
-        trajectory = space.trajectory(theta, beta)
         travel_time = reader.number("travel_time")
+        trajectory = space.trajectory(theta, beta, travel_time)
         if data.get("stops") is True:
             trajectory = Trajectory(trajectory.path, beta, travel_time)
         elif not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:

@@ -114,6 +114,10 @@ class _Attempt:
     def holds(self) -> bool:
         return self.certificate is not None and self.certificate.holds
 
+    @property
+    def late(self) -> bool:
+        return self.certificate is not None and self.certificate.late
+
     def better_than(self, other: _Attempt | None) -> bool:
         """Certified before not certified, then faster; without certificates the lesser violation."""
         if self.certificate is None:
@@ -122,7 +126,7 @@ class _Attempt:
             return True
         if self.holds != other.holds:
             return self.holds
-        if self.holds:
+        if self.holds or (other.late and self.late):
             return self.travel_time < other.travel_time
         return self.run.evaluation.worst_violation < other.run.evaluation.worst_violation
 
@@ -236,9 +240,10 @@ class _Planning:
             for start in bows(self.problem):
                 yield _Branch(0.0, start)
 
-    def along_the_guide(self, beta: Array, cutoff: float) -> _Attempt:
-        """Run the loop from the guide itself, driven with given accelerations."""
-        return self._attempt(self.problem.space.trajectory(self.problem.ends.theta, beta), cutoff)
+    def along_the_guide(self, beta: Array, near: float, cutoff: float) -> _Attempt:
+        """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""
+        start = self.problem.space.trajectory(self.problem.ends.theta, beta, near)
+        return self._attempt(start, cutoff)
 
     def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
@@ -253,7 +258,7 @@ class _Planning:
             clock = perf_counter()
             certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
             self.timings["certificate"] += perf_counter() - clock
-            if certificate.holds or not run.feasible:
+            if certificate.holds or not run.feasible or certificate.late:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
             if any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations):
@@ -273,7 +278,9 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
         if not may_want_another_guide(problem, trajectory.path) or perf_counter() > search.deadline:
             break
         again = replace(search, along=trajectory.path)
-        attempt = again.along_the_guide(trajectory.beta, best.travel_time if best.holds else np.inf)
+        attempt = again.along_the_guide(
+            trajectory.beta, trajectory.travel_time, best.travel_time if best.holds else np.inf
+        )
         search.iterations = again.iterations
         logger.info("a new guide: %.4f s after %.4f s", attempt.travel_time, best.travel_time)
         if not attempt.better_than(best):
@@ -289,6 +296,7 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
 def _tightened(problem: Problem, certificate: Certificate) -> Problem:
     inflation = np.zeros(problem.zones.size)
     missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}
+    optional = {limit.name: 0.0 for limit in problem.optional}
     for violation in certificate.violations:
         if violation.obstacle is not None:
             parts = [name == violation.obstacle for name in problem.zones.ids]
@@ -297,13 +305,15 @@ def _tightened(problem: Problem, certificate: Certificate) -> Problem:
             missing[violation.what] = -1.5 * violation.value + 1e-3
         elif violation.what in missing:
             missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+        elif violation.what in optional:
+            optional[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
     return problem.tightened(
-        inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"]
+        inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )
 
 
 def lower_bound(problem: Problem) -> float:
-    """No trip is shorter than a straight one without obstacles, s."""
+    """No trip is shorter than a straight one without obstacles, s, and none arrives before it may."""
     scenario = problem.scenario
     time, _ = straight_travel_time(
         float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position))) - scenario.goal.radius,
@@ -311,13 +321,16 @@ def lower_bound(problem: Problem) -> float:
         Limits.of(scenario),
         scenario.goal.speed,
     )
-    return time
+    earliest = scenario.goal.earliest_arrival
+    return time if earliest is None else max(time, earliest - scenario.start.time)
 
 
 def _verdict(run: Run, certificate: Certificate, tried: int) -> tuple[PlanStatus, str | None]:
     if certificate.holds:
         return PlanStatus.CERTIFIED, None
     reason = explain(run, certificate, tried)
+    if certificate.late:
+        return PlanStatus.INFEASIBLE, reason
     if run.status is Status.SOLVER_FAILED and not run.record:
         return PlanStatus.FAILED, reason
     return (PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE), reason

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi, remainder, sqrt, tan
@@ -9,6 +10,7 @@ from math import pi, remainder, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints.optional import EarliestArrival, OptionalLimit
 from scp_planner.dubins import Pose, shortest_path
 from scp_planner.frames import PlanningFrame
 from scp_planner.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
@@ -30,6 +32,7 @@ INSIDE = 1e-6  # m, from the border of the goal
 REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
 AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
+EARLIEST_MARGIN = 5e-4  # s, by which the trip is planned to arrive later than it has to
 STANDING = 1e-5  # m/s; a stop at the goal is planned with this: speeds below 0 are refused, however small
 FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
 FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked at
@@ -145,6 +148,8 @@ class Problem:
         Times at which constraints are looked at: equidistant ones, then the breakpoints of the acceleration.
     grid : int
         How many of them are equidistant.
+    optional : tuple of OptionalLimit
+        Limits that only some scenarios have.
     """
 
     scenario: Scenario
@@ -157,6 +162,7 @@ class Problem:
     box: Box
     samples: TimeTable
     grid: int
+    optional: tuple[OptionalLimit, ...] = ()
 
     @cached_property
     def highest_accelerations(self) -> Array:
@@ -179,7 +185,14 @@ class Problem:
         """Number of variables of a step: free offsets, accelerations, and rho."""
         return self.ends.free.stop - self.ends.free.start + self.space.acceleration_size + 1
 
-    def tightened(self, zone_inflation: Array, lateral: float, curvature: float, box: float) -> Problem:
+    def tightened(
+        self,
+        zone_inflation: Array,
+        lateral: float,
+        curvature: float,
+        box: float,
+        optional: Mapping[str, float] | None = None,
+    ) -> Problem:
         """Return the same problem with larger zones, lower limits and a smaller box.
 
         Parameters
@@ -190,7 +203,10 @@ class Problem:
             Relative reductions of the limits.
         box : float
             m, taken off each side of the workspace box.
+        optional : mapping of str to float
+            What is added to the excess over optional limits, by name.
         """
+        more = optional or {}
         limits = replace(
             self.limits,
             lateral_acceleration=self.limits.lateral_acceleration * (1.0 - lateral),
@@ -201,6 +217,7 @@ class Problem:
             limits=limits,
             zones=self.zones.inflated(zone_inflation),
             box=replace(self.box, offsets=self.box.offsets - box),
+            optional=tuple(limit.tightened(more.get(limit.name, 0.0)) for limit in self.optional),
         )
 
 
@@ -275,12 +292,13 @@ def build_problem(
         breakpoints,
     )
     inflation = scenario.vehicle.radius + settings.clearance_margin
+    ends = _end_conditions(scenario, frame, space, settings.max_offset)
     return Problem(
         scenario,
         settings,
         frame,
         space,
-        _end_conditions(scenario, frame, space, settings.max_offset),
+        ends,
         limits,
         ZoneBatch(zones, frame, inflation).rounded(),
         Box.of(scenario, frame, settings.box_margin),
@@ -288,7 +306,21 @@ def build_problem(
             np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
         ),
         settings.samples + 1,
+        _optional_limits(scenario, space, ends),
     )
+
+
+def _optional_limits(scenario: Scenario, space: TripSpace, ends: EndConditions) -> tuple[OptionalLimit, ...]:
+    """Return what a scenario asks for beyond what every trip keeps.
+
+    A latest arrival is none of it: the trip is to be as fast as it may be anyway.
+    """
+    found: list[OptionalLimit] = []
+    step_size = ends.free.stop - ends.free.start + space.acceleration_size + 1
+    earliest = scenario.goal.earliest_arrival
+    if earliest is not None and earliest > scenario.start.time:
+        found.append(EarliestArrival(earliest - scenario.start.time + EARLIEST_MARGIN, step_size))
+    return tuple(found)
 
 
 def acceleration_breakpoints(spans: int, switches: tuple[float, ...]) -> tuple[float, ...]:

@@ -54,12 +54,20 @@ class Start(Part):
 
 
 class Goal(Part):
-    """Where the trip ends."""
+    """Where the trip ends, and when."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.arrival_is_possible,)
 
     position: Vector = Field(description="[x, y], m")
     heading: Number | None = Field(None, description="rad; null: free")
     speed: NotNegative | None = Field(None, description="m/s; null: free")
     radius: NotNegative = Field(0.0, description="anywhere this near to the position will do, m")
+    earliest_arrival: Number | None = Field(
+        None, description="not before this time, to a millisecond, s on the clock of start.time; null: any"
+    )
+    latest_arrival: Number | None = Field(
+        None, description="not after this time, to a millisecond, s on the clock of start.time; null: any"
+    )
 
 
 class Bounds(Part):
@@ -301,6 +309,7 @@ class Scenario(Part):
         scenario_checks.goal_is_elsewhere,
         scenario_checks.start_speed_is_allowed,
         scenario_checks.goal_speed_is_allowed,
+        scenario_checks.arrival_is_after_start,
         scenario_checks.start_acceleration_is_allowed,
         scenario_checks.start_is_in_bounds,
         scenario_checks.goal_is_in_bounds,

@@ -55,6 +55,22 @@ def goal_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
         yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
 
 
+def arrival_is_possible(goal: Any) -> Iterator[Problem]:
+    """The latest arrival is not before the earliest one."""
+    earliest, latest = goal.earliest_arrival, goal.latest_arrival
+    if earliest is not None and latest is not None and latest < earliest:
+        yield Problem(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
+
+
+def arrival_is_after_start(scenario: Any) -> Iterator[Problem]:
+    """The trip takes time."""
+    start = scenario.start.time
+    for key in ("earliest_arrival", "latest_arrival"):
+        value = getattr(scenario.goal, key)
+        if value is not None and value <= start:
+            yield Problem(("goal", key), value, f"must be later than start.time, {start:g} s")
+
+
 def start_acceleration_is_allowed(scenario: Any) -> Iterator[Problem]:
     """The start's acceleration is within the vehicle's limits."""
     value, vehicle = scenario.start.acceleration, scenario.vehicle

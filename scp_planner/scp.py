@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.constraints.kinematics import KinematicRows
-from scp_planner.evaluation import LIMIT_NAMES, Evaluation, Penalties, evaluate_trip
+from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
 from scp_planner.linearisation import Linearisation, TrustRegion, linearise
 from scp_planner.problem import Problem
 from scp_planner.solvers.interface import QpSolver, SolverStatus, solver_named
@@ -179,7 +179,7 @@ class ScpLoop:
         trust : TrustRegion
             The first one.
         """
-        penalties = Penalties(np.full(self.zone_count, FIRST_PENALTY), np.full(len(LIMIT_NAMES), FIRST_PENALTY))
+        penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
         self._active = None
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
@@ -276,7 +276,7 @@ class ScpLoop:
         beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
         if self.problem.ends.start_acceleration is not None:
             beta[0] = self.problem.ends.start_acceleration  # the row is exact to first order
-        moved = self.problem.space.trajectory(theta, beta)
+        moved = self.problem.space.trajectory(theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
         return evaluate_trip(self.problem, moved, NEAR) if np.isfinite(moved.travel_time) else None
 
     def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: float) -> Status | None:

@@ -224,6 +224,9 @@ class WaySearch:
         """
         costs = self._sweep(self._penalty(closed))
         final = costs[-1, self.middle] + self.delays
+        earliest = self.problem.scenario.goal.earliest_arrival
+        if earliest is not None:
+            final[self.fastest[-1] + self.delays < earliest - self.problem.scenario.start.time] = BLOCKED
         end = int(np.argmin(final))
         if final[end] >= BLOCKED:
             return None
@@ -336,7 +339,7 @@ class WaySearch:
         late = np.maximum(driven - way.stations, 0.0) / self.problem.limits.speed
         beta = self._drive(way.times + late, driven)
         fastest = self._fastest_drive(float(path.arc_length))
-        trip = space.trajectory(theta, beta)
+        trip = space.trajectory(theta, beta, float(way.times[-1]))
         while not np.isfinite(trip.travel_time):  # the fit stops short of the goal
             beta = 0.5 * (beta + fastest)
             trip = space.trajectory(theta, beta)

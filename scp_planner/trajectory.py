@@ -123,11 +123,21 @@ class TripSpace:
         """Return the rows of the acceleration bases at normalised times, (n,)."""
         return self.tables.time_table(sigma)
 
-    def travel_time(self, arc_length: float, beta: Array) -> float:
+    def travel_time(self, arc_length: float, beta: Array, near: float = 0.0) -> float:
         """Closed form of the travel time ([ZS] section 2).
 
-        The larger root of v0 tau + A tau^2 = L in the form that loses no digits,
-        tau = 2 L / (v0 + sqrt(v0^2 + 4 A L)), A = C2(1) beta.
+        The least positive root of v0 tau + A tau^2 = L in the form that loses no digits,
+        tau = 2 L / (v0 + sqrt(v0^2 + 4 A L)), A = C2(1) beta. If A < 0 there is another one, above 2 L / v0: of trips
+        that wait for long.
+
+        Parameters
+        ----------
+        arc_length : float
+            m.
+        beta : (K2,) array
+            m/s^2.
+        near : float
+            s; of two roots the one that is nearer to this.
 
         Returns
         -------
@@ -139,12 +149,16 @@ class TripSpace:
         if discriminant < 0.0:
             return float("inf")
         denominator = self.start_speed + sqrt(discriminant)
-        return 2.0 * arc_length / denominator if denominator > 0.0 else float("inf")
+        least = 2.0 * arc_length / denominator if denominator > 0.0 else float("inf")
+        if near > least and gain < 0.0:
+            other = denominator / (-2.0 * gain)
+            return other if abs(other - near) < near - least else least
+        return least
 
-    def trajectory(self, theta: Array, beta: Array) -> Trajectory:
+    def trajectory(self, theta: Array, beta: Array, near: float = 0.0) -> Trajectory:
         """Return the trip with these control points (m and m/s^2), its travel time from the closed form."""
         path = Path(self, theta)
-        return Trajectory(path, np.asarray(beta, dtype=float), self.travel_time(path.arc_length, beta))
+        return Trajectory(path, np.asarray(beta, dtype=float), self.travel_time(path.arc_length, beta, near))
 
 
 class _Tables:

@@ -85,6 +85,17 @@ CASES = [
     Case("start in the goal", {"goal.radius": 25}, "goal.radius", "25.0", "less than 20"),
     Case("start too fast", {"start.speed": 4}, "start.speed", "4.0", "at most vehicle.max_speed, 3 m/s"),
     Case("goal too fast", {"goal.speed": 3.5}, "goal.speed", "3.5", "at most vehicle.max_speed, 3 m/s"),
+    Case(
+        "arrives before it starts", {"goal.latest_arrival": -1}, "goal.latest_arrival", "-1.0", "later than start.time"
+    ),
+    Case("arrives at the start", {"goal.earliest_arrival": 0}, "goal.earliest_arrival", "0.0", "later than start.time"),
+    Case(
+        "arrives too soon and too late",
+        {"goal.earliest_arrival": 9, "goal.latest_arrival": 8.5},
+        "goal.latest_arrival",
+        "8.5",
+        "must not be before earliest_arrival, 9 s",
+    ),
     Case("start brakes too hard", {"start.acceleration": -3}, "start.acceleration", "-3.0", "[-2, 1.5]"),
     Case("start out of bounds", {"bounds.min": [-0.2, -9]}, "start.position", "[0.0, 0.0]", "[0.1, 20.7]"),
     Case("goal out of bounds", {"bounds.max": [20.2, 9]}, "goal.position", "[20.0, 0.0]", "[-0.7, 19.9]"),

@@ -1,4 +1,4 @@
-"""What holds at the ends of a trip: goals with a radius, accelerations given at the start."""
+"""What holds at the ends of a trip: goals with a radius, times of arrival, accelerations given at the start."""
 
 from __future__ import annotations
 
@@ -67,6 +67,62 @@ def test_another_acceleration_at_the_start_is_refused() -> None:
     certificate = sp.certify(scenario, plan)
     assert not certificate.holds
     assert [violation.what for violation in certificate.violations] == ["start acceleration error"]
+
+
+WAITS = {
+    "a little": scene(disc("o", (9.0, 0.1)), goal={"earliest_arrival": 9.0}),
+    "at one moment": scene(disc("o", (9.0, 0.1)), goal={"earliest_arrival": 9.0, "latest_arrival": 9.0}),
+    "among others": scene(
+        disc("a", (9.0, -5.0), (0.0, 0.6)), disc("b", (14.0, 6.0), (0.0, -0.5)), goal={"earliest_arrival": 13.0}
+    ),
+    "for long, with a start too fast for that": scene(
+        disc("o", (9.0, 0.1)), start={"speed": 2.0}, goal={"earliest_arrival": 60.0, "latest_arrival": 61.0}
+    ),
+    "for long, from a stop, to a stop": scene(start={"speed": 0.0}, goal={"speed": 0.0, "earliest_arrival": 45.0}),
+}
+
+
+@pytest.mark.parametrize("name", WAITS)
+def test_the_vehicle_does_not_arrive_before_it_may(name: str) -> None:
+    scenario = WAITS[name]
+    earliest = scenario.goal.earliest_arrival
+    assert earliest is not None
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    assert plan.arrival_time == pytest.approx(earliest, abs=1e-3)
+    assert plan.lower_bound == earliest
+    report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+    assert report.ok, str(report)
+    again = sp.Plan.from_dict(plan.to_dict(), "plan.json")
+    assert again.arrival_time == pytest.approx(plan.arrival_time, abs=1e-9)
+    assert sp.certify(scenario, again).holds
+
+
+def test_a_latest_arrival_that_can_be_met_changes_nothing() -> None:
+    free = sp.plan(scene(disc("o", (9.0, 0.1))))
+    plan = sp.plan(scene(disc("o", (9.0, 0.1)), goal={"latest_arrival": free.arrival_time + 0.01}))
+    assert plan.certified
+    assert plan.travel_time == free.travel_time
+
+
+def test_a_latest_arrival_that_cannot_be_met_is_a_failure_that_says_so() -> None:
+    plan = sp.plan(scene(disc("o", (9.0, 0.1)), goal={"latest_arrival": 6.5}))
+    assert plan.status == "infeasible"
+    assert plan.reason is not None
+    assert plan.reason.startswith("latest arrival 7.1")
+    assert "acceptable with the latest arrival 0.6" in plan.reason
+
+
+def test_arrivals_outside_the_window_are_refused() -> None:
+    plan = sp.plan(scene())
+    for window, broken in (
+        ({"earliest_arrival": plan.arrival_time + 2e-3}, ["earliest arrival"]),
+        ({"latest_arrival": plan.arrival_time - 2e-3}, ["latest arrival"]),
+        ({"earliest_arrival": plan.arrival_time - 1e-3, "latest_arrival": plan.arrival_time + 1e-3}, []),
+    ):
+        certificate = sp.certify(scene(goal=window), plan)
+        assert [violation.what for violation in certificate.violations] == broken
+        assert certificate.holds is (not broken)
 
 
 def test_an_end_beyond_the_radius_is_refused() -> None:

@@ -7,11 +7,22 @@ the offset (m), beta + d beta = b / tau_k^2 those of the acceleration (m/s^2) an
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 KEYS = 10**9  # more than there are different rows of one kind
+
+
+class Limit(IntEnum):
+    """The limits that every trip has: their places in the merit. Optional ones come after them."""
+
+    LATERAL_ACCELERATION = 0
+    CURVATURE = 1
+    SPEED = 2
+    WORKSPACE_BOUNDS = 3
+    GOAL_SPEED = 4
 
 
 @dataclass(frozen=True)
