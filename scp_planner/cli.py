@@ -452,6 +452,46 @@ def simulate_command(
         raise typer.Exit(ExitCode.NOT_CERTIFIED)
 
 
+@app.command("export")
+@_with_exit_codes
+def export_command(
+    source: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file or run file (JSON).")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Write .csv or .npz: a table; .mcap, or a folder without suffix: messages for ROS 2."
+        ),
+    ],
+    samples: Annotated[int, typer.Option("--samples", callback=_at_least(2), help="Samples of a plan.")] = 200,
+    frame: Annotated[str, typer.Option("--frame", help="Name of the frame of messages.")] = "map",
+    body: Annotated[str, typer.Option("--body", help="Name of the vehicle in messages.")] = "base_link",
+    epoch: Annotated[
+        float, typer.Option("--epoch", metavar="S", help="ROS time at time 0 of the plan, for messages.")
+    ] = 0.0,
+    quiet: Quiet = False,
+) -> None:
+    """Write a plan or a run for other programs: for example scp-planner export plan.json -o plan.csv."""
+    from scp_planner.export import EXPORT_SUFFIXES, export
+    from scp_planner.export.files import load_plan_or_run
+
+    _start_logging(quiet, verbose=False)
+    suffix = output.suffix.lower()
+    if suffix not in (*EXPORT_SUFFIXES, ""):
+        raise _bad_option("--output", output, f"must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix")
+    if suffix in ("", ".mcap") and importlib.util.find_spec("rosbags") is None:
+        raise _bad_option("--output", output, "needs rosbags: pip install 'scp-planner[ros]'")
+    if suffix == "" and output.exists():
+        raise _bad_option("--output", output, "exists already; a bag's folder must be a new one")
+    _check_target("--output", output, str(source))
+    subject = load_plan_or_run(source)
+    try:
+        export(subject, output, samples=samples, frame=frame, body=body, epoch=epoch)
+    except ValueError as error:
+        raise _bad_option("--epoch", epoch, str(error)) from None
+    if not quiet:
+        _tell(f"wrote {output}")
+
+
 @app.command("schema")
 @_with_exit_codes
 def schema_command() -> None:

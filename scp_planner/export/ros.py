@@ -1,0 +1,344 @@
+"""Plans and runs as messages of the Robot Operating System, ROS 2, in MCAP files and bags.
+
+Nothing of ROS need be installed: the package `rosbags` (the extra `ros`) knows the messages and the files. The frame
+is that of the scenario, x and y in m, z = 0; orientations are the heading, as quaternions about z.
+
+The stamp of a message is the plan's absolute time plus an epoch, in nanoseconds.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scp_planner.export.tables import SAMPLES, plan_table
+from scp_planner.files import replacing
+
+if TYPE_CHECKING:
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
+
+Array = NDArray[np.float64]
+
+MCAP_SUFFIX = ".mcap"
+FRAME, BODY = "map", "base_link"
+"""Names of the scenario's frame and of the vehicle's."""
+
+NANOSECONDS = 1_000_000_000
+LATEST_SECOND = 2**31 - 1
+"""ROS counts seconds in 32 bits."""
+
+BAG_VERSION: Final = 8
+"""Of the bag's metadata: what releases from Iron on know."""
+
+RATE_STEP = 1e-4
+"""Half the span, in parts of the trip, over which the turning rate is differentiated."""
+
+
+@dataclass(frozen=True)
+class StampedMessage:
+    """A message, and where and when it was sent.
+
+    Attributes
+    ----------
+    topic, kind : str
+        Such as ``/plan/path`` and ``nav_msgs/msg/Path``.
+    stamp : int
+        ns.
+    message : object
+        With the attributes that the kind has in ROS.
+    """
+
+    topic: str
+    kind: str
+    stamp: int
+    message: Any
+
+
+def plan_messages(
+    plan: Plan, times: ArrayLike | int = SAMPLES, *, frame: str = FRAME, body: str = BODY, epoch: float = 0.0
+) -> tuple[StampedMessage, ...]:
+    """Give a plan as a path to show and as a trajectory to follow.
+
+    Parameters
+    ----------
+    plan : Plan
+    times : (n,) array or int
+        Absolute times of the samples, s, or how many, spread equally over the trip.
+    frame, body : str
+        Names of the frame that positions are in and of the vehicle.
+    epoch : float
+        ROS time at time 0 of the plan, s.
+
+    Returns
+    -------
+    tuple of StampedMessage
+        ``/plan/path``, ``nav_msgs/msg/Path``: poses, each with its own stamp. ``/plan/trajectory``,
+        ``trajectory_msgs/msg/MultiDOFJointTrajectory``: transforms of `body` with velocities and accelerations in
+        `frame`, and times from the start.
+
+    Raises
+    ------
+    ImportError
+        If `rosbags` is not installed.
+    ValueError
+        If a time has no stamp: before 1970 on the clock of ROS, or after 2038; or `times` are not times.
+    """
+    table = plan_table(plan, times)
+    start = _stamp(plan.start_time, epoch)
+    return (
+        StampedMessage("/plan/path", "nav_msgs/msg/Path", start, _path(table, frame, epoch, plan.start_time)),
+        StampedMessage(
+            "/plan/trajectory",
+            "trajectory_msgs/msg/MultiDOFJointTrajectory",
+            start,
+            _trajectory(plan, table, frame, body, epoch),
+        ),
+    )
+
+
+def run_messages(
+    run: Run, *, frame: str = FRAME, body: str = BODY, epoch: float = 0.0, samples: int = 50
+) -> tuple[StampedMessage, ...]:
+    """Give a closed loop as what was driven and what was planned on the way.
+
+    Parameters
+    ----------
+    run : Run
+    frame, body : str
+        Names of the frame that positions are in and of the vehicle.
+    epoch : float
+        ROS time at time 0 of the run, s.
+    samples : int
+        Of each plan.
+
+    Returns
+    -------
+    tuple of StampedMessage
+        ``/odometry``, ``nav_msgs/msg/Odometry``, at each of the run's times; ``/plan/path``,
+        ``nav_msgs/msg/Path``, at each cycle: what was left of its plan. In order of time.
+
+    Raises
+    ------
+    ImportError
+        If `rosbags` is not installed.
+    ValueError
+        If a time has no stamp: before 1970 on the clock of ROS, or after 2038.
+    """
+    paths = [
+        StampedMessage("/plan/path", "nav_msgs/msg/Path", _stamp(record.time, epoch), path)
+        for record, plan in zip(run.records, run.plans, strict=True)
+        for path in [_path(plan_table(plan, _rest(plan, record.time, samples)), frame, epoch, record.time)]
+    ]
+    driven = [
+        StampedMessage("/odometry", "nav_msgs/msg/Odometry", _stamp(time, epoch), message)
+        for time, message in zip(run.time.tolist(), _odometry(run, frame, body, epoch), strict=True)
+    ]
+    return tuple(sorted([*paths, *driven], key=lambda message: message.stamp))
+
+
+def save_messages(messages: Iterable[StampedMessage], path: str | PathLike[str]) -> None:
+    """Write messages as an MCAP file or as a bag.
+
+    Parameters
+    ----------
+    messages : iterable of StampedMessage
+        At least one.
+    path : path
+        .mcap: one file, for `ros2 bag play` and for viewers; without suffix: a folder with such a file and its
+        metadata, which must not exist.
+
+    Raises
+    ------
+    ImportError
+        If `rosbags` is not installed.
+    FileExistsError
+        If the folder exists.
+    ValueError
+        If the suffix is another one, or there are no messages.
+    """
+    target, sent = Path(path), tuple(messages)
+    if target.suffix.lower() not in (MCAP_SUFFIX, ""):
+        raise ValueError(f"{path}: must end in {MCAP_SUFFIX}, or have no suffix for a bag's folder")
+    if not sent:
+        raise ValueError("messages: there are none")
+    if target.suffix == "" and target.exists():
+        raise FileExistsError(17, "exists already", str(target))
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as folder:
+        # The bag's name is that of its files.
+        bag = Path(folder) / target.stem
+        _write_bag(sent, bag)
+        if target.suffix == "":
+            bag.rename(target)
+        else:
+            (file,) = bag.glob(f"*{MCAP_SUFFIX}")
+            with replacing(target) as temporary:
+                shutil.copyfile(file, temporary)
+
+
+def _write_bag(messages: tuple[StampedMessage, ...], folder: Path) -> None:
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    # Who subscribes late still gets the last plan.
+    never = QosTime(0, 0)
+    kept = Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        never,
+        never,
+        QosLiveliness.AUTOMATIC,
+        never,
+        False,
+    )
+    types = _types()
+    with Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
+        kinds = {message.topic: message.kind for message in messages}
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=types, offered_qos_profiles=[kept])
+            for topic, kind in kinds.items()
+        }
+        for message in messages:
+            writer.write(connections[message.topic], message.stamp, types.serialize_cdr(message.message, message.kind))
+
+
+@cache
+def _types() -> Any:
+    """Give the messages' types; those used here are the same in every release of ROS 2."""
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise ImportError("messages need rosbags: pip install 'scp-planner[ros]'") from error
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def _make(kind: str, **fields: Any) -> Any:
+    return _types().types[kind](**fields)
+
+
+def _path(table: dict[str, NDArray[Any]], frame: str, epoch: float, time: float) -> Any:
+    poses = [
+        _make("geometry_msgs/msg/PoseStamped", header=_header(t, frame, epoch), pose=_pose(x, y, heading))
+        for t, x, y, heading in _rows(table, "time_s", "x_m", "y_m", "heading_rad")
+    ]
+    return _make("nav_msgs/msg/Path", header=_header(time, frame, epoch), poses=poses)
+
+
+def _trajectory(plan: Plan, table: dict[str, NDArray[Any]], frame: str, body: str, epoch: float) -> Any:
+    heading, curvature = table["heading_rad"], table["curvature_per_m"]
+    forward = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
+    acceleration = (
+        table["acceleration_m_per_s2"][:, None] * forward + table["lateral_acceleration_m_per_s2"][:, None] * left
+    )
+    turning, turning_change = table["speed_m_per_s"] * curvature, _turning_change(plan, table["time_s"])
+    points = [
+        _make(
+            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+            transforms=[
+                _make("geometry_msgs/msg/Transform", translation=_vector(x, y), rotation=_quaternion(direction))
+            ],
+            velocities=[_twist(vx, vy, turning[k])],
+            accelerations=[_twist(acceleration[k, 0], acceleration[k, 1], turning_change[k])],
+            time_from_start=_duration(t - plan.start_time),
+        )
+        for k, (t, x, y, direction, vx, vy) in enumerate(
+            _rows(table, "time_s", "x_m", "y_m", "heading_rad", "velocity_x_m_per_s", "velocity_y_m_per_s")
+        )
+    ]
+    return _make(
+        "trajectory_msgs/msg/MultiDOFJointTrajectory",
+        header=_header(plan.start_time, frame, epoch),
+        joint_names=[body],
+        points=points,
+    )
+
+
+def _turning_change(plan: Plan, time: Array) -> Array:
+    """Differentiate the turning rate by time, rad/s2."""
+    step = RATE_STEP * plan.travel_time
+    before, after = (np.clip(time + sign * step, plan.start_time, plan.arrival_time) for sign in (-1.0, 1.0))
+    rates = [plan.speed(t) * plan.curvature(t) for t in (before, after)]
+    span = after - before
+    return np.divide(rates[1] - rates[0], span, out=np.zeros_like(span), where=span > 0.0)
+
+
+def _odometry(run: Run, frame: str, body: str, epoch: float) -> Iterator[Any]:
+    turning = np.gradient(np.unwrap(run.heading), run.time)
+    unknown = np.zeros(36)  # covariances, which nothing is known of
+    for time, (x, y), heading, speed, rate in zip(
+        run.time.tolist(),
+        run.position.tolist(),
+        run.heading.tolist(),
+        run.speed.tolist(),
+        turning.tolist(),
+        strict=True,
+    ):
+        yield _make(
+            "nav_msgs/msg/Odometry",
+            header=_header(time, frame, epoch),
+            child_frame_id=body,
+            pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=_pose(x, y, heading), covariance=unknown),
+            # In the frame of the vehicle, as the message asks for.
+            twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=_twist(speed, 0.0, rate), covariance=unknown),
+        )
+
+
+def _rest(plan: Plan, time: float, samples: int) -> Array:
+    """Times of what is left of a plan, s."""
+    return np.linspace(time, max(time, plan.arrival_time), samples)
+
+
+def _rows(table: dict[str, NDArray[Any]], *names: str) -> Iterator[tuple[float, ...]]:
+    return zip(*(table[name].tolist() for name in names), strict=True)
+
+
+def _stamp(time: float, epoch: float) -> int:
+    stamp = round((time + epoch) * NANOSECONDS)
+    if not 0 <= stamp < (LATEST_SECOND + 1) * NANOSECONDS:
+        raise ValueError(f"{time + epoch} s is no time of ROS: must be at least 0 and less than {LATEST_SECOND + 1}")
+    return stamp
+
+
+def _header(time: float, frame: str, epoch: float) -> Any:
+    seconds, rest = divmod(_stamp(time, epoch), NANOSECONDS)
+    stamp = _make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+    return _make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def _duration(time: float) -> Any:
+    seconds, rest = divmod(round(time * NANOSECONDS), NANOSECONDS)
+    return _make("builtin_interfaces/msg/Duration", sec=seconds, nanosec=rest)
+
+
+def _pose(x: float, y: float, heading: float) -> Any:
+    return _make(
+        "geometry_msgs/msg/Pose",
+        position=_make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
+        orientation=_quaternion(heading),
+    )
+
+
+def _quaternion(heading: float) -> Any:
+    half = 0.5 * heading
+    return _make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half)))
+
+
+def _vector(x: float, y: float, z: float = 0.0) -> Any:
+    return _make("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
+
+
+def _twist(x: float, y: float, turning: float) -> Any:
+    return _make("geometry_msgs/msg/Twist", linear=_vector(x, y), angular=_vector(0.0, 0.0, turning))
