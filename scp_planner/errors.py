@@ -105,6 +105,10 @@ class TracksError(_FaultyInputError):
     """Recorded tracks are refused. `faults` holds what is wrong, `source` the file's name."""
 
 
+class SettingsError(_FaultyInputError):
+    """Settings are refused. `faults` holds every unknown name and every value that is not allowed."""
+
+
 class EstimationError(ScpPlannerError, ValueError):
     """Observations cannot be turned into an estimate: too few, out of order, or not finite."""
 

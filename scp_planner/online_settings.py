@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 
+from scp_planner.knobs import Choice, Knobs, Range
 from scp_planner.refresh import GATE_PROBABILITY, Newcomers
 
 
@@ -33,64 +35,59 @@ class Safety(StrEnum):
     """The trip up to the goal."""
 
 
+def _safeties() -> tuple[str, ...]:
+    return tuple(each.value for each in Safety)
+
+
 @dataclass(frozen=True)
-class OnlineSettings:
+class OnlineSettings(Knobs):
     """Settings of :class:`scp_planner.Planner`.
 
     Attributes
     ----------
     period : float
-        Longest time between two replans, s.
+        Longest time between two replans. A plan is safe until the next one, so longer: more caution.
     tracking_error : float
-        Largest distance between the vehicle and where its plan has it, m. Zones are larger by this.
+        Largest distance between the vehicle and where its plan has it. Zones are larger by this.
     reaction_time : float
-        Time between a replan and the moment from which the vehicle follows it, s. At its top speed the vehicle drives
+        Time between a replan and the moment from which the vehicle follows it. At its top speed the vehicle drives
         on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too.
     safety : Safety
+        What must be certified before a plan is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
     foresight : float or None
-        See `scp_planner.refresh`, s. None: the time to react, to the next replan and to stop, and somewhat more, since
-        a stop need not begin at once.
+        Time that zones are looked at as they are foreseen, see `scp_planner.refresh`. None: the time to react, to the
+        next replan and to stop, and somewhat more, since a stop need not begin at once.
     iterations : int
-        Steps of the loop in one replan, at most.
+        Steps of the loop in one replan, at most. More: better plans sooner, and longer replans.
     look_every : int
-        Replans from one look at other ways round to the next.
+        Replans from one look at other ways round to the next. Smaller: other ways are found sooner, and more work.
     look_iterations : int
         Steps of the loop from another way, at most.
     first_runs : int
         Ways that a first plan is started from, at most.
     reserve : float
-        Wall time before the deadline that is kept for what is left to do when nothing better has been found, s.
+        Wall time before the deadline that is kept for what is left to do when nothing better has been found.
     newcomers : Newcomers
+        What is taken for granted of obstacles that have only just been seen.
     gate_probability : float
         An observation less probable than this is left out, see `scp_planner.refresh`.
     forget_after : float
-        An obstacle that has not been seen for so long has gone, s.
+        An obstacle that has not been seen for so long has gone.
     """
 
-    period: float = 0.1
-    tracking_error: float = 0.0
-    reaction_time: float = 0.0
-    safety: Safety = Safety.STOP
-    foresight: float | None = None
-    iterations: int = 3
-    look_every: int = 10
-    look_iterations: int = 12
-    first_runs: int = 4
-    reserve: float = 5e-3
+    period: Annotated[float, Range(1e-3, 1000.0, "s")] = 0.1
+    tracking_error: Annotated[float, Range(0.0, 10.0, "m")] = 0.0
+    reaction_time: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
+    foresight: Annotated[float | None, Range(0.0, unit="s")] = None
+    iterations: Annotated[int, Range(1, 1000)] = 3
+    look_every: Annotated[int, Range(1, 1_000_000)] = 10
+    look_iterations: Annotated[int, Range(1, 1000)] = 12
+    first_runs: Annotated[int, Range(1, 1000)] = 4
+    reserve: Annotated[float, Range(0.0, 60.0, "s")] = 5e-3
     newcomers: Newcomers = field(default_factory=Newcomers)
-    gate_probability: float = GATE_PROBABILITY
-    forget_after: float = math.inf
-
-    def __post_init__(self) -> None:
-        for name in ("tracking_error", "reaction_time", "reserve"):
-            check_number(name, getattr(self, name), 0.0)
-        check_number("period", self.period, 1e-3)
-        if self.foresight is not None:
-            check_number("foresight", self.foresight, 0.0)
-        for name in ("iterations", "look_every", "look_iterations", "first_runs"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name}: {value!r} must be a whole number of at least 1")
+    gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
+    forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
     def margin(self, max_speed: float) -> float:
         """What is added to zones, m: tracking error, and what the vehicle drives in its reaction time."""

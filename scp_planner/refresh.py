@@ -18,7 +18,7 @@ from bisect import bisect
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scp_planner.confidence import ErrorLaw, NormalErrors, region_scale, shared_alpha, uniform_scale
 from scp_planner.errors import EstimationError
 from scp_planner.estimation import estimate_motion
+from scp_planner.knobs import Knobs, Range
 from scp_planner.least_squares import MotionPrior
 from scp_planner.motion_estimate import POLYNOMIAL_TERMS, MotionEstimate
 from scp_planner.motion_models import MotionFilter, ProcessEstimate
@@ -59,22 +60,22 @@ LEARNT = 1.0
 
 
 @dataclass(frozen=True)
-class Newcomers:
+class Newcomers(Knobs):
     """What is taken for granted of obstacles that have only just been seen, until their motion shows.
 
     Attributes
     ----------
     velocity_deviation : float
-        Of each component, m/s.
+        Standard deviation of each component of the velocity. Larger: wider zones at first.
     acceleration_deviation : float
-        Of each component, m/s2.
+        Standard deviation of each component of the acceleration. Larger: zones that grow faster at first.
     noise_deviation : float
-        Of an observed coordinate, m, where it is to be estimated and there are too few observations for that.
+        Of an observed coordinate, where it is to be estimated and there are too few observations for that.
     """
 
-    velocity_deviation: float = 1.5
-    acceleration_deviation: float = 0.5
-    noise_deviation: float = 0.1
+    velocity_deviation: Annotated[float, Range(1e-6, 1000.0, "m/s")] = 1.5
+    acceleration_deviation: Annotated[float, Range(1e-6, 1000.0, "m/s2")] = 0.5
+    noise_deviation: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.1
 
 
 @dataclass

@@ -155,7 +155,7 @@ def test_the_time_limit_is_kept_and_the_best_so_far_is_returned() -> None:
 
 
 def test_an_unknown_solver_is_refused_before_planning() -> None:
-    with pytest.raises(ValueError, match="no solver is named 'gurobi'"):
+    with pytest.raises(ValueError, match="solver = 'gurobi': must be one of daqp"):
         sp.plan(SCENES["slow"], solver="gurobi")
 
 
