@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scp_planner.certificate import certify as certify
+    from scp_planner.constraints.given import TripVariables as TripVariables
     from scp_planner.errors import EstimationError as EstimationError
     from scp_planner.errors import PlanError as PlanError
     from scp_planner.errors import ScenarioError as ScenarioError
@@ -77,6 +78,7 @@ _MODULE_OF = {
     "Sensor": "sensors",
     "Settings": "settings",
     "Start": "scenario",
+    "TripVariables": "constraints.given",
     "Vehicle": "scenario",
     "Follower": "simulation",
     "certify": "certificate",

@@ -39,10 +39,13 @@ class Penalties:
     limits : (5 + E,) array
         s per unit of relative excess over lateral acceleration, curvature and speed, s per m outside the box, s per m/s
         of difference from the goal speed; then s per unit of each of the problem's optional limits.
+    given : float
+        s per unit of the worst violation of a user's own constraints.
     """
 
     zones: Array
     limits: Array
+    given: float = 50.0
 
     @classmethod
     def uniform(cls, problem: Problem, price: float) -> Penalties:
@@ -77,6 +80,8 @@ class Evaluation:
         Excess over the limits, see LIMIT_NAMES, and then over the problem's optional ones.
     optional : tuple of (n,) arrays
         Excesses over each of the optional limits in all places.
+    given_violation : float
+        Worst violation of a user's own constraints.
     """
 
     trajectory: Trajectory
@@ -90,6 +95,7 @@ class Evaluation:
     box_gaps: Array
     limit_violation: Array
     optional: tuple[Array, ...] = ()
+    given_violation: float = 0.0
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""
@@ -97,12 +103,13 @@ class Evaluation:
             self.trajectory.travel_time
             + penalties.zones @ self.zone_violation
             + penalties.limits @ self.limit_violation
+            + penalties.given * self.given_violation
         )
 
     @property
     def worst_violation(self) -> float:
         """Largest of all violations (m for zones, relative for limits)."""
-        worst = float(self.limit_violation.max())
+        worst = max(float(self.limit_violation.max()), self.given_violation)
         return max(worst, float(self.zone_violation.max())) if len(self.zone_violation) else worst
 
 
@@ -145,6 +152,7 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
         gaps,
         _limit_violation(problem, trajectory, sites, gaps, optional),
         optional,
+        0.0 if problem.given is None else problem.given.worst(trajectory),
     )
 
 

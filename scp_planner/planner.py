@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.trajectory import Path, Trajectory
 from scp_planner.zones import ThreatZone, zones
 
+if TYPE_CHECKING:
+    from scp_planner.constraints.given import UserConstraints
+
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
@@ -46,9 +50,10 @@ ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may tu
 def plan(
     scenario: Scenario,
     settings: Settings | None = None,
-    solver: str | None = None,
+    solver: str | QpSolver | None = None,
     seed: int = 0,
     time_limit: float | None = None,
+    constraints: UserConstraints | None = None,
 ) -> Plan:
     """Plan the fastest safe trip of a scenario.
 
@@ -56,32 +61,42 @@ def plan(
     ----------
     scenario : Scenario
     settings : Settings, optional
-    solver : str, optional
-        Overrides ``settings.solver``.
+    solver : str or QpSolver, optional
+        Overrides ``settings.solver``: a name, or a solver of one's own. No other solver takes the place of one's own
+        when that fails.
     seed : int
         Kept for interfaces that pass one: the planner draws nothing at random.
     time_limit : float, optional
         Wall time in s after which the best plan so far is returned.
+    constraints : callable, optional
+        ``constraints(trip)`` returns convex CVXPY constraints on a :class:`scp_planner.TripVariables`. They go into
+        every subproblem, which CVXPY then solves (``solver`` may be a ``CvxpySolver`` with another solver inside).
 
     Returns
     -------
     Plan
-        With status ``certified`` only if the continuous-time certificate holds; else the best attempt, with
-        the reason.
+        With status ``certified`` only if the continuous-time certificate holds, and the given constraints are kept to
+        2e-4 in their own unit; else the best attempt, with the reason.
 
     Raises
     ------
     ValueError
-        If no solver has that name.
+        If no solver has that name; if there are constraints and the solver is another than CVXPY; if a constraint is
+        not convex by the rules of CVXPY.
+    TypeError
+        If ``constraints`` returns something else than constraints.
     """
     began = perf_counter()
     settings = settings or Settings()
-    if solver is not None:
-        settings = replace(settings, solver=solver)
+    if constraints is not None and solver is None and settings.solver == Settings.solver:
+        solver = "cvxpy"
+    if isinstance(solver, str):
+        settings, solver = replace(settings, solver=solver), None
     deadline = np.inf if time_limit is None else began + time_limit
-    search = _Planning(scenario, zones(scenario), settings, deadline)
+    search = _Planning(scenario, zones(scenario), settings, deadline, own_solver=solver, constraints=constraints)
     run, certificate = search.best()
-    run, certificate = _over_better_guides(search, run, certificate)
+    if constraints is None:  # those are written in stations of the guide
+        run, certificate = _over_better_guides(search, run, certificate)
     status, reason = _verdict(run, certificate, search.tried)
     return Plan(
         scenario=scenario.name,
@@ -89,7 +104,7 @@ def plan(
         reason=reason,
         trip=search.trip(run),
         method="scp",
-        solver=settings.solver,
+        solver=search.solver.name,
         iterations=search.iterations,
         wall_time=perf_counter() - began,
         clearance=certificate.clearance,
@@ -152,6 +167,17 @@ def _touched(run: Run) -> tuple[tuple[int, int], ...]:
     return tuple(reversed(found.items()))
 
 
+def _with_given(problem: Problem, constraints: UserConstraints, solver: QpSolver) -> tuple[Problem, QpSolver]:
+    """A problem with a user's own constraints, and the solver that keeps them."""
+    from scp_planner.constraints.given import GivenConstraints
+    from scp_planner.solvers.cvxpy_solver import CvxpySolver
+
+    if not isinstance(solver, CvxpySolver):
+        raise ValueError(f"solver: {solver.name!r} cannot take constraints of one's own; cvxpy can")
+    given = GivenConstraints(problem, constraints)
+    return replace(problem, given=given), solver.keeping(given.on)
+
+
 @dataclass
 class _Planning:
     """The state of one call of :func:`plan`."""
@@ -166,6 +192,8 @@ class _Planning:
     iterations: int = 0
     tried: int = 0
     along: Path | None = None  # a path that becomes the guide
+    own_solver: QpSolver | None = None
+    constraints: UserConstraints | None = None
 
     def __post_init__(self) -> None:
         clock = perf_counter()
@@ -175,13 +203,23 @@ class _Planning:
             breakpoints = tuple(self.along.space.acceleration.breakpoints.tolist())
             guide = guide_along(self.along, self.settings)
             everything = build_problem(self.scenario, self.threat_zones, self.settings, breakpoints, guide)
+        self.solver, fallback = self._solvers()
+        if self.constraints is not None:
+            everything, self.solver = _with_given(everything, self.constraints, self.solver)
         self.lower_bound = lower_bound(everything)
         self.everything = everything
         self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
-        self.solver: QpSolver = solver_named(self.settings.solver)
-        fallback = "clarabel" if self.settings.solver != "clarabel" else "daqp"
         self.loop = ScpLoop(self.problem, self.solver, fallback)
         self.timings["build"] += perf_counter() - clock
+
+    def _solvers(self) -> tuple[QpSolver, str | None]:
+        """The solver, and the name of the one to fall back to, which no user's own solver or constraints allow."""
+        if self.own_solver is not None:
+            return self.own_solver, None
+        name = self.settings.solver
+        if self.constraints is not None:
+            return solver_named(name), None
+        return solver_named(name), "clarabel" if name != "clarabel" else "daqp"
 
     def trip(self, run: Run) -> Trip:
         """Return the trip that a run ended with."""
@@ -257,6 +295,8 @@ class _Planning:
                 return _Attempt(run, None)
             clock = perf_counter()
             certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
+            if problem.given is not None:
+                certificate = problem.given.judged(certificate, run.evaluation.trajectory)
             self.timings["certificate"] += perf_counter() - clock
             if certificate.holds or not run.feasible or certificate.late:
                 break

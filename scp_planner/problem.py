@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi, remainder, sqrt, tan
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ from scp_planner.settings import Settings
 from scp_planner.trajectory import CELLS_PER_SPAN, Path, TimeTable, TripSpace
 from scp_planner.zone_batch import DECIMALS
 from scp_planner.zones import ThreatZone, ZoneBatch
+
+if TYPE_CHECKING:
+    from scp_planner.constraints.given import GivenConstraints
 
 Array = NDArray[np.float64]
 
@@ -150,6 +154,8 @@ class Problem:
         How many of them are equidistant.
     optional : tuple of OptionalLimit
         Limits that only some scenarios have.
+    given : GivenConstraints or None
+        A user's own.
     """
 
     scenario: Scenario
@@ -163,6 +169,7 @@ class Problem:
     samples: TimeTable
     grid: int
     optional: tuple[OptionalLimit, ...] = ()
+    given: GivenConstraints | None = None
 
     @cached_property
     def highest_accelerations(self) -> Array:

@@ -10,6 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
 from scp_planner.linearisation import Linearisation, TrustRegion, linearise
@@ -39,6 +40,9 @@ PATIENCE = 6  # iterations without coming nearer to feasibility, after which pen
 PROGRESS = 0.8  # of the violation: what counts as nearer
 GRAVE = 5e-3  # violations below this are no reason to lose patience
 RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
+ANYWHERE = TrustRegion(theta=1e3, beta=1e2, rho=0.9)
+PROJECTIONS = 3  # onto a user's own constraints; the length of the path is linearised in each
+ACCELERATION_NEARNESS, TIME_NEARNESS = 0.1, 10.0  # per (m/s^2)^2 and per relative step squared, against 1 per m^2
 
 
 class Status(Enum):
@@ -181,6 +185,8 @@ class ScpLoop:
         """
         penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
         self._active = None
+        if self.problem.given is not None:
+            start = self._keeping_given(start)
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
         for number in range(1, max_iterations + 1):
@@ -266,7 +272,35 @@ class ScpLoop:
         self._active = sub.active_set(solution)
         return solution.x
 
+    def _keeping_given(self, start: Trajectory) -> Trajectory:
+        """The trip nearest to a start that keeps a user's constraints, so that every step from it can keep them too.
+
+        A start for which none is found is returned as it is.
+        """
+        count = self.problem.step_size
+        none = Rows.none(count)
+        nearness = np.full(count, ACCELERATION_NEARNESS)
+        nearness[: self.problem.ends.free.stop - self.problem.ends.free.start] = 1.0
+        nearness[-1] = TIME_NEARNESS
+        near = start
+        for _ in range(PROJECTIONS):
+            sub = build_subproblem(self.problem, self.kinematics, near, none, np.zeros(0), ANYWHERE)
+            program = replace(sub.program, hessian=np.diag(nearness), gradient=np.zeros(count))
+            z = self._solve(replace(sub, program=program))
+            moved = None if z is None else self._moved(near, z)
+            if moved is None:
+                near = start
+                break
+            near = moved
+        self._active = None
+        return near
+
     def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation | None:
+        """The trip after a step, evaluated; None if it would never arrive."""
+        moved = self._moved(trajectory, z)
+        return None if moved is None else evaluate_trip(self.problem, moved, NEAR)
+
+    def _moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
         """The trip after a step, its travel time from the closed form; None if it would never arrive."""
         free = self.problem.ends.free
         count = free.stop - free.start
@@ -277,7 +311,7 @@ class ScpLoop:
         if self.problem.ends.start_acceleration is not None:
             beta[0] = self.problem.ends.start_acceleration  # the row is exact to first order
         moved = self.problem.space.trajectory(theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
-        return evaluate_trip(self.problem, moved, NEAR) if np.isfinite(moved.travel_time) else None
+        return moved if np.isfinite(moved.travel_time) else None
 
     def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: float) -> Status | None:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""
@@ -296,8 +330,8 @@ class ScpLoop:
         """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""
         stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
         weights = np.concatenate([penalties.zones, penalties.limits])
-        if weights[stuck].max(initial=0.0) >= LAST_PENALTY:
-            return Status.INFEASIBLE
+        if weights[stuck].max(initial=0.0) >= LAST_PENALTY or not stuck.any():
+            return Status.INFEASIBLE  # without any: a user's own constraints are, whose price stays
         penalties.zones[stuck[: self.zone_count]] *= ESCALATION
         penalties.limits[stuck[self.zone_count :]] *= ESCALATION
         return None

@@ -16,7 +16,7 @@ from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.linearisation import TrustRegion
 from scp_planner.problem import Problem
-from scp_planner.solvers.interface import QuadraticProgram, Solution
+from scp_planner.solvers.interface import QuadraticProgram, Solution, StepOrigin
 from scp_planner.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -160,8 +160,17 @@ def build_subproblem(
         np.concatenate([bound, rows.gap]),
         kinematics.equalities,
         None if active is None else active.guess(rows, groups),
+        None if problem.given is None else _origin(problem, trajectory),
     )
     return Subproblem(program, rows, size, groups)
+
+
+def _origin(problem: Problem, trajectory: Trajectory) -> StepOrigin:
+    """The variables (theta, b, tau) that a user's own constraints are about, and how a step moves them."""
+    tau, offsets = trajectory.travel_time, trajectory.theta[problem.ends.free]
+    start = np.concatenate([offsets, tau**2 * trajectory.beta, [tau]])
+    scale = np.concatenate([np.ones(len(offsets)), np.full(len(trajectory.beta), tau**2), [tau]])
+    return StepOrigin(start, scale)
 
 
 def _among(keys: NDArray[np.intp], wanted: NDArray[np.intp]) -> NDArray[np.int8]:

@@ -19,7 +19,7 @@ from scp_planner.scenario import Scenario
 from scp_planner.scp import ScpLoop
 from scp_planner.seeds import bows
 from scp_planner.settings import Settings
-from scp_planner.solvers import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+from scp_planner.solvers import QpSolver, QuadraticProgram, Solution, SolverStatus, StepOrigin, solver_named
 from scp_planner.solvers.interface import SOLVERS
 from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.scaling import equilibrate
@@ -375,19 +375,24 @@ def test_cvxpy_opens_other_solvers(inner: str) -> None:
     assert solution.x == pytest.approx(x, abs=1e-6)
 
 
-def test_cvxpy_keeps_extra_constraints_on_steps_and_trips() -> None:
+def test_cvxpy_keeps_extra_constraints_on_what_steps_lead_to() -> None:
     import cvxpy as cp
 
     from scp_planner.solvers.cvxpy_solver import CvxpySolver
 
-    # Nearest point to (2, 2, 2, 2) with a cone on the first two variables, which are steps from (0.5, 0)
-    program = replace(box(4, 3.0), start=np.array([0.5, 0.0]))
-    solution = CvxpySolver(extra=lambda step, start: [cp.norm(step + start) <= 1.0]).solve(program)
+    # Nearest point to (2, 2, 2, 2) with a cone on what the first two variables lead to, (0.5 + x, 2 x)
+    origin = StepOrigin(np.array([0.5, 0.0]), np.array([1.0, 2.0]))
+    program = replace(box(4, 3.0), origin=origin)
+    solution = CvxpySolver(extra=lambda values: [cp.norm(values) <= 1.0]).solve(program)
     assert solution.status is SolverStatus.OPTIMAL
-    reach = np.array([2.5, 2.0]) / np.hypot(2.5, 2.0)
-    assert solution.x == pytest.approx([reach[0] - 0.5, reach[1], 2.0, 2.0], abs=1e-6)
+    assert solution.x[2:] == pytest.approx([2.0, 2.0], abs=1e-6)
+    # The nearest point of an ellipse, by its angle
+    angle = np.linspace(0.0, np.pi, 2_000_001)
+    outline = np.stack([np.cos(angle) - 0.5, np.sin(angle) / 2.0], axis=1)
+    nearest = outline[np.argmin(np.sum((outline - 2.0) ** 2, axis=1))]
+    assert solution.x[:2] == pytest.approx(nearest, abs=1e-5)
 
-    impossible = CvxpySolver(extra=lambda step, start: [step[0] >= 4.0]).solve(program)
+    impossible = CvxpySolver(extra=lambda values: [values[0] >= 4.0]).solve(program)
     assert impossible.status is SolverStatus.INFEASIBLE
 
 
@@ -396,14 +401,14 @@ def test_cvxpy_is_compiled_once_for_programs_of_about_the_same_size() -> None:
 
     written = []
 
-    def extra(step: Any, start: Any) -> list[Any]:
-        written.append(step.shape)
+    def extra(values: Any) -> list[Any]:
+        written.append(values.shape)
         return []
 
     solver = CvxpySolver(extra=extra)
     for seed, (size, rows) in enumerate([(33, 101), (40, 110), (36, 105), (38, 112)]):
         program, x = known_program(seed, size=size, rows=rows, equalities=1)
-        solution = solver.solve(replace(program, start=np.zeros(30)))
+        solution = solver.solve(replace(program, origin=StepOrigin(np.zeros(30), np.ones(30))))
         assert solution.status is SolverStatus.OPTIMAL
         assert solution.x == pytest.approx(x, abs=1e-5)  # not polished, as polishing does not know extra constraints
     assert written == [(30,)]

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, StepOrigin, solver_named
 
-__all__ = ["QpSolver", "QuadraticProgram", "Solution", "SolverStatus", "solver_named"]
+__all__ = ["QpSolver", "QuadraticProgram", "Solution", "SolverStatus", "StepOrigin", "solver_named"]

@@ -15,11 +15,11 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus, StepOrigin
 from scp_planner.solvers.polishing import polish, violation
 from scp_planner.solvers.scaling import Scaling, equilibrate
 
-ExtraConstraints = Callable[[cp.Expression, cp.Expression], list[cp.Constraint]]
+ExtraConstraints = Callable[[cp.Expression], list[cp.Constraint]]
 
 VARIABLE_CLASS = 8  # variables are padded to a multiple of this
 ROW_CLASSES = 4  # size classes of rows in each doubling
@@ -53,13 +53,9 @@ class CvxpySolver:
     solver : str
         Any of :func:`cvxpy.installed_solvers` that takes quadratic programs.
     extra : callable, optional
-        ``extra(step, start)`` returns convex constraints that every step has to keep, DPP in both arguments. Each has
-        one entry for each variable of the step: the free control points of the offset from the guide (m), the control
-        points of the acceleration (m/s^2), and the travel time. ``start`` is what the step starts from, the travel time
-        in s; ``step`` is added to it, and its last entry is relative, rho = (tau - tau_k) / tau_k. Which variables
-        there are is told in :mod:`scp_planner.subproblem`. Where a program does not say what it starts from, ``step``
-        has all its variables and ``start`` is 0. These constraints bind every step, so that a run whose start is
-        farther from them than the trust region reaches fails; the certificate knows nothing of them.
+        ``extra(values)`` returns convex constraints that every step has to keep, on a variable that holds what the step
+        leads to, see :class:`StepOrigin`. Users give theirs to :func:`scp_planner.plan`, which also sees to it that a
+        run starts where they can be kept, and that the plan keeps them.
     options : mapping, optional
         Passed to the solver, over this module's own.
 
@@ -85,13 +81,25 @@ class CvxpySolver:
         self._extra = extra
         self._forms: dict[_Size, _Form] = {}
 
+    def keeping(self, extra: ExtraConstraints) -> CvxpySolver:
+        """Return the same solver with extra constraints."""
+        return CvxpySolver(self._solver, extra, self._options)
+
     def solve(self, program: QuadraticProgram) -> Solution:
-        """Solve one quadratic program."""
+        """Solve one quadratic program.
+
+        Raises
+        ------
+        ValueError
+            If there are extra constraints, and the program does not say what it starts from.
+        """
+        if self._extra is not None and program.origin is None:
+            raise ValueError("extra constraints need a program with an origin; give them to plan(constraints=...)")
         size = _Size.of(program)
         if size not in self._forms:
             self._forms[size] = _Form(size, self._extra)
         form, scaling = self._forms[size], equilibrate(program)
-        form.fill(scaling, program.start)
+        form.fill(scaling, program.origin)
         try:
             with warnings.catch_warnings():
                 # An inaccurate answer is judged here: polished, or returned as failed.
@@ -115,7 +123,7 @@ class CvxpySolver:
 
 @dataclass(frozen=True)
 class _Size:
-    """Numbers of variables of the step, of all variables and of rows with padding, and of equalities."""
+    """Numbers of variables with an origin, of all variables and of rows with padding, and of equalities."""
 
     step: int
     variables: int
@@ -126,7 +134,7 @@ class _Size:
     def of(cls, program: QuadraticProgram) -> _Size:
         count = len(program.gradient)
         return cls(
-            count if program.start is None else len(program.start),
+            0 if program.origin is None else len(program.origin.start),
             -(-count // VARIABLE_CLASS) * VARIABLE_CLASS,
             _row_class(len(program.bound) - program.equalities),
             program.equalities,
@@ -140,16 +148,15 @@ def _row_class(rows: int) -> int:
 
 
 class _Form:
-    """The quadratic program of one size, as it reads: in the scaled variables y, of which x = columns y.
+    """The quadratic program of one size, as it reads, in scaled variables y.
 
     minimise |factor y|^2 / 2 + gradient y, where factor' factor is the Hessian.
     """
 
     def __init__(self, size: _Size, extra: ExtraConstraints | None) -> None:
         n, m, k = size.variables, size.rows, size.equalities
-        self.size = size
+        self.size, self.extra = size, extra is not None
         self.y = cp.Variable(n, name="y")
-        self.columns = cp.Parameter(n, name="columns", nonneg=True)
         self.factor = cp.Parameter((n, n), name="factor")
         self.gradient = cp.Parameter(n, name="gradient")
         self.matrix = cp.Parameter((m, n), name="matrix")
@@ -158,7 +165,6 @@ class _Form:
         self.equal_bound = cp.Parameter(k, name="equal_bound")
         self.lower = cp.Parameter(n, name="lower")
         self.upper = cp.Parameter(n, name="upper")
-        self.start = cp.Parameter(size.step, name="start")
 
         self.rows = self.matrix @ self.y <= self.bound
         self.below = self.y <= self.upper
@@ -169,12 +175,16 @@ class _Form:
             self.equal = self.equal_matrix @ self.y == self.equal_bound
             constraints.append(self.equal)
         if extra is not None:
-            steps = cp.multiply(self.columns, self.y)  # type: ignore[attr-defined]
-            constraints += extra(steps[: size.step], self.start)
+            # A variable of their own: so they need to be convex, but not to follow the rules for parameters.
+            self.start = cp.Parameter(size.step, name="start")
+            self.scale = cp.Parameter(size.step, name="scale")
+            values = cp.Variable(size.step, name="values")
+            moved = cp.multiply(self.scale, self.y[: size.step])  # type: ignore[attr-defined]
+            constraints += [values == self.start + moved, *extra(values)]
         curved = cp.sum_squares(self.factor @ self.y)  # type: ignore[attr-defined]
         self.problem = cp.Problem(cp.Minimize(0.5 * curved + self.gradient @ self.y), constraints)
 
-    def fill(self, scaling: Scaling, start: Array | None) -> None:
+    def fill(self, scaling: Scaling, origin: StepOrigin | None) -> None:
         """Set all parameters."""
         program = scaling.program
         n, m, k = self.size.variables, self.size.rows, self.size.equalities
@@ -182,7 +192,6 @@ class _Form:
         factor = np.eye(n)
         factor[:count, :count] = np.linalg.cholesky(program.hessian).T
         self.factor.value = factor
-        self.columns.value = _padded(scaling.columns, n, 1.0)
         self.gradient.value = _padded(program.gradient, n, 0.0)
         self.lower.value = _padded(np.maximum(program.lower, -LARGE), n, -1.0)
         self.upper.value = _padded(np.minimum(program.upper, LARGE), n, 1.0)
@@ -195,7 +204,9 @@ class _Form:
         equal = np.zeros((k, n))
         equal[:, :count] = program.matrix[:k]
         self.equal_matrix.value, self.equal_bound.value = equal, program.bound[:k]
-        self.start.value = np.zeros(self.size.step) if start is None else start
+        if self.extra and origin is not None:
+            self.start.value = origin.start
+            self.scale.value = origin.scale * scaling.columns[: self.size.step]
 
     def answer(self, program: QuadraticProgram, status: SolverStatus) -> Solution:
         """Return the last answer, without the padding; zeros where there is none."""

@@ -23,6 +23,19 @@ class SolverStatus(Enum):
 
 
 @dataclass
+class StepOrigin:
+    """What the first k variables x of a program are steps from: they lead to ``start + scale * x``.
+
+    Attributes
+    ----------
+    start, scale : (k,) arrays
+    """
+
+    start: Array
+    scale: Array
+
+
+@dataclass
 class QuadraticProgram:
     """minimise x'Hx/2 + f'x subject to lower <= x <= upper, A x <= b, with the first rows of A equalities.
 
@@ -38,8 +51,8 @@ class QuadraticProgram:
         Number of leading rows that hold with equality.
     active : (n + m,) array of int or None
         Warm start: -1 at the lower bound, +1 at the upper bound or on the row, 0 inactive.
-    start : (k,) array or None
-        What the first k variables are steps from; no part of the program, but for constraints that users add to it.
+    origin : StepOrigin or None
+        What the first variables are steps from; no part of the program, but for constraints that users add to it.
     """
 
     hessian: Array
@@ -50,7 +63,7 @@ class QuadraticProgram:
     bound: Array
     equalities: int
     active: NDArray[np.int8] | None = None
-    start: Array | None = None
+    origin: StepOrigin | None = None
 
 
 @dataclass(frozen=True)
