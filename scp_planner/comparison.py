@@ -22,14 +22,14 @@ from scp_planner.certificate import Certificate, certify_trip
 from scp_planner.descent import Descent, DescentSettings, Moment, Variant, checked_descent
 from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
 from scp_planner.files import write_text
-from scp_planner.penalty_descent import starts
 from scp_planner.plan import Trip
-from scp_planner.planner import TIGHTENINGS, _tightened
 from scp_planner.problem import Problem, build_problem
+from scp_planner.repair import TIGHTENINGS, tightened
 from scp_planner.scenario import Scenario
 from scp_planner.scp import NEAR, ScpLoop
 from scp_planner.settings import Settings
 from scp_planner.solvers import solver_named
+from scp_planner.starts import starts
 from scp_planner.trajectory import Trajectory
 from scp_planner.zones import ThreatZone, zones
 
@@ -239,9 +239,9 @@ def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Tr
     """Run the loop, and repeat it with what its certificate finds missing, as the planner does."""
     settings = problem.settings
     moments, began, checking, iterations = [Moment(0, 0.0, start)], perf_counter(), 0.0, 0
-    current, tightened = start, problem
+    current, asked = start, problem
     for _ in range(TIGHTENINGS + 1):
-        loop = _WatchedLoop(tightened, solver_named(settings.solver), "clarabel")
+        loop = _WatchedLoop(asked, solver_named(settings.solver), "clarabel")
         loop.moments, loop.began = moments, began + checking
         run = loop.run(current, settings.max_iterations)
         iterations += len(run.record)
@@ -251,7 +251,7 @@ def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Tr
         checking += perf_counter() - clock
         if certificate.holds or not run.feasible:
             break
-        tightened, current = _tightened(tightened, certificate), run.evaluation.trajectory
+        asked, current = tightened(asked, certificate), run.evaluation.trajectory
     wall_time = perf_counter() - began - checking
     evaluation = evaluate_trip(problem, run.evaluation.trajectory, NEAR)
     return _trial(

@@ -54,6 +54,7 @@ from scp_planner.trajectory import Trajectory
 from scp_planner.zones import ThreatZone
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 logger = logging.getLogger(__name__)
 
 RIGIDITY = 1e-3  # 1/(m s): keeps the scaling of the offsets regular beside the curvature of the arc length
@@ -276,13 +277,17 @@ class Descent:
         """Ask for a little more of what the certificate finds missing, and settle again; None if it misses too much."""
         zone_margins, limit_margins = self.margins.zones.copy(), self.margins.limits.copy()
         for violation in certificate.violations:
+            index: Index
             if violation.obstacle is not None:
-                missing, kind, index = -violation.value, zone_margins, self.problem.zones.ids.index(violation.obstacle)
+                index = np.flatnonzero([name == violation.obstacle for name in self.problem.zones.ids])
+                if len(index) == 0:
+                    return None  # it was taken for too far away to matter
+                missing, kind = -violation.value, zone_margins
             elif violation.what == "workspace bounds":
-                missing, kind, index = -violation.value, limit_margins, BOX
+                missing, kind, index = -violation.value, limit_margins, np.array([BOX])
             elif violation.what in CERTIFIED_LIMITS and violation.allowed > 0.0:
                 missing = violation.value / violation.allowed - 1.0
-                kind, index = limit_margins, CERTIFIED_LIMITS[violation.what]
+                kind, index = limit_margins, np.array([CERTIFIED_LIMITS[violation.what]])
             else:
                 return None
             if missing > REPAIRABLE:

@@ -13,39 +13,18 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.descent import CheckedDescent, Descent, DescentSettings, checked_descent
+from scp_planner.lower_bound import kinematic_bound
 from scp_planner.plan import Plan, PlanStatus, Trip
-from scp_planner.planner import DELAY_STEPS, lower_bound
 from scp_planner.problem import Problem, build_problem
+from scp_planner.relevance import LONGEST_TRIP, without_far_zones
 from scp_planner.scenario import Scenario
-from scp_planner.seeds import WaySearch, bows, ways
 from scp_planner.settings import Settings
+from scp_planner.starts import starts
 from scp_planner.trajectory import Trajectory
 from scp_planner.zones import ThreatZone, zones
 
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other start is tried
 ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another start may turn out
-
-
-def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]]:
-    """Yield estimated travel times and starts for any method: different ways round, or bows if there is none.
-
-    Parameters
-    ----------
-    problem : Problem
-    searches : int
-        Sweeps of the search for ways, at most. The fastest estimate comes first; further ways pass one of the
-        obstacles that the last one came closest to on its other side.
-    """
-    for delay_step in DELAY_STEPS:
-        search = WaySearch(problem, delay_step)
-        found = False
-        for way in ways(search, searches):
-            found = True
-            yield way.travel_time, search.start(way)
-        if found:
-            return
-    for start in bows(problem):
-        yield 0.0, start
 
 
 def penalty_descent(
@@ -100,7 +79,7 @@ def penalty_descent(
         wall_time=perf_counter() - began,
         clearance=best.certificate.clearance,
         limits=best.certificate.limits,
-        lower_bound=lower_bound(search.problem),
+        lower_bound=search.least,
         timings=search.timings,
     )
 
@@ -122,31 +101,36 @@ class _Search:
 
     def __post_init__(self) -> None:
         clock = perf_counter()
-        self.problem = build_problem(self.scenario, self.threat_zones, self.settings)
+        self.least = kinematic_bound(self.scenario)
+        self.everything = build_problem(self.scenario, self.threat_zones, self.settings)
+        self.problem = without_far_zones(self.everything, LONGEST_TRIP * self.least)
         self.timings["build"] = perf_counter() - clock
 
     def best(self, only: Trajectory | None) -> CheckedDescent:
         """Descend from one start after the other, until no other can be expected to be better."""
         best: CheckedDescent | None = None
-        reference, least = 0.0, lower_bound(self.problem)
+        reference, least = 0.0, self.least
         for number, (estimate, start) in enumerate(self._starts(only)):
             if best is not None and best.certificate.holds:
                 time = best.run.trajectory.travel_time
                 if estimate - reference - ESTIMATE_SLACK > time or time <= least * (1.0 + GOOD_ENOUGH):
                     break
-            attempt = checked_descent(
-                self.problem,
-                self.threat_zones,
-                Descent(self.problem, start, self.descent, seed=self.seed + number, deadline=self.deadline),
-                self.timings,
-            )
-            self.iterations += attempt.run.iterations
+            attempt = self._attempt(self.problem, start, number)
+            if any(v.obstacle not in (None, *self.problem.zones.ids) for v in attempt.certificate.violations):
+                # a trip longer than expected met what was left out
+                attempt = self._attempt(self.everything, attempt.run.trajectory, number)
             if attempt.better_than(best):
                 best, reference = attempt, estimate - attempt.run.trajectory.travel_time
             if perf_counter() > self.deadline:
                 break
         assert best is not None, "there is always a start"
         return best
+
+    def _attempt(self, problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
+        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=self.deadline)
+        attempt = checked_descent(problem, self.threat_zones, descent, self.timings)
+        self.iterations += attempt.run.iterations
+        return attempt
 
     def _starts(self, only: Trajectory | None) -> Iterator[tuple[float, Trajectory]]:
         if only is not None:

@@ -13,21 +13,22 @@ from numpy.typing import NDArray
 
 from scp_planner.certificate import Certificate, certify_trip
 from scp_planner.explain import explain
+from scp_planner.lower_bound import kinematic_bound
 from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import (
-    Limits,
     Problem,
     build_problem,
     guide_along,
     may_want_another_guide,
-    straight_travel_time,
 )
-from scp_planner.relevance import without_far_zones
+from scp_planner.relevance import LONGEST_TRIP, without_far_zones
+from scp_planner.repair import TIGHTENINGS, tightened
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
 from scp_planner.seeds import WaySearch, WayTree, bows
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.starts import DELAY_STEPS
 from scp_planner.trajectory import Path, Trajectory
 from scp_planner.zones import ThreatZone, zones
 
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
-DELAY_STEPS = (0.05, 0.2, 0.8)  # s; coarser ones are tried only where there is no way with short delays
-LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
-TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
@@ -206,7 +204,7 @@ class _Planning:
         self.solver, fallback = self._solvers()
         if self.constraints is not None:
             everything, self.solver = _with_given(everything, self.constraints, self.solver)
-        self.lower_bound = lower_bound(everything)
+        self.lower_bound = kinematic_bound(self.scenario)
         self.everything = everything
         self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
         self.loop = ScpLoop(self.problem, self.solver, fallback)
@@ -304,7 +302,7 @@ class _Planning:
             if any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations):
                 problem = self.everything  # a trip longer than expected met what was left out
             else:
-                problem = _tightened(problem, certificate)
+                problem = tightened(problem, certificate)
             loop = ScpLoop(problem, self.solver, loop.fallback)
             start = run.evaluation.trajectory
         return _Attempt(run, certificate)
@@ -331,38 +329,6 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
             break
     assert best.certificate is not None
     return best.run, best.certificate
-
-
-def _tightened(problem: Problem, certificate: Certificate) -> Problem:
-    inflation = np.zeros(problem.zones.size)
-    missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}
-    optional = {limit.name: 0.0 for limit in problem.optional}
-    for violation in certificate.violations:
-        if violation.obstacle is not None:
-            parts = [name == violation.obstacle for name in problem.zones.ids]
-            inflation[parts] = -1.5 * violation.value + 1e-3
-        elif violation.what == "workspace bounds":
-            missing[violation.what] = -1.5 * violation.value + 1e-3
-        elif violation.what in missing:
-            missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
-        elif violation.what in optional:
-            optional[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
-    return problem.tightened(
-        inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
-    )
-
-
-def lower_bound(problem: Problem) -> float:
-    """No trip is shorter than a straight one without obstacles, s, and none arrives before it may."""
-    scenario = problem.scenario
-    time, _ = straight_travel_time(
-        float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position))) - scenario.goal.radius,
-        scenario.start.speed,
-        Limits.of(scenario),
-        scenario.goal.speed,
-    )
-    earliest = scenario.goal.earliest_arrival
-    return time if earliest is None else max(time, earliest - scenario.start.time)
 
 
 def _verdict(run: Run, certificate: Certificate, tried: int) -> tuple[PlanStatus, str | None]:

@@ -20,6 +20,7 @@ FEW_ZONES = 8  # up to this many zones are all looked at
 LOOKS = 32  # intervals of time
 GUIDE_LOOKS = 33
 BEYOND = 1.0  # m, beyond the largest offset
+LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
 
 
 @dataclass(frozen=True)

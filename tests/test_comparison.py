@@ -21,10 +21,10 @@ from scp_planner.comparison import (
     summary_table,
     trial_record,
 )
-from scp_planner.penalty_descent import starts
 from scp_planner.plotting.studies import plot_comparison
 from scp_planner.problem import build_problem
 from scp_planner.settings import Settings
+from scp_planner.starts import starts
 from scp_planner.zones import zones
 
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)

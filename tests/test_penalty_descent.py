@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,12 @@ from scenes import CROSSERS, disc, scene
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.descent import Descent, DescentSettings, DescentStatus, Variant, checked_descent, path_scaling
-from scp_planner.penalty_descent import starts
 from scp_planner.plan import PlanStatus
 from scp_planner.problem import build_problem
 from scp_planner.scp import ScpLoop
 from scp_planner.settings import Settings
 from scp_planner.solvers import solver_named
+from scp_planner.starts import starts
 from scp_planner.zones import zones
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -127,6 +128,25 @@ def test_a_goal_under_an_obstacle_is_reported_not_hidden() -> None:
     assert plan.status is PlanStatus.INFEASIBLE
     assert plan.reason is not None
     assert "clearance to on-goal" in plan.reason
+
+
+def test_obstacles_that_no_trip_can_meet_are_left_out() -> None:
+    far = [disc(f"far-{k}", (10.0 + k, 300.0), radius=0.5) for k in range(20)]
+    plans = [sp.penalty_descent(scene(*CROSSERS, *some), SMALL) for some in ((), far)]
+    assert plans[1].certified, plans[1].reason
+    assert plans[1].travel_time == plans[0].travel_time
+    assert plans[1].iterations == plans[0].iterations
+
+
+def test_what_was_left_out_and_met_all_the_same_cannot_be_mended_by_margins() -> None:
+    scenario = scene(disc("on-the-line", (10.0, 0.0), radius=0.1))
+    problem = build_problem(scenario, zones(scenario), SMALL)
+    _, start = next(starts(build_problem(scene(), (), SMALL), 4))
+    without = replace(problem, zones=problem.zones.subset(np.zeros(0, dtype=np.intp)))
+    descent = Descent(without, start, DescentSettings())
+    checked = checked_descent(without, zones(scenario), descent)
+    assert {violation.obstacle for violation in checked.certificate.violations} == {"on-the-line"}
+    assert descent.tighten(checked.certificate) is None
 
 
 def test_the_time_limit_is_kept() -> None:

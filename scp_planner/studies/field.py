@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 
 from scp_planner.descent import path_scaling
 from scp_planner.objective import Hinge, PenalisedObjective, Weights, soft_excess, zone_excess
-from scp_planner.penalty_descent import starts
 from scp_planner.problem import Problem, build_problem
 from scp_planner.scenario import Scenario
 from scp_planner.settings import Settings
+from scp_planner.starts import starts
 from scp_planner.zones import ZoneBatch, zones
 
 Array = NDArray[np.float64]

@@ -1,0 +1,37 @@
+"""What a certificate found missing between the samples is asked for a little more of: the exchange method."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.certificate import Certificate
+from scp_planner.problem import Problem
+
+TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
+
+
+def tightened(problem: Problem, certificate: Certificate) -> Problem:
+    """Return a problem that asks for somewhat more of all that the certificate of a trip found violated.
+
+    Parameters
+    ----------
+    problem : Problem
+    certificate : Certificate
+        Of a trip that keeps all sampled constraints of the problem.
+    """
+    inflation = np.zeros(problem.zones.size)
+    missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}
+    optional = {limit.name: 0.0 for limit in problem.optional}
+    for violation in certificate.violations:
+        if violation.obstacle is not None:
+            parts = [name == violation.obstacle for name in problem.zones.ids]
+            inflation[parts] = -1.5 * violation.value + 1e-3
+        elif violation.what == "workspace bounds":
+            missing[violation.what] = -1.5 * violation.value + 1e-3
+        elif violation.what in missing:
+            missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+        elif violation.what in optional:
+            optional[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+    return problem.tightened(
+        inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
+    )
