@@ -1,8 +1,4 @@
-"""One trip, linearised: the rows of everything that a step inside the trust region could violate.
-
-The rows remember what they are about, so that their gaps can be read off another trip: this is what a second-order
-correction needs.
-"""
+"""One trip, linearised: the rows of everything that a step inside the trust region could violate."""
 
 from __future__ import annotations
 
@@ -15,11 +11,9 @@ from scp_planner.constraints import Limit, Rows
 from scp_planner.constraints.bounds import box_rows
 from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
 from scp_planner.constraints.kinematics import (
-    both_gaps,
     curvature_rows,
     goal_speed_rows,
     lateral_rows,
-    station_sites,
 )
 from scp_planner.evaluation import Evaluation
 from scp_planner.problem import Problem
@@ -45,65 +39,7 @@ class TrustRegion:
         return TrustRegion(self.theta * factor, self.beta * factor, self.rho * factor)
 
 
-@dataclass(frozen=True)
-class Linearisation:
-    """Rows at a trip, and what they are about.
-
-    Attributes
-    ----------
-    base : Evaluation
-        The trip.
-    rows : Rows
-        Those that the trust region can reach.
-    kept : (m,) array of int
-        Which of all candidates they are.
-    sample, zone : (s,) arrays of int
-        Samples that are candidates for clearance rows.
-    stations, bends : arrays of int
-        Stations that are candidates for lateral rows, and for curvature rows.
-    walls : (w,) array of int
-        Stations and sides of the workspace box, flattened.
-    optional : tuple of arrays of int
-        Places of each optional limit.
-    """
-
-    base: Evaluation
-    rows: Rows
-    kept: Index
-    sample: Index
-    zone: Index
-    stations: Index
-    bends: Index
-    walls: Index
-    optional: tuple[Index, ...] = ()
-
-    def gaps(self, problem: Problem, other: Evaluation) -> Array:
-        """Gaps of the same rows, (m,), at another trip."""
-        base, limits = self.base, problem.limits
-        minima = other.trajectory.at(base.minima.table)
-        contacts = problem.zones.contacts(base.minima_zone, minima.time, minima.path.position)
-        peaks = station_sites(other.trajectory, base.sites.peaks.parameters)
-        lateral = np.concatenate(
-            [
-                other.sites.stations.lateral[self.stations],
-                peaks.lateral,
-            ]
-        )
-        gaps = np.concatenate(
-            [
-                contacts.distance,
-                other.clearance[self.sample, self.zone],
-                both_gaps(lateral / limits.lateral_acceleration),
-                both_gaps(other.sites.curvature[self.bends] / limits.curvature),
-                other.box_gaps.ravel()[self.walls],
-                goal_speed_rows(problem, other.trajectory, 0).gap,
-                *[-excess[index] for excess, index in zip(other.optional, self.optional, strict=True)],
-            ]
-        )
-        return gaps[self.kept]
-
-
-def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: float) -> Linearisation:
+def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: float) -> Rows:
     """Linearise what a step from a trip could violate.
 
     Parameters
@@ -152,8 +88,7 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
             ],
         ]
     )
-    kept = np.flatnonzero(_reach(problem, rows, trust) >= rows.gap)
-    return Linearisation(base, rows.take(kept), kept, sample, zone, stations, bends, walls, optional)
+    return rows.take(np.flatnonzero(_reach(problem, rows, trust) >= rows.gap))
 
 
 def _reach(problem: Problem, rows: Rows, trust: TrustRegion) -> Array:

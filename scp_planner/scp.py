@@ -1,4 +1,10 @@
-"""The loop: linearise, solve, accept or reject, resize the trust region."""
+"""The loop: linearise, solve, accept or reject, resize the trust region.
+
+Close to a minimum a full step can raise the merit by curvature that the model lacks (the Maratos effect). So a step
+that fails by little is taken on trial: from there one more step is made, and only if both together fail the loop goes
+back and shrinks the trust region (the watchdog technique of Chamberlain, Powell, Lemarechal and Pedersen, 1982).
+Against a second-order correction it saves one solution of the subproblem, and sees the places that the step made worse.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +19,7 @@ from numpy.typing import NDArray
 from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
-from scp_planner.linearisation import Linearisation, TrustRegion, linearise
+from scp_planner.linearisation import TrustRegion, linearise
 from scp_planner.problem import Problem
 from scp_planner.solvers.interface import QpSolver, SolverStatus, solver_named
 from scp_planner.subproblem import ActiveSet, Subproblem, build_subproblem
@@ -32,9 +38,10 @@ LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
 SMALLEST_TRUST = 1e-5  # m
 ACCEPT = 0.05  # least ratio of actual to predicted decrease of an accepted step
 SHRINK_BELOW, GROW_ABOVE = 0.25, 0.7
-SHRINK, GROW = 0.4, 1.7
+SHRINK, GROW = 0.3, 1.7
 SMALLEST_SHRINK = 0.1
-CORRECT_BELOW = 0.25  # ratio below which a second-order correction is tried
+WATCH = 0.2  # largest violation of a trip that is taken on trial
+WATCH_LOSS = 1.0  # s of merit that it may cost
 HOPE = 4.0  # times the next step's gain that a run may still become faster
 PATIENCE = 6  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
@@ -72,8 +79,8 @@ class Iteration:
         Worst violation of the candidate.
     predicted, actual : float
         Decrease of the merit by the model and in truth, s.
-    accepted, corrected : bool
-        Whether the candidate was accepted, and whether it is a second-order correction.
+    accepted : bool
+        Whether the candidate was accepted, if only on trial.
     trust : TrustRegion
     rows : int
         Number of rows that could be violated.
@@ -86,7 +93,6 @@ class Iteration:
     predicted: float
     actual: float
     accepted: bool
-    corrected: bool
     trust: TrustRegion
     rows: int
 
@@ -127,8 +133,6 @@ class _Step:
         Largest component, relative to the trust region.
     sooner : float
         Decrease of the travel time by the model, s.
-    corrected : bool
-        Whether it is a second-order correction.
     """
 
     evaluation: Evaluation
@@ -136,11 +140,27 @@ class _Step:
     actual: float
     size: float
     sooner: float
-    corrected: bool = False
 
     @property
     def ratio(self) -> float:
         return self.actual / self.predicted if self.predicted > 0.0 else -1.0
+
+    @property
+    def acceptable(self) -> bool:
+        return self.actual > 0.0 and self.ratio > ACCEPT
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Where the loop goes back to if what it does on trial fails, and the step that led away from there."""
+
+    evaluation: Evaluation
+    step: _Step
+    trust: TrustRegion
+
+    def succeeds(self, there: Evaluation, penalties: Penalties) -> bool:
+        gained = self.evaluation.merit(penalties) - there.merit(penalties)
+        return gained > max(ACCEPT * self.step.predicted, 0.0)
 
 
 class ScpLoop:
@@ -189,23 +209,34 @@ class ScpLoop:
             start = self._keeping_given(start)
         run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
+        trial: _Trial | None = None
         for number in range(1, max_iterations + 1):
             if perf_counter() > deadline:
                 run.status = Status.TIME_LIMIT
                 break
-            lines = linearise(self.problem, run.evaluation, trust, NEAR)
-            step = self._step(lines, penalties, trust)
+            rows = linearise(self.problem, run.evaluation, trust, NEAR)
+            step = self._step(run.evaluation, rows, penalties, trust)
             if step is None:
                 run.status = Status.SOLVER_FAILED
+                if trial is not None:
+                    run.evaluation, trust, trial = trial.evaluation, trial.trust, None
                 trust = trust.scaled(SHRINK)
                 if trust.theta < SMALLEST_TRUST:
                     break
                 continue
             run.status = Status.ITERATION_LIMIT
-            accepted = step.actual > 0.0 and step.ratio > ACCEPT
-            run.record.append(_record(number, step, penalties, accepted, trust, len(lines.rows.gap)))
+            accepted = step.acceptable if trial is None else trial.succeeds(step.evaluation, penalties)
+            on_trial = trial is None and not accepted and self._worth_a_trial(step)
+            run.record.append(_record(number, step, penalties, accepted or on_trial, trust, len(rows.gap)))
+            if on_trial and number < max_iterations:
+                trial = _Trial(run.evaluation, step, trust)
+                run.evaluation = step.evaluation
+                continue
             if accepted:
                 run.evaluation = step.evaluation
+            elif trial is not None:
+                run.evaluation, step, trust = trial.evaluation, trial.step, trial.trust
+            trial = None
             ended = self._ended(run, step, penalties, cutoff)
             violation = run.evaluation.worst_violation
             if violation < max(PROGRESS * progress.violation, GRAVE):
@@ -221,14 +252,22 @@ class ScpLoop:
             if trust.theta < SMALLEST_TRUST:
                 run.status = Status.STALLED
                 break
+        if trial is not None:
+            run.evaluation = trial.evaluation
         logger.debug("run: %s after %d iterations", run.status.value, len(run.record))
         return run
 
-    def _step(self, lines: Linearisation, penalties: Penalties, trust: TrustRegion) -> _Step | None:
-        """Solve the subproblem, and correct its step to second order where the model was too hopeful."""
-        base = lines.base
+    def _worth_a_trial(self, step: _Step) -> bool:
+        return (
+            step.predicted > self.problem.settings.tolerance
+            and step.actual > -WATCH_LOSS
+            and step.evaluation.worst_violation < WATCH
+        )
+
+    def _step(self, base: Evaluation, rows: Rows, penalties: Penalties, trust: TrustRegion) -> _Step | None:
+        """Solve the subproblem and evaluate the trip that it leads to; None if it could not be solved."""
         weights = np.concatenate([penalties.zones, penalties.limits])
-        sub = build_subproblem(self.problem, self.kinematics, base.trajectory, lines.rows, weights, trust, self._active)
+        sub = build_subproblem(self.problem, self.kinematics, base.trajectory, rows, weights, trust, self._active)
         z = self._solve(sub)
         if z is None:
             return None
@@ -240,28 +279,7 @@ class ScpLoop:
         sooner = -base.trajectory.travel_time * float(z[sub.step_size - 1])
         if candidate is None:
             return _Step(base, merit - model, -np.inf, size, sooner)
-        step = _Step(candidate, merit - model, merit - candidate.merit(penalties), size, sooner)
-        if step.ratio < CORRECT_BELOW and step.predicted > 0.2 * self.problem.settings.tolerance:
-            corrected = self._correct(lines, sub, z, candidate)
-            if corrected is not None:
-                actual = merit - corrected.merit(penalties)
-                if actual > step.actual:
-                    return _Step(corrected, step.predicted, actual, size, sooner, True)
-        return step
-
-    def _correct(self, lines: Linearisation, sub: Subproblem, z: Array, candidate: Evaluation) -> Evaluation | None:
-        """Solve again with the gaps that the candidate really has: a second-order correction."""
-        step = z[: sub.step_size]
-        hard = len(sub.program.bound) - len(lines.rows.gap)
-        bound = sub.program.bound.copy()
-        bound[hard:] = lines.gaps(self.problem, candidate) + lines.rows.matrix @ step
-        free = self.problem.ends.free
-        path = lines.base.trajectory.path
-        grown = candidate.trajectory.path.arc_length - path.arc_length
-        bound[0] += grown - float(path.final_gradient[free] @ step[: free.stop - free.start])
-        active = None if self._active is None else self._active.guess(lines.rows, sub.groups)
-        again = self._solve(replace(sub, program=replace(sub.program, bound=bound, active=active)))
-        return None if again is None else self._candidate(lines.base.trajectory, again)
+        return _Step(candidate, merit - model, merit - candidate.merit(penalties), size, sooner)
 
     def _solve(self, sub: Subproblem) -> Array | None:
         solution = self.solver.solve(sub.program)
@@ -364,7 +382,6 @@ def _record(number: int, step: _Step, penalties: Penalties, accepted: bool, trus
         step.predicted,
         step.actual,
         accepted,
-        step.corrected,
         trust,
         rows,
     )

@@ -56,7 +56,7 @@ class TimeTable:
     speed: Array
     distance: Array
 
-    def take(self, index: Index) -> TimeTable:
+    def take(self, index: Index | slice) -> TimeTable:
         """Return the table of some of the times."""
         return TimeTable(self.sigma[index], self.acceleration[index], self.speed[index], self.distance[index])
 
@@ -258,7 +258,7 @@ class PathPoints:
     normal: Array
     speed: Array
 
-    def take(self, index: Index) -> PathPoints:
+    def take(self, index: Index | slice) -> PathPoints:
         """Return some of the points."""
         return PathPoints(
             self.span[index],
@@ -606,7 +606,7 @@ class TripPoints:
     parameter: Array
     path: PathPoints
 
-    def take(self, index: Index) -> TripPoints:
+    def take(self, index: Index | slice) -> TripPoints:
         """Return some of the points."""
         return TripPoints(
             self.table.take(index),

@@ -17,7 +17,7 @@ from scp_planner.problem import Problem
 from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoints
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
-PEAK_NEIGHBOURS = np.array([-0.45, 0.0, 0.45])  # stations: a peak moves when it is pressed down in one place
+PEAK_NEIGHBOURS = np.linspace(-0.6, 0.6, 7)  # stations: a peak moves when it is pressed down in one place
 
 QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
 _NOWHERE: Array = np.zeros(0)
@@ -92,12 +92,14 @@ class BendSites:
     stations : StationSites
         The M fixed stations.
     peaks : StationSites
-        P stations at which the lateral acceleration may peak: between the fixed ones, and where the vehicle is when its
-        acceleration jumps.
+        P stations between the fixed ones, around peaks of the lateral acceleration.
+    jumps : JumpSites or None
+        Where the vehicle is when its acceleration jumps: the speed peaks there.
     """
 
     stations: StationSites
     peaks: StationSites
+    jumps: JumpSites | None
 
     @property
     def curvature(self) -> Array:
@@ -108,6 +110,8 @@ class BendSites:
     def worst_lateral(self) -> float:
         """Largest lateral acceleration at all sites, m/s^2."""
         worst = float(np.abs(self.stations.lateral).max())
+        if self.jumps is not None:
+            worst = max(worst, float(np.abs(self.jumps.lateral).max(initial=0.0)))
         return max(worst, float(np.abs(self.peaks.lateral).max())) if len(self.peaks.parameters) else worst
 
 
@@ -138,6 +142,33 @@ class StationSites:
         return self.speed * self.speed * self.bend.curvature
 
 
+@dataclass(frozen=True)
+class JumpSites:
+    """A trip at fixed normalised times.
+
+    Attributes
+    ----------
+    points : TripPoints
+        Where the vehicle is then.
+    bend : PathBend
+        Curvature there.
+    """
+
+    points: TripPoints
+    bend: PathBend
+
+    @classmethod
+    def of(cls, problem: Problem, trajectory: Trajectory, points: TripPoints) -> JumpSites:
+        """Return the sites of the jumps of the acceleration, given the trip at the problem's samples."""
+        jumps = points.take(slice(problem.grid, None))
+        return cls(jumps, trajectory.path.bend(jumps.path))
+
+    @cached_property
+    def lateral(self) -> Array:
+        """Lateral acceleration, (n,) m/s^2, signed."""
+        return self.points.speed * self.points.speed * self.bend.curvature
+
+
 def bend_sites(problem: Problem, trajectory: Trajectory, points: TripPoints) -> BendSites:
     """Return curvature and lateral acceleration of a trip where they are limited.
 
@@ -152,9 +183,9 @@ def bend_sites(problem: Problem, trajectory: Trajectory, points: TripPoints) -> 
     arrivals = trajectory.arrivals(path.station_arc_lengths)
     stations = StationSites(tables.station_parameters, path.station_bend, arrivals.sigma, arrivals.speed)
     if np.abs(stations.lateral).max() < QUIET * problem.limits.lateral_acceleration:
-        return BendSites(stations, _NO_STATIONS)
-    around = np.concatenate([_lateral_peaks(problem, stations), points.parameter[problem.grid :]])
-    return BendSites(stations, station_sites(trajectory, around))
+        return BendSites(stations, _NO_STATIONS, None)
+    peaks = station_sites(trajectory, _lateral_peaks(problem, stations))
+    return BendSites(stations, peaks, JumpSites.of(problem, trajectory, points))
 
 
 def _lateral_peaks(problem: Problem, stations: StationSites) -> Array:
@@ -213,28 +244,33 @@ def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, i
 
 
 def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int) -> Rows:
-    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, then peaks.
+    """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
     d(v^2) = 2 v (C1 db / tau - (v - v0) dtau / tau) + 2 a (dS - C2 db - v0 sigma dtau), regular also at v = 0.
-    Where the acceleration jumps the one after the jump counts: v^2 peaks there, and lies below both tangents.
+    Where the acceleration jumps, v^2 has a peak that moves along the path. It is followed at its sigma:
+    d(v^2 curvature) = 2 v curvature dv + v^2 (d curvature + curvature' ds), |r'| ds = dD - dS.
 
     Parameters
     ----------
     problem, trajectory, sites, group
         As in :func:`curvature_rows`.
     stations : (m,) array of int
-        Which of the fixed stations; all peaks are rows.
+        Which of the fixed stations; all peaks and jumps are rows.
     """
     limit, peaks = problem.limits.lateral_acceleration, sites.peaks
     basis = _fixed_basis(problem, trajectory, stations)
     gradient = _lateral_gradient(problem, trajectory, sites.stations, stations, basis)
-    value, keys = sites.stations.lateral[stations], 2 * stations
+    value, keys = sites.stations.lateral[stations], 3 * stations
     if len(peaks.parameters):
         every = np.arange(len(peaks.parameters))
         basis = _moving_basis(trajectory, peaks.parameters)
         gradient = np.concatenate([gradient, _lateral_gradient(problem, trajectory, peaks, every, basis)])
-        value, keys = np.concatenate([value, peaks.lateral]), np.concatenate([keys, 2 * every + 1])
+        value, keys = np.concatenate([value, peaks.lateral]), np.concatenate([keys, 3 * every + 1])
+    if sites.jumps is not None and len(sites.jumps.lateral):
+        every = np.arange(len(sites.jumps.lateral))
+        gradient = np.concatenate([gradient, _jump_gradient(problem, trajectory, sites.jumps)])
+        value, keys = np.concatenate([value, sites.jumps.lateral]), np.concatenate([keys, 3 * every + 2])
     return _both_sides(gradient / limit, value / limit, group, keys)
 
 
@@ -279,7 +315,24 @@ def _lateral_gradient(
     return join_blocks(theta, beta, rho)
 
 
-def _bend_gradient(problem: Problem, bend: PathBend, index: Index, basis: _StationBasis) -> Array:
+def _jump_gradient(problem: Problem, trajectory: Trajectory, sites: JumpSites) -> Array:
+    """Derivative of the lateral acceleration at fixed normalised times, (n, step)."""
+    space, free = problem.space, problem.ends.free
+    tau, v0 = trajectory.travel_time, space.start_speed
+    points, curvature = sites.points, sites.bend.curvature
+    v, table = points.speed, points.table
+    basis = _moving_basis(trajectory, points.parameter)
+    # per m driven, and per m/s
+    driven = v * v * trajectory.path.curvature_rate(points.path) / points.path.speed
+    faster = 2.0 * v * curvature
+    theta = (v * v)[:, None] * _bend_gradient(problem, sites.bend, slice(None), basis)
+    theta -= driven[:, None] * basis.arc_length[:, free]
+    beta = (tau * faster)[:, None] * table.speed
+    beta += (tau * tau * driven)[:, None] * table.distance
+    return join_blocks(theta, beta, driven * (v0 * tau) * table.sigma - faster * (v - v0))
+
+
+def _bend_gradient(problem: Problem, bend: PathBend, index: Index | slice, basis: _StationBasis) -> Array:
     """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
     length, free = problem.space.length, problem.ends.free
     gradient = (bend.slope[index] / length)[:, None] * basis.slopes[:, free]
