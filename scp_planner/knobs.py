@@ -93,18 +93,34 @@ class Knob:
         """SI unit; empty for a count, a ratio or a word."""
         return self.allowed.unit if isinstance(self.allowed, Range) else ""
 
+    @property
+    def allowed_text(self) -> str:
+        """What is allowed, in words."""
+        number = "" if isinstance(self.allowed, Choice) else "a whole number, " if self.kind is int else "a number, "
+        return f"{number}{self.allowed}{', or none' if self.optional else ''}"
+
+    @property
+    def default_text(self) -> str:
+        """The default, as it is given on a command line."""
+        match self.default:
+            case None:
+                return "none"
+            case Enum():
+                return str(self.default.value)
+            case float():
+                return f"{self.default:g}"
+            case _:
+                return str(self.default)
+
     def fault(self, value: Any) -> str | None:
         """Say what is wrong with a value; None if nothing is."""
         if self.allowed is None or (self.optional and value is None):
             return None
-        nothing = ", or none" if self.optional else ""
-        if isinstance(self.allowed, Choice):
-            return None if isinstance(value, str) and value in self.allowed else f"must be {self.allowed}{nothing}"
-        whole = self.kind is int
-        right = isinstance(value, numbers.Integral if whole else numbers.Real) and not isinstance(value, bool)
-        if right and value in self.allowed:
-            return None
-        return f"must be a {'whole ' if whole else ''}number, {self.allowed}{nothing}"
+        right = isinstance(value, str)
+        if isinstance(self.allowed, Range):
+            number = numbers.Integral if self.kind is int else numbers.Real
+            right = isinstance(value, number) and not isinstance(value, bool)
+        return None if right and value in self.allowed else f"must be {self.allowed_text}"
 
     def parsed(self, text: str) -> Any:
         """Read a value from text, as it is given on a command line; text that is no such value is given back."""
@@ -181,7 +197,7 @@ def parse_assignments(assignments: Iterable[str], *classes: type[Knobs]) -> dict
         if not equals:
             faults.append(Fault(assignment, errors.MISSING, "must be NAME=VALUE"))
         elif name not in known:
-            faults.append(_unknown_name(name, text, known))
+            faults.append(unknown_name(name, text, known))
         else:
             values[name] = known[name].parsed(text)
     _raise(faults)
@@ -220,10 +236,11 @@ def _effects(settings: type[Knobs]) -> dict[str, str]:
 
 def _unknown(settings: type[Knobs], values: Mapping[str, object]) -> list[Fault]:
     known = knobs(settings)
-    return [_unknown_name(name, value, known) for name, value in values.items() if name not in known]
+    return [unknown_name(name, value, known) for name, value in values.items() if name not in known]
 
 
-def _unknown_name(name: str, value: object, known: Iterable[str]) -> Fault:
+def unknown_name(name: str, value: object, known: Iterable[str]) -> Fault:
+    """Give the fault of a name that is no setting, with the nearest one that is."""
     from scp_planner.validation import nearest
 
     near = nearest(name, known)

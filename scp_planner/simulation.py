@@ -13,7 +13,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -38,6 +38,8 @@ HISTORY = 5.0
 """s of observations before the start: what a sensor has seen when the vehicle sets off."""
 TIME_LIMIT = 60.0
 """s after which a run ends, or four times the trip without obstacles if that is longer."""
+FORGET_AFTER = 2.0
+"""s after which an obstacle that is not seen has gone, unless other settings are given."""
 WAY_BACK_TIME = 0.5
 """s in which a vehicle that is off its plan gets most of the way back."""
 NO_TIME = 1e-6
@@ -78,6 +80,7 @@ def simulate(
     deadline: float | None = None,
     time_limit: float | None = None,
     shapes: Mapping[str, Shape] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Drive a scenario in a closed loop.
 
@@ -110,6 +113,8 @@ def simulate(
         s after which the run ends.
     shapes : mapping, optional
         Shapes of a world's obstacles that are not in the scenario.
+    progress : callable, optional
+        Called after each cycle with the time driven so far, s.
 
     Returns
     -------
@@ -128,7 +133,7 @@ def simulate(
     follower = follower or Follower()
     if online is None:
         online = OnlineSettings(
-            tracking_error=follower.tracking_error, reaction_time=follower.reaction_time, forget_after=2.0
+            tracking_error=follower.tracking_error, reaction_time=follower.reaction_time, forget_after=FORGET_AFTER
         )
     loop = _Loop(
         scenario,
@@ -145,7 +150,7 @@ def simulate(
     if time_limit is None:
         trip = math.dist(scenario.start.position, scenario.goal.position) / scenario.vehicle.max_speed
         time_limit = max(TIME_LIMIT, 4.0 * trip)
-    return loop.run(time_limit)
+    return loop.run(time_limit, progress)
 
 
 def _world_of(scenario: Scenario, world: World | Mapping[str, Any] | None, seed: int) -> World | Script:
@@ -286,7 +291,7 @@ class _Loop:
 
     # the drive
 
-    def run(self, time_limit: float) -> Run:
+    def run(self, time_limit: float, progress: Callable[[float], None] | None = None) -> Run:
         """Drive until arrival, or until the time is up."""
         start, period = self.scenario.start.time, self.online.period
         records: list[Cycle] = []
@@ -308,6 +313,8 @@ class _Loop:
             arrived = self._drive(plan, now, following)
             records.append(self._record(record, plan, heard, zones, truth, begin))
             now = following
+            if progress is not None:
+                progress(self.times[-1] - start)
             if not arrived:
                 heard = self._heard(now)
                 for one in heard:

@@ -17,6 +17,7 @@ from typer.testing import CliRunner, Result
 from scp_planner import builtin
 from scp_planner.cli import app
 from scp_planner.plan import Plan
+from scp_planner.run import Run
 from scp_planner.scenario import Scenario
 
 PLAN_KEYS = {
@@ -137,13 +138,19 @@ def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path,
 
 
 def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scp_planner.cli._can_plot", lambda: False)
+    monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
     assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
     refused = run("plan", easy, "--plot", tmp_path / "plan.png")
     assert refused.exit_code == 2 and "needs matplotlib" in refused.stderr
     result = run("demo", "headon", "-o", tmp_path / "demo")
     assert result.exit_code == 0 and "no figures: matplotlib is not installed" in result.stderr
-    assert {file.name for file in (tmp_path / "demo").iterdir()} == {"scenario.yaml", "plan.json", "plan.html"}
+    assert {file.name for file in (tmp_path / "demo").iterdir()} == {
+        "scenario.yaml",
+        "plan.json",
+        "plan.html",
+        "run.json",
+        "run.html",
+    }
 
 
 def test_video_without_ffmpeg_is_refused_before_planning(
@@ -391,14 +398,27 @@ def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytes
     assert result.exit_code == 0, result.output
     for words in ("status:", "arrival time:", "least clearance:", "iterations:", "wall time:"):
         assert words in result.stdout
-    written = {"scenario.yaml", "plan.json", "plan.html", "plan.png", "plan.gif", "space_time.png"}
+    written = {
+        "scenario.yaml",
+        "plan.json",
+        "run.json",
+        "plan.html",
+        "run.html",
+        "plan.png",
+        "space_time.png",
+        "run.gif",
+    }
     assert {file.name for file in (tmp_path / "demo").iterdir()} == written
+    assert all(f"demo/{name}" in result.stderr for name in written)
+    assert "simulated arrived:       yes" in result.stdout
+    assert Run.load(tmp_path / "demo" / "run.json").arrived
     scenario = Scenario.load(tmp_path / "demo" / "scenario.yaml")
     assert scenario == builtin.load(scenario.name)
     assert Plan.load(tmp_path / "demo" / "plan.json").certified
 
 
-def test_demo_runs_twice_into_the_same_folder(tmp_path: Path) -> None:
+def test_demo_runs_twice_into_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scp_planner.cli.pictures.animate_run", lambda run, path: path.write_text("film"))
     for _ in range(2):
         result = run("demo", "headon", "-o", tmp_path / "demo", "--quiet")
         assert (result.exit_code, result.output) == (0, "")

@@ -20,7 +20,7 @@ import csv
 import io
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
@@ -92,6 +92,7 @@ def measure_coverage(
     orders: Sequence[int] = (0, 1, 2),
     obstacles: int = 5,
     seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Coverage]:
     """Measure the coverage of every level, with the covariance known and estimated.
 
@@ -107,20 +108,27 @@ def measure_coverage(
     obstacles : int
         Of one run, for ``joint``.
     seed : int
+    progress : callable, optional
+        Called after each case with the number of cases that are done, and of all.
 
     Returns
     -------
     list of Coverage
     """
+    cases = [
+        _Case(order, count, known, probability, obstacles)
+        for order in orders
+        for count in counts
+        for known in (True, False)
+        if count >= order + (1 if known else 3)
+    ]
     results: list[Coverage] = []
-    for order in orders:
-        for count in counts:
-            for known in (True, False):
-                if count >= order + (1 if known else 3):
-                    # each case has its own stream, whatever other cases there are
-                    generator = np.random.default_rng([seed, order, count, known])
-                    case = _Case(order, count, known, probability, obstacles)
-                    results += _measure(case, runs, generator)
+    for number, case in enumerate(cases, start=1):
+        # each case has its own stream, whatever other cases there are
+        generator = np.random.default_rng([seed, case.order, case.count, case.known])
+        results += _measure(case, runs, generator)
+        if progress is not None:
+            progress(number, len(cases))
     return results
 
 

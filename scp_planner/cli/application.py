@@ -1,0 +1,91 @@
+"""The program: how commands are registered, what their errors become, and how it starts and ends."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from enum import IntEnum
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import typer
+
+from scp_planner.cli.output import tell
+from scp_planner.errors import ScpPlannerError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class ExitCode(IntEnum):
+    """What a command tells its caller."""
+
+    CERTIFIED = 0
+    BAD_INPUT = 2
+    NOT_CERTIFIED = 3
+    INTERRUPTED = 130
+
+
+app = typer.Typer(
+    help="Plan the fastest safe trip of an unmanned vehicle among moving obstacles.",
+    epilog="Exit codes: 0 done and certified; 2 bad input, nothing written; 3 no certified plan exists or was found, "
+    "the best attempt is written with its status and reason; 130 interrupted.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+study_app = typer.Typer(help="Measure the published claims.", no_args_is_help=True, rich_markup_mode=None)
+
+
+def main() -> None:
+    """Run the command line."""
+    app(prog_name="scp-planner")
+
+
+def add_command(group: typer.Typer, name: str, command: Callable[..., Any], *examples: str) -> None:
+    """Make a function a command, whose help ends with examples."""
+    title = "Example:" if len(examples) == 1 else "Examples:"
+    # Click lays out paragraphs anew, but for those that begin with this mark.
+    epilog = "\b\n" + "\n".join([title, *(f"  {example}" for example in examples)])
+    group.command(name, epilog=epilog)(_with_exit_codes(command))
+
+
+def _with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn what a command raises into a message on stderr and an exit code."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except ScpPlannerError as error:
+            tell(str(error))
+        except BrokenPipeError:
+            raise  # the reader of stdout has seen enough
+        except OSError as error:
+            tell(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+        except KeyboardInterrupt as interrupt:
+            tell(str(interrupt) or "interrupted")
+            # An interrupt while an extension module is imported leaves a mark in CPython, which then ends the
+            # process by the signal, whatever its exit code. Running a string takes the mark away.
+            exec("")
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
+        raise typer.Exit(ExitCode.BAD_INPUT)
+
+    return run
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from scp_planner import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass

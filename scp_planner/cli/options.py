@@ -1,0 +1,192 @@
+"""Arguments and options that several commands share, and the checks of what is given for them."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from scp_planner.scenario import Scenario
+
+BUILT_IN = "builtin:"
+"""What the name of a built-in scenario follows where a file is wanted."""
+
+
+class Method(StrEnum):
+    """How a plan is made."""
+
+    SCP = "scp"
+    PENALTY_DESCENT = "penalty-descent"
+
+
+def at_least(least: int) -> Callable[[int | None], int | None]:
+    """Make the check of an option; unlike the parser's own, its message has the value."""
+
+    def check(value: int | None) -> int | None:
+        if value is not None and value < least:
+            raise typer.BadParameter(f"{value}: must be at least {least}")
+        return value
+
+    return check
+
+
+def _known_scenarios(incomplete: str) -> Iterable[str]:
+    """Complete the names of built-in scenarios; where none begins like that, the shell completes files."""
+    from scp_planner import builtin
+
+    return [BUILT_IN + name for name in builtin.names() if incomplete and (BUILT_IN + name).startswith(incomplete)]
+
+
+def _known_demos(incomplete: str) -> Iterable[str]:
+    from scp_planner import builtin
+
+    return [name for name in builtin.names() if name.startswith(incomplete)]
+
+
+def _known_solvers(incomplete: str) -> Iterable[str]:
+    from scp_planner.settings import solver_names
+
+    return [name for name in solver_names() if name.startswith(incomplete)]
+
+
+def _known_settings(incomplete: str) -> Iterable[str]:
+    from scp_planner.knobs import knobs
+    from scp_planner.settings import Settings
+
+    return [f"{name}=" for name in knobs(Settings) if name.startswith(incomplete)]
+
+
+ScenarioFile = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help=f"Scenario file (YAML or JSON), or {BUILT_IN}NAME.",
+        autocompletion=_known_scenarios,
+    ),
+]
+ScenarioFiles = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="SCENARIO...",
+        help=f"Scenario files (YAML or JSON), or {BUILT_IN}NAME.",
+        autocompletion=_known_scenarios,
+    ),
+]
+DemoName = Annotated[str, typer.Argument(help="A built-in scenario.", autocompletion=_known_demos)]
+MethodName = Annotated[Method, typer.Option("--method", help="How to plan.")]
+SolverName = Annotated[
+    str | None,
+    typer.Option(
+        "--solver",
+        metavar="NAME",
+        help="daqp (default), clarabel, osqp or cvxpy.",
+        autocompletion=_known_solvers,
+    ),
+]
+Assignments = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Change a setting, see `scp-planner settings`; may be given several times.",
+        autocompletion=_known_settings,
+    ),
+]
+Seed = Annotated[
+    int,
+    typer.Option(
+        "--seed", metavar="N", callback=at_least(0), help="Seed of the starts, 0 or more; same seed, same plan."
+    ),
+]
+NoiseSeed = Annotated[
+    int,
+    typer.Option(
+        "--seed", metavar="N", callback=at_least(0), help="Seed of the noise, 0 or more; same seed, same run."
+    ),
+]
+TimeLimit = Annotated[
+    float | None, typer.Option("--time-limit", metavar="S", help="Seconds to plan in; default: no limit.")
+]
+Samples = Annotated[int, typer.Option("--samples", metavar="N", callback=at_least(2), help="Samples in the plan file.")]
+Workers = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", callback=at_least(1), help="Processes; default: one for each core."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print nothing but errors and what --json asks for; no progress bar.")
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what the planner does.")]
+
+
+def load_scenario(source: str) -> Scenario:
+    """Load a scenario file, or a built-in scenario."""
+    if source.startswith(BUILT_IN):
+        from scp_planner import builtin
+
+        return builtin.load(source.removeprefix(BUILT_IN))
+    from scp_planner.scenario import Scenario
+
+    return Scenario.load(source)
+
+
+def bad_option(option: str, value: object, message: str) -> typer.BadParameter:
+    """Make the error of an option: the value, and what is allowed."""
+    return typer.BadParameter(f"{value}: {message}", param_hint=option)
+
+
+def check_solver(solver: str | None, method: Method = Method.SCP) -> None:
+    """Refuse a solver that is not there, or has nothing to do."""
+    from scp_planner.settings import solver_names
+
+    if solver is not None and method is not Method.SCP:
+        raise bad_option("--solver", solver, f"--method {method} solves no subproblems")
+    if solver is not None and solver not in solver_names():
+        raise bad_option("--solver", solver, f"must be one of {', '.join(solver_names())}")
+
+
+def check_number(option: str, value: float | None, least: float) -> None:
+    """Refuse a number that is not finite, or too small."""
+    if value is not None and not (math.isfinite(value) and value >= least):
+        raise bad_option(option, value, f"must be a finite number of at least {least:g}")
+
+
+def check_time_limit(limit: float | None) -> None:
+    """Refuse a limit in which nothing can be done."""
+    if limit is not None and not (math.isfinite(limit) and limit > 0):
+        raise bad_option("--time-limit", limit, "must be a finite number of seconds greater than 0")
+
+
+def check_probability(probability: float) -> None:
+    """Refuse what is no probability, and the two that mean nothing."""
+    if not 0.0 < probability < 1.0:
+        raise bad_option("--probability", probability, "must be between 0 and 1")
+
+
+def check_target(option: str, target: Path | None, source: str | Path = "", *, is_folder: bool = False) -> None:
+    """Refuse before planning what could not be written after it."""
+    if target is None:
+        return
+    if not target.parent.is_dir():
+        raise bad_option(option, target, f"the folder {target.parent} must exist")
+    if target.exists() and target.is_dir() != is_folder:
+        raise bad_option(option, target, "must be a folder" if is_folder else "must not be a folder")
+    if not os.access(target if target.is_dir() else target.parent, os.W_OK):
+        raise bad_option(option, target, "the folder must be writable")
+    if str(source) and target.exists() and Path(source).exists() and target.samefile(source):
+        raise bad_option(option, target, "must not be the scenario file itself")
+
+
+def keyword_settings(assignments: list[str] | None, solver: str | None) -> dict[str, Any]:
+    """Read the values of ``--set`` and ``--solver``."""
+    from scp_planner.knobs import parse_assignments
+    from scp_planner.settings import Settings
+
+    values = parse_assignments(assignments or (), Settings)
+    return values if solver is None else {**values, "solver": solver}

@@ -1,0 +1,85 @@
+"""What commands print: summaries on stdout, messages and progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+_UNITS = {
+    "arrival_time": "s",
+    "travel_time": "s",
+    "least_clearance": "m",
+    "time_of_least_clearance": "s",
+    "wall_time": "s",
+    "median_replan_time": "s",
+}
+_TOLD_AT_THE_END = ("reason", "violations")
+
+
+def start_logging(quiet: bool, verbose: bool) -> None:
+    """Let the package's messages through to stderr, as many as are wanted."""
+    level = logging.DEBUG if verbose else logging.ERROR if quiet else logging.WARNING
+    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    logging.getLogger("scp_planner").setLevel(level)
+
+
+def tell(message: str) -> None:
+    """Print a message on stderr."""
+    typer.echo(message, err=True)
+
+
+@contextmanager
+def progress_bar(total: int | None, unit: str, quiet: bool, **options: Any) -> Iterator[tqdm[Any]]:
+    """Show a bar on stderr; none where that is not a terminal, or nothing is to be printed."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit=unit, disable=True if quiet else None, leave=False, **options) as bar:
+        yield bar
+
+
+def report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
+    """Print a summary on stdout: as JSON, or one line a figure with its unit."""
+    if as_json:
+        print_json(summary)
+    elif not quiet:
+        for key, value in summary.items():
+            if value is not None and key not in _TOLD_AT_THE_END:
+                unit = _UNITS.get(key.removeprefix("simulated_"), "")
+                typer.echo(f"{key.replace('_', ' ') + ':':<24} {_shown(value)} {unit}".rstrip())
+
+
+def print_json(data: Any) -> None:
+    """Print as JSON; numbers that JSON has no word for become null, such as the clearance without obstacles."""
+
+    def known(value: Any) -> Any:
+        match value:
+            case dict():
+                return {key: known(item) for key, item in value.items()}
+            case list():
+                return [known(item) for item in value]
+            case float():
+                return value if math.isfinite(value) else None
+            case _:
+                return value
+
+    typer.echo(json.dumps(known(data), indent=1, allow_nan=False))
+
+
+def _shown(value: object) -> str:
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:.4f}"
+        case _:
+            return str(value)

@@ -1,0 +1,175 @@
+"""Commands that measure: study consistency, study coverage, fit-motion."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from scp_planner.cli import pictures
+from scp_planner.cli.options import (
+    Json,
+    NoiseSeed,
+    Quiet,
+    Verbose,
+    Workers,
+    at_least,
+    bad_option,
+    check_probability,
+    check_target,
+)
+from scp_planner.cli.output import print_json, progress_bar, start_logging, tell
+
+if TYPE_CHECKING:
+    from scp_planner.tracks import Tracks
+
+
+def consistency(
+    quick: Annotated[bool, typer.Option("--quick", help="Few repetitions: slopes roughly, in under a minute.")] = False,
+    repetitions: Annotated[
+        int | None,
+        typer.Option(
+            "--repetitions",
+            metavar="N",
+            callback=at_least(2),
+            help="Of each noise and number of observations, 2 or more.",
+        ),
+    ] = None,
+    workers: Workers = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for results; those that are there already are used.")
+    ] = Path("consistency"),
+    seed: NoiseSeed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Measure how estimates converge.
+
+    The objective with estimated zones, and its minimisers, against the true ones as observations grow in number.
+    """
+    start_logging(quiet, verbose)
+    check_target("--output", output, is_folder=True)
+    from scp_planner.studies.consistency import run_consistency
+    from scp_planner.studies.field import ConsistencySettings, border
+
+    settings = ConsistencySettings.quick(seed) if quick else ConsistencySettings(seed=seed)
+    if repetitions is not None:
+        settings = replace(settings, repetitions=repetitions)
+    processes = workers or os.cpu_count() or 1
+    result = run_consistency(settings, folder=output, workers=processes, progress=not quiet)
+    written = result.save(output)
+    if pictures.can_plot():
+        from scp_planner.plotting.studies import plot_border, plot_consistency
+
+        plot_consistency(result, output / "consistency.png")
+        plot_border(border(), output / "border.png")
+        written += [output / "consistency.png", output / "border.png"]
+    if as_json:
+        print_json({"slopes": [asdict(slope) for slope in result.slopes]})
+    elif not quiet:
+        typer.echo(result.table())
+    _tell_written(written, quiet)
+
+
+def coverage(
+    tracks: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[TRACKS]...", help="Recorded tracks to measure too: half fitted, half tested."),
+    ] = None,
+    runs: Annotated[
+        int, typer.Option("--runs", metavar="N", callback=at_least(1), help="Simulated runs of each case.")
+    ] = 20_000,
+    probability: Annotated[float, typer.Option("--probability", metavar="P", help="Nominal level.")] = 0.95,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for tables and figure.")] = Path("coverage"),
+    seed: NoiseSeed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Measure how often zones hold.
+
+    How often zones of each level of confidence hold what they promise, in simulation and on recorded tracks.
+    """
+    start_logging(quiet, verbose)
+    check_target("--output", output, is_folder=True)
+    check_probability(probability)
+    from scp_planner.studies import coverage as simulated
+    from scp_planner.studies import recorded
+
+    loaded = _load_tracks(tracks or [])
+    with progress_bar(None, "case", quiet) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        results = simulated.measure_coverage(probability=probability, runs=runs, seed=seed, progress=advance)
+    output.mkdir(exist_ok=True)
+    simulated.save_csv(results, output / "coverage.csv")
+    written = [output / "coverage.csv"]
+    tables = [simulated.summary(results)]
+    records: dict[str, Any] = {"simulated": [asdict(row) for row in results]}
+    if pictures.can_plot():
+        simulated.plot_coverage(results, output / "coverage.png")
+        written.append(output / "coverage.png")
+    if loaded:
+        measured = [
+            row
+            for name, own in loaded
+            for row in recorded.measure_recorded_coverage(own, data=name, probability=probability)
+        ]
+        recorded.save_csv(measured, output / "recorded.csv")
+        written.append(output / "recorded.csv")
+        tables.append(recorded.summary(measured))
+        records["recorded"] = [asdict(row) for row in measured]
+    if as_json:
+        print_json(records)
+    elif not quiet:
+        typer.echo("\n\n".join(tables))
+    _tell_written(written, quiet)
+
+
+def fit_motion(
+    tracks_file: Annotated[Path, typer.Argument(metavar="TRACKS", help="File or folder of recorded tracks.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Write the model, .yaml or .json.")] = Path(
+        "motion.yaml"
+    ),
+    kind: Annotated[
+        str, typer.Option("--kind", metavar="NAME", help="random_walk (of the velocity), mean_reverting or singer.")
+    ] = "random_walk",
+    window: Annotated[
+        int,
+        typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
+    ] = 8,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Fit a motion model to recorded tracks.
+
+    It is a motion with process noise, for use as an obstacle's `model: {process: FILE}`.
+    """
+    start_logging(quiet, verbose)
+    check_target("--output", output, tracks_file)
+    if output.suffix not in (".yaml", ".yml", ".json"):
+        raise bad_option("--output", output, "must end in .yaml, .yml or .json")
+    from scp_planner.motion_fitting import fit_motion_model
+
+    model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window)
+    model.save(output)
+    _tell_written([output], quiet)
+
+
+def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
+    """Load recorded tracks, each with a short name."""
+    from scp_planner.tracks import Tracks
+
+    return [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in paths]
+
+
+def _tell_written(files: list[Path], quiet: bool) -> None:
+    if not quiet:
+        tell(f"wrote {', '.join(str(file) for file in files)}")

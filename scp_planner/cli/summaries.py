@@ -1,0 +1,59 @@
+"""What is told of plans, certificates and runs: a name and a figure each."""
+
+from __future__ import annotations
+
+import statistics
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scp_planner.certificate import Certificate
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
+    from scp_planner.scenario import Scenario
+
+
+def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
+    """Sum up a plan."""
+    return {
+        "scenario": scenario.name,
+        "status": str(plan.status),
+        "certified": plan.certified,
+        "reason": plan.reason,
+        "arrival_time": plan.arrival_time,
+        "travel_time": plan.travel_time,
+        "least_clearance": plan.clearance.minimum,
+        "nearest_obstacle": plan.clearance.obstacle,
+        "time_of_least_clearance": plan.clearance.time,
+        "iterations": plan.iterations,
+        "wall_time": plan.wall_time,
+        "method": plan.method,
+        "solver": plan.solver,
+    }
+
+
+def of_run(run: Run) -> dict[str, Any]:
+    """Sum up a closed loop."""
+    return {
+        "scenario": run.scenario.name,
+        "arrived": run.arrived,
+        "contact": run.contact,
+        "contact_standing": run.contact_standing,
+        "travel_time": run.travel_time,
+        "least_clearance": run.least_clearance,
+        "replans": len(run.records),
+        **run.outcomes,
+        "median_replan_time": statistics.median(run.wall_times.tolist()),
+        "seed": run.seed,
+    }
+
+
+def of_certificate(scenario: Scenario, certificate: Certificate) -> dict[str, Any]:
+    """Sum up a certificate."""
+    return {
+        "scenario": scenario.name,
+        "certified": certificate.holds,
+        "least_clearance": certificate.clearance.minimum,
+        "nearest_obstacle": certificate.clearance.obstacle,
+        "time_of_least_clearance": certificate.clearance.time,
+        "violations": [str(violation) for violation in certificate.violations],
+    }

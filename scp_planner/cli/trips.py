@@ -1,0 +1,256 @@
+"""Commands about one scenario: demo, plan, check, simulate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from scp_planner.cli import pictures, summaries
+from scp_planner.cli.application import ExitCode
+from scp_planner.cli.options import (
+    BUILT_IN,
+    Assignments,
+    DemoName,
+    Json,
+    Method,
+    MethodName,
+    NoiseSeed,
+    Quiet,
+    Samples,
+    ScenarioFile,
+    Seed,
+    SolverName,
+    TimeLimit,
+    Verbose,
+    check_number,
+    check_solver,
+    check_target,
+    check_time_limit,
+    keyword_settings,
+    load_scenario,
+)
+from scp_planner.cli.output import progress_bar, report, start_logging, tell
+
+if TYPE_CHECKING:
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
+    from scp_planner.scenario import Scenario
+
+DEMO_SCENARIO = "radar"
+SLOWEST_RATE = 1e-3  # Hz
+
+
+def demo(
+    name: DemoName = DEMO_SCENARIO,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")] = Path("demo"),
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Plan, drive and draw a built-in scenario.
+
+    Scenario, plan, the run of a closed loop, pictures and pages for a browser are written into a folder.
+    """
+    start_logging(quiet, verbose)
+    check_target("--output", output, is_folder=True)
+    scenario = load_scenario(BUILT_IN + name)
+    made = _plan(scenario, Method.SCP)
+    run = _drive(scenario, 0.1, 10.0, 0, quiet)
+    output.mkdir(exist_ok=True)
+    scenario.save(output / "scenario.yaml")
+    made.save(output / "plan.json")
+    run.save(output / "run.json")
+    written = ["scenario.yaml", "plan.json", "run.json", *_draw_demo(scenario, made, run, output, quiet)]
+    figures = {**summaries.of_plan(scenario, made), **_prefixed("simulated", summaries.of_run(run))}
+    report(figures, as_json, quiet)
+    if not quiet:
+        tell(f"wrote {', '.join(str(output / file) for file in written)}")
+    _finish(BUILT_IN + name, made.certified, str(made.reason))
+    _finish_run(BUILT_IN + name, run)
+
+
+def plan(
+    scenario_file: ScenarioFile,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the plan, JSON.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
+    ] = None,
+    method: MethodName = Method.SCP,
+    solver: SolverName = None,
+    assignments: Assignments = None,
+    seed: Seed = 0,
+    time_limit: TimeLimit = None,
+    samples: Samples = 200,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Plan one scenario."""
+    start_logging(quiet, verbose)
+    check_solver(solver, method)
+    check_time_limit(time_limit)
+    check_target("--output", output, scenario_file)
+    pictures.check_picture("--plot", plot, scenario_file)
+    values = keyword_settings(assignments, solver)
+    scenario = load_scenario(scenario_file)
+    made = _plan(scenario, method, values, seed, time_limit)
+    if output is not None:
+        made.save(output, samples=samples)
+    if plot is not None:
+        pictures.draw(made, scenario, plot)
+    report(summaries.of_plan(scenario, made), as_json, quiet)
+    _finish(scenario_file, made.certified, f"{made.status}: {made.reason}" if made.reason else str(made.status))
+
+
+def check(
+    scenario_file: ScenarioFile,
+    plan_file: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (JSON), whoever made it.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Certify a plan file against a scenario."""
+    from scp_planner.certificate import certify
+    from scp_planner.plan import Plan
+
+    start_logging(quiet, verbose)
+    scenario = load_scenario(scenario_file)
+    certificate = certify(scenario, Plan.load(plan_file))
+    report(summaries.of_certificate(scenario, certificate), as_json, quiet)
+    _finish(str(plan_file), certificate.holds, "; ".join(str(violation) for violation in certificate.violations))
+
+
+def simulate(
+    scenario_file: ScenarioFile,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the run, JSON.")] = None,
+    animation: Annotated[
+        Path | None, typer.Option("--animate", help="Animate the run: .gif, .mp4; .html to look at in a browser.")
+    ] = None,
+    noise: Annotated[
+        float, typer.Option("--noise", metavar="S", help="Standard deviation of observed coordinates, m.")
+    ] = 0.1,
+    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Observations and replans per second.")] = 10.0,
+    seed: NoiseSeed = 0,
+    solver: SolverName = None,
+    assignments: Assignments = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Drive one scenario in a closed loop.
+
+    Observe, refresh zones, replan, drive. Obstacles with a known motion really move like that and are seen with noise;
+    of those with observations, the truth is drawn from what the observations leave open.
+    """
+    start_logging(quiet, verbose)
+    check_solver(solver)
+    check_number("--noise", noise, 0.0)
+    check_number("--rate", rate, SLOWEST_RATE)
+    check_target("--output", output, scenario_file)
+    pictures.check_picture("--animate", animation, scenario_file, pictures.MOVING_SUFFIXES)
+    run = _drive(load_scenario(scenario_file), noise, rate, seed, quiet, solver, assignments)
+    if output is not None:
+        run.save(output)
+    if animation is not None:
+        pictures.animate_run(run, animation)
+    report(summaries.of_run(run), as_json, quiet)
+    _finish_run(scenario_file, run)
+
+
+def _plan(
+    scenario: Scenario,
+    method: Method,
+    values: dict[str, object] | None = None,
+    seed: int = 0,
+    time_limit: float | None = None,
+) -> Plan:
+    from scp_planner.settings import Settings
+
+    settings = replace(Settings(), **(values or {}))  # type: ignore[arg-type]  # Settings checks them
+    match method:
+        case Method.SCP:
+            from scp_planner import planner
+
+            return planner.plan(scenario, settings, seed=seed, time_limit=time_limit)
+        case Method.PENALTY_DESCENT:
+            from scp_planner.penalty_descent import penalty_descent
+
+            return penalty_descent(scenario, settings, seed=seed, time_limit=time_limit)
+
+
+def _drive(
+    scenario: Scenario,
+    noise: float,
+    rate: float,
+    seed: int,
+    quiet: bool,
+    solver: str | None = None,
+    assignments: list[str] | None = None,
+) -> Run:
+    from scp_planner.knobs import knobs, parse_assignments
+    from scp_planner.online import SETTINGS
+    from scp_planner.online_settings import OnlineSettings
+    from scp_planner.settings import Settings
+    from scp_planner.simulation import FORGET_AFTER, Follower, simulate
+
+    given = parse_assignments(assignments or (), Settings, OnlineSettings)
+    planning = {name: value for name, value in given.items() if name in knobs(Settings)}
+    driving = {name: value for name, value in given.items() if name not in planning}
+    online = replace(OnlineSettings(forget_after=FORGET_AFTER), **driving)
+    with progress_bar(None, "s", quiet, bar_format="driving: {n:.1f} s, {elapsed}") as bar:
+
+        def advance(time: float) -> None:
+            bar.update(time - bar.n)
+
+        return simulate(
+            scenario,
+            noise,
+            rate,
+            seed,
+            settings=replace(SETTINGS, **planning),
+            online=online,
+            follower=Follower(online.tracking_error, online.reaction_time),
+            solver=solver,
+            progress=advance,
+        )
+
+
+def _draw_demo(scenario: Scenario, made: Plan, run: Run, folder: Path, quiet: bool) -> list[str]:
+    """Draw all that can be drawn; return the names of the files."""
+    pictures.draw(made, scenario, folder / "plan.html")
+    pictures.animate_run(run, folder / "run.html")
+    if not pictures.can_plot():
+        tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
+        return ["plan.html", "run.html"]
+    from scp_planner.plotting import plot_space_time
+
+    pictures.draw(made, scenario, folder / "plan.png")
+    plot_space_time(made, scenario, folder / "space_time.png")
+    if not quiet:
+        tell("drawing the animation ...")
+    pictures.animate_run(run, folder / "run.gif")
+    return ["plan.html", "run.html", "plan.png", "space_time.png", "run.gif"]
+
+
+def _prefixed(prefix: str, summary: dict[str, object]) -> dict[str, object]:
+    kept = ("arrived", "contact", "travel_time", "least_clearance", "replans")
+    return {f"{prefix}_{key}": summary[key] for key in kept}
+
+
+def _finish(source: str, certified: bool, reason: str) -> None:
+    if not certified:
+        tell(f"{source}: not certified: {reason}")
+        raise typer.Exit(ExitCode.NOT_CERTIFIED)
+
+
+def _finish_run(source: str, run: Run) -> None:
+    faults = [] if run.arrived else [f"did not arrive in {run.travel_time:g} s"]
+    if run.contact:
+        faults.append(f"touched an obstacle, {-run.least_clearance:.3g} m deep")
+    if faults:
+        tell(f"{source}: {'; '.join(faults)}")
+        raise typer.Exit(ExitCode.NOT_CERTIFIED)
