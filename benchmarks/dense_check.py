@@ -25,6 +25,7 @@ A position that carries rounding or inversion errors of e metres along the path 
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -167,6 +168,7 @@ def check_trip(
     findings = [
         *_ends(data, times, positions, allowed),
         *_motion_limits(data, times, positions, allowed),
+        *_place_speeds(data, times, positions, allowed),
         *_workspace(data, times, positions, allowed),
         *_clearances(data, times, positions, allowed, regions or {}),
     ]
@@ -336,6 +338,39 @@ def _backward_speed(displacements: Array, chords: Array, duration: float, when: 
     signed = signs * chords[moving] / duration
     worst = int(np.argmin(signed))
     return min(0.0, float(signed[worst])), float(when[moving[worst]])
+
+
+def _place_speeds(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Speeds on chords of which both ends belong to a stretch of a line: nearest to a point of it."""
+    step = float(times[1] - times[0])
+    width = max(1, round(SPEED_WINDOW / step))
+    speeds = np.linalg.norm(positions[width:] - positions[:-width], axis=1) / (width * step)
+    found = []
+    for number, limit in enumerate(data.get("speed_limits") or ()):
+        line = limit.get("line") or data.get("guide") or (data["start"]["position"], data["goal"]["position"])
+        along = _along(np.asarray(line, dtype=float), positions)
+        inside = along >= float(limit["from"])
+        if limit.get("to") is not None:
+            inside &= along <= float(limit["to"])
+        speed = np.where(inside[width:] & inside[:-width], speeds, 0.0)
+        worst, top = int(np.argmax(speed)), float(limit["speed"])
+        value, when = float(speed[worst]), float(times[worst])
+        found.append(Finding("place_speed", value, top, value - top, allowed.speed, when, f"speed_limits[{number}]"))
+    return found
+
+
+def _along(line: Array, points: Array) -> Array:
+    """How far along a polyline (k, 2) the points of it lie that are nearest to points (n, 2), (n,) m."""
+    nearest, along = np.full(len(points), np.inf), np.zeros(len(points))
+    driven = 0.0
+    for begin, end in itertools.pairwise(line):
+        length = float(np.linalg.norm(end - begin))
+        share = np.clip((points - begin) @ (end - begin) / length**2, 0.0, 1.0)
+        distance = np.linalg.norm(points - begin - share[:, None] * (end - begin), axis=1)
+        along = np.where(distance < nearest, driven + share * length, along)
+        nearest = np.minimum(nearest, distance)
+        driven += length
+    return along
 
 
 def _workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:

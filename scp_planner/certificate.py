@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.intervals import Interval
+from scp_planner.places import Stretch, stretches
 from scp_planner.plan import Clearance, LimitUse, Plan, Trip
 from scp_planner.problem import Limits
 from scp_planner.relevance import FEW_ZONES, LOOKS, Looks, least_clearances
@@ -239,6 +240,9 @@ class _Check:
         enclosure = self._enclose(pieces)
         limits["curvature"] = self._bend_limit("curvature", pieces, enclosure)
         limits["lateral_acceleration"] = self._bend_limit("lateral_acceleration", pieces, enclosure)
+        for number, part in enumerate(stretches(self.scenario)):
+            name = f"speed_limits[{number}]"
+            limits[name] = self._speed_limit(name, part, pieces, enclosure)
         clearance = self._clearance(pieces, enclosure)
         self._inside_bounds(pieces, enclosure)
         return Certificate(not self.violations, clearance, limits, tuple(self.violations))
@@ -408,6 +412,33 @@ class _Check:
         else:
             self._note(name, best, limit, best_sigma, True)
         return LimitUse(best, float(limit) if np.isfinite(limit) else None, self._absolute(best_sigma))
+
+    def _speed_limit(self, name: str, part: Stretch, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
+        """The speed wherever the vehicle may be in a stretch of a line, by halving."""
+        allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
+        best, best_sigma = 0.0, 0.0
+        for _ in range(MAX_HALVINGS):
+            points, half = enclosure.points, enclosure.half
+            position = self.trip.frame.to_world(points.path.position)
+            fastest = points.speed + enclosure.acceleration_bound * half
+            station = part.line.nearest(position)
+            there = np.flatnonzero((station >= part.first) & (station <= part.last))
+            if len(there):
+                worst = there[np.argmax(points.speed[there])]
+                if points.speed[worst] > best:
+                    best, best_sigma = float(points.speed[worst]), float(pieces.middle[worst])
+            if best > allowed:
+                break
+            undecided = fastest > allowed
+            undecided[undecided] = part.line.may_be_between(
+                position[undecided], (fastest * half)[undecided] + END_TOLERANCE, part.first, part.last
+            )
+            if not undecided.any():
+                return LimitUse(best, part.speed, self._absolute(best_sigma))
+            pieces = pieces.halves(undecided)
+            enclosure = self._enclose(pieces)
+        self._note(name, best, part.speed, best_sigma, True)
+        return LimitUse(best, part.speed, self._absolute(best_sigma))
 
     def _near_batch(self) -> ZoneBatch:
         """The zones that could be the nearest one, or nearer than allowed, at some time of the trip."""

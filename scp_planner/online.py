@@ -32,6 +32,7 @@ from scp_planner.braking import STANDING, fits, stop_now, straight_stop
 from scp_planner.certificate import Certificate, Ends
 from scp_planner.linearisation import TrustRegion
 from scp_planner.online_settings import OnlineSettings, Outcome, Safety, check_number
+from scp_planner.places import anchored
 from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Limits, Problem, build_problem
 from scp_planner.refresh import ObstacleTracks, foreseen
@@ -163,7 +164,7 @@ class Planner:
         )
         for obstacle in scenario.obstacles:
             self.obstacles.add(obstacle)
-        self._given = scenario
+        self._given = anchored(scenario)
         self._solver: QpSolver = solver_named(settings.solver)
         self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
         self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))

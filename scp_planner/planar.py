@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 Point = tuple[float, float]
 
@@ -47,6 +48,19 @@ def distance_to_polygon(point: Point, polygon: Sequence[Point]) -> float:
         if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
             inside = not inside
     return 0.0 if inside else min(_distance_to_segment(point, a, b) for a, b in _edges(polygon))
+
+
+def station(point: Point, line: Sequence[Point]) -> float:
+    """Compute how far along a polyline, in m, its point lies that is nearest to a point."""
+    nearest, found, driven = math.inf, 0.0, 0.0
+    for a, b in pairwise(line):
+        leg = math.dist(a, b)
+        share = ((point[0] - a[0]) * (b[0] - a[0]) + (point[1] - a[1]) * (b[1] - a[1])) / leg**2 if leg else 0.0
+        distance = _distance_to_segment(point, a, b)
+        if distance < nearest:
+            nearest, found = distance, driven + min(max(share, 0.0), 1.0) * leg
+        driven += leg
+    return found
 
 
 def distance_to_ellipse(point: Point, semi_a: float, semi_b: float) -> float:

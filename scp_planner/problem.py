@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.constraints.optional import EarliestArrival, OptionalLimit
+from scp_planner.constraints.optional import EarliestArrival, OptionalLimit, SpeedLimits
 from scp_planner.dubins import Pose, shortest_path
 from scp_planner.frames import PlanningFrame
 from scp_planner.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
+from scp_planner.places import Line, SpeedProfile, Stretch, fastest_profile, limits_at, stretches
 from scp_planner.scenario import Scenario
 from scp_planner.settings import Settings
 from scp_planner.trajectory import CELLS_PER_SPAN, Path, TimeTable, TripSpace
@@ -36,6 +37,8 @@ INSIDE = 1e-6  # m, from the border of the goal
 REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
 AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
+PLACE_MARGIN = 2e-4  # relative, of speed limits by place, besides the margin of all limits
+PROFILE_STEP = 0.02  # m, of the fastest drive along a guide with such limits
 EARLIEST_MARGIN = 5e-4  # s, by which the trip is planned to arrive later than it has to
 STANDING = 1e-5  # m/s; a stop at the goal is planned with this: speeds below 0 are refused, however small
 FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
@@ -156,6 +159,8 @@ class Problem:
         Limits that only some scenarios have.
     given : GivenConstraints or None
         A user's own.
+    profile : SpeedProfile or None
+        The fastest drive along the guide, where places limit the speed.
     """
 
     scenario: Scenario
@@ -170,6 +175,7 @@ class Problem:
     grid: int
     optional: tuple[OptionalLimit, ...] = ()
     given: GivenConstraints | None = None
+    profile: SpeedProfile | None = None
 
     @cached_property
     def highest_accelerations(self) -> Array:
@@ -285,8 +291,12 @@ def build_problem(
     limits = Limits.of(scenario, settings.limit_margin)
     if guide is None:
         guide = default_guide(scenario, frame, limits, settings)
+    slow = _slow_stretches(scenario, frame, settings)
+    profile = _fastest_drive(guide, slow, scenario, limits) if slow else None
     if breakpoints is None:
         time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
+        if profile is not None:
+            time, switches = float(profile.times[-1]), profile.switches
         breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
         if start.acceleration is not None and settings.acceleration_degree == 0:
             breakpoints = tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
@@ -313,11 +323,35 @@ def build_problem(
             np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
         ),
         settings.samples + 1,
-        _optional_limits(scenario, space, ends),
+        _optional_limits(scenario, space, ends, slow),
+        profile=profile,
     )
 
 
-def _optional_limits(scenario: Scenario, space: TripSpace, ends: EndConditions) -> tuple[OptionalLimit, ...]:
+def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: Settings) -> tuple[Stretch, ...]:
+    """Return the speed limits by place in the planning frame, less the margins."""
+    keep = 1.0 - settings.limit_margin - PLACE_MARGIN
+    return tuple(
+        replace(
+            part,
+            line=Line(np.round(frame.to_frame(part.line.points), DECIMALS)),
+            speed=min(part.speed * keep, part.speed),
+        )
+        for part in stretches(scenario)
+    )
+
+
+def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, limits: Limits) -> SpeedProfile:
+    """Return the fastest drive along a guide that keeps to the limits of places."""
+    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / PROFILE_STEP)) + 1)
+    allowed = np.minimum(limits_at(slow, guide.frame(stations).position), limits.speed)
+    start, goal = scenario.start.speed, scenario.goal.speed
+    return fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
+
+
+def _optional_limits(
+    scenario: Scenario, space: TripSpace, ends: EndConditions, slow: tuple[Stretch, ...]
+) -> tuple[OptionalLimit, ...]:
     """Return what a scenario asks for beyond what every trip keeps.
 
     A latest arrival is none of it: the trip is to be as fast as it may be anyway.
@@ -327,6 +361,8 @@ def _optional_limits(scenario: Scenario, space: TripSpace, ends: EndConditions) 
     earliest = scenario.goal.earliest_arrival
     if earliest is not None and earliest > scenario.start.time:
         found.append(EarliestArrival(earliest - scenario.start.time + EARLIEST_MARGIN, step_size))
+    if slow:
+        found.append(SpeedLimits(space, ends.free, slow))
     return tuple(found)
 
 

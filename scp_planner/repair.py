@@ -30,8 +30,8 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
             missing[violation.what] = -1.5 * violation.value + 1e-3
         elif violation.what in missing:
             missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
-        elif violation.what in optional:
-            optional[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+        elif (kind := violation.what.partition("[")[0]) in optional:
+            optional[kind] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
     return problem.tightened(
         inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )

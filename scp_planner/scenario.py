@@ -79,6 +79,23 @@ class Bounds(Part):
     max: Vector = Field(description="upper right corner [x, y], m")
 
 
+class SpeedLimit(Part):
+    """How fast the vehicle may drive along a stretch of a line.
+
+    It holds wherever the point of the line that is nearest to the vehicle's reference point lies in the stretch: the
+    borders run across the line.
+    """
+
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.stretch_is_not_empty, scenario_checks.line_moves_on)
+
+    from_: NotNegative = Field(alias="from", description="where it begins, m along the line")
+    to: Positive | None = Field(None, description="where it ends, m along the line; null: with the line")
+    speed: Positive = Field(description="m/s")
+    line: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
+        None, description="polyline [[x, y], ...]; null: the guide, or the straight line from start to goal"
+    )
+
+
 class ConfidenceLevel(StrEnum):
     """What the probability is the probability of."""
 
@@ -316,6 +333,8 @@ class Scenario(Part):
         scenario_checks.guide_begins_at_start,
         scenario_checks.guide_ends_at_goal,
         scenario_checks.guide_moves_on,
+        scenario_checks.stretches_begin_on_their_lines,
+        scenario_checks.speeds_keep_to_places,
         scenario_checks.ids_are_unique,
         scenario_checks.start_is_free,
         scenario_checks.observations_are_past,
@@ -333,6 +352,7 @@ class Scenario(Part):
         description="polyline [[x, y], ...] from start to goal that the path is an offset of; null: straight",
     )
     bounds: Bounds | None = Field(None, description="box that the vehicle's disc stays inside; null: none")
+    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by place, besides the vehicle's own")
     confidence: Confidence = Confidence()
     obstacles: tuple[Obstacle, ...] = ()
 

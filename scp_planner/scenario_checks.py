@@ -6,6 +6,7 @@ A rule reads the fields that it needs; where one of them is faulty itself the ru
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -116,6 +117,45 @@ def guide_moves_on(scenario: Any) -> Iterator[Problem]:
     for i in range(1, len(guide)):
         if _same(guide[i - 1], guide[i]):
             yield Problem(("guide", i), guide[i], "must differ from the point before it")
+
+
+def stretch_is_not_empty(limit: Any) -> Iterator[Problem]:
+    """A stretch ends behind its beginning."""
+    if limit.to is not None and limit.to <= limit.from_:
+        yield Problem(("to",), limit.to, f"must be greater than from, {limit.from_:g}")
+
+
+def line_moves_on(limit: Any) -> Iterator[Problem]:
+    """No point of a line is repeated at once."""
+    line = limit.line or ()
+    for i in range(1, len(line)):
+        if _same(line[i - 1], line[i]):
+            yield Problem(("line", i), line[i], "must differ from the point before it")
+
+
+def stretches_begin_on_their_lines(scenario: Any) -> Iterator[Problem]:
+    """A stretch begins before its line ends."""
+    for i, limit in enumerate(scenario.speed_limits):
+        first, line = _known(limit, "from_"), _line_of(limit, scenario)
+        if first is None or line is None:
+            continue
+        length = sum(math.dist(p, q) for p, q in itertools.pairwise(line))
+        if first >= length:
+            yield Problem(("speed_limits", i, "from"), first, f"must be less than {length:g} m, the length of its line")
+
+
+def speeds_keep_to_places(scenario: Any) -> Iterator[Problem]:
+    """The speeds at start and goal are within the limits there."""
+    for i, limit in enumerate(scenario.speed_limits):
+        first, top, line = _known(limit, "from_"), _known(limit, "speed"), _line_of(limit, scenario)
+        if first is None or top is None or line is None:
+            continue
+        last = math.inf if limit.to is None else limit.to
+        for place in ("start", "goal"):
+            end = getattr(scenario, place)
+            if end.speed is not None and end.speed > top and first <= planar.station(end.position, line) <= last:
+                text = f"must be at most {top:g} m/s, the limit of speed_limits[{i}] there"
+                yield Problem((place, "speed"), end.speed, text)
 
 
 def ids_are_unique(scenario: Any) -> Iterator[Problem]:
@@ -282,6 +322,14 @@ def _is_list_of_matrices(covariance: Any) -> bool:
 
 def _same(p: planar.Point, q: planar.Point) -> bool:
     return math.dist(p, q) <= SAME_PLACE * max(1.0, *map(abs, p), *map(abs, q))
+
+
+def _line_of(limit: Any, scenario: Any) -> Any:
+    """The line that a speed limit is along; None if it is faulty."""
+    own = vars(limit).get("line", MISSING)
+    if own is MISSING:
+        return None
+    return own or scenario.guide or (scenario.start.position, scenario.goal.position)
 
 
 def _known(part: Any, *names: str) -> Any:

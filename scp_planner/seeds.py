@@ -150,7 +150,7 @@ class WaySearch:
         self.offsets: Array = OFFSET_STEP * np.arange(-self.middle, self.middle + 1, dtype=np.float64)
         self.delays = delay_step * np.arange(DELAYS)
         self.speeds = (space.start_speed, limits.speed, limits.acceleration)
-        self.fastest = _fastest_times(self.stations, *self.speeds)
+        self.fastest = self._times(self.stations)
         step = space.length / columns
         slower = np.hypot(step, OFFSET_STEP * np.arange(OFFSET_MOVES + 1)) - step
         self.move_cost = slower / limits.speed + SIDEWAYS_COST * np.arange(OFFSET_MOVES + 1)
@@ -158,6 +158,11 @@ class WaySearch:
         self._block()
         self.outside = self._outside_box()
         self._free = self._base_penalty()
+
+    def _times(self, stations: Array) -> Array:
+        """Earliest times at stations without obstacles, s."""
+        profile = self.problem.profile
+        return _fastest_times(stations, *self.speeds) if profile is None else profile.times_at(stations)
 
     def _block(self) -> None:
         """Find the offsets that each obstacle blocks at each station and delay."""
@@ -169,7 +174,7 @@ class WaySearch:
         column = np.repeat(np.arange(count), BETWEEN)
         guide = self.problem.space.guide
         frame = None if guide.straight else guide.frame(station)
-        times = (_fastest_times(station, *self.speeds)[:, None] + self.delays).ravel()
+        times = (self._times(station)[:, None] + self.delays).ravel()
         line = np.repeat(np.arange(len(station)), DELAYS)
         moving = _Blocked.of(zones, zones.moving, times, station, line, frame)
         # What stands is looked at once a line, and is there at all delays.

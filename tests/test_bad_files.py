@@ -104,6 +104,45 @@ CASES = [
     Case("guide ends elsewhere", {"guide": [[0, 0], [9, 0]]}, "guide[1]", "[9.0, 0.0]", "goal.position"),
     Case("guide halts", {"guide": [[0, 0], [5, 0], [5, 0], [20, 0]]}, "guide[2]", "[5.0, 0.0]", "before it"),
     Case("guide of one point", {"guide": [[0, 0]]}, "guide", "[[0, 0]]", "at least 2"),
+    Case(
+        "stretch inside out",
+        {"speed_limits": [{"from": 5, "to": 4, "speed": 1}]},
+        "speed_limits[0].to",
+        "4.0",
+        "greater than from, 5",
+    ),
+    Case(
+        "stretch beyond the guide",
+        {"speed_limits": [{"from": 50, "speed": 1}]},
+        "speed_limits[0].from",
+        "50.0",
+        "the length of its line",
+    ),
+    Case("stretch without a speed", {"speed_limits": [{"from": 5}]}, "speed_limits[0].speed", "missing", "required"),
+    Case(
+        "a stretch that forbids", {"speed_limits": [{"from": 5, "speed": 0}]}, "speed_limits[0].speed", "0", "greater"
+    ),
+    Case(
+        "start too fast for its place",
+        {"speed_limits": [{"from": 0, "speed": 0.5}]},
+        "start.speed",
+        "1.0",
+        "at most 0.5",
+    ),
+    Case(
+        "goal too fast for its place",
+        {"goal.speed": 2, "speed_limits": [{"from": 15, "speed": 1.5}]},
+        "goal.speed",
+        "2.0",
+        "the limit of speed_limits[0] there",
+    ),
+    Case(
+        "line that halts",
+        {"speed_limits": [{"from": 0, "to": 1, "speed": 1, "line": [[0, 5], [0, 5], [1, 5]]}]},
+        "speed_limits[0].line[1]",
+        "[0.0, 5.0]",
+        "before it",
+    ),
     # obstacles
     Case("duplicate ids", {"obstacles.1.id": "crosser"}, "obstacles[1].id", "'crosser'", "obstacles[0]"),
     Case(

@@ -395,5 +395,5 @@ def test_the_check_imports_nothing_of_the_planner() -> None:
         elif isinstance(node, ast.ImportFrom):
             imported.add((node.module or "").split(".")[0])
     assert "scp_planner" not in imported
-    standard = {"__future__", "json", "math", "os", "collections", "dataclasses", "pathlib", "typing"}
+    standard = {"__future__", "itertools", "json", "math", "os", "collections", "dataclasses", "pathlib", "typing"}
     assert imported <= standard | {"numpy", "scipy"}

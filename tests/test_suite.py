@@ -27,6 +27,7 @@ SLOWEST = {  # s: a plan that is slower than this has lost something; about 1 % 
     "out-of-a-pocket": 6.7,
     "overtake-a-truck": 13.65,
     "s-shaped-corridor": 14.65,
+    "slow-past-a-school": 13.0,
     "stop-at-the-goal": 6.2,
     "u-turn-around-a-wall": 8.9,
     "wait-for-a-convoy": 13.9,
@@ -96,6 +97,7 @@ def turned_and_moved(scenario: sp.Scenario, angle: float, shift: Array) -> sp.Sc
         end["position"] = place(end["position"])
         if end["heading"] is not None:
             end["heading"] += angle
+    assert not any(limit["line"] for limit in data["speed_limits"])
     if data["guide"] is not None:
         data["guide"] = [data["start"]["position"], *map(place, data["guide"][1:-1]), data["goal"]["position"]]
     for obstacle in data["obstacles"]:

@@ -7,12 +7,16 @@ and the excess's gradient with respect to a step z = (d theta, d beta, rho): see
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
-from scp_planner.trajectory import Array, Index, Trajectory
+from scp_planner.places import Line, Stretch, limits_at
+from scp_planner.trajectory import Array, Index, Path, Trajectory, TripSpace
+
+BESIDE = 1e-7  # of the travel time; next to a border
+CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend off
 
 
 class OptionalLimit(ABC):
@@ -69,3 +73,126 @@ class EarliestArrival(OptionalLimit):
         gradient = np.zeros((len(index), self.step_size))
         gradient[:, -1] = -trajectory.travel_time
         return gradient
+
+
+@dataclass(frozen=True)
+class _SpeedSites:
+    """Squared speeds in places, and how they depend on a step.
+
+    Attributes
+    ----------
+    parameter, sigma, speed, acceleration : (n,) arrays
+        Normalised station and time, m/s, m/s^2.
+    limit : (n,) array
+        m/s; inf where there is none.
+    """
+
+    parameter: Array
+    sigma: Array
+    speed: Array
+    acceleration: Array
+    limit: Array
+
+
+class SpeedLimits(OptionalLimit):
+    """How fast stretches of a line may be driven: excess v^2 / limit^2 - 1.
+
+    Looked at at the fixed stations, where the path crosses the borders of the stretches, and at the jumps of the
+    acceleration, where the speed peaks.
+
+    Parameters
+    ----------
+    space : TripSpace
+    free : slice
+        The free control points of the offset.
+    stretches : tuple of Stretch
+        In the planning frame, with the speeds to be kept to.
+    """
+
+    name: ClassVar[str] = "speed_limits"
+    reach: ClassVar[float] = 0.6
+
+    def __init__(self, space: TripSpace, free: slice, stretches: tuple[Stretch, ...]) -> None:
+        self.space = space
+        self.free = free
+        self.stretches = stretches
+        self._jumps = space.time_table(space.acceleration.breakpoints[1:-1])
+
+    def tightened(self, more: float) -> SpeedLimits:
+        """Return lower limits."""
+        if more == 0.0:
+            return self
+        lower = tuple(replace(part, speed=part.speed * (1.0 - more)) for part in self.stretches)
+        return SpeedLimits(self.space, self.free, lower)
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return v^2 / limit^2 - 1 in all places."""
+        sites = self._sites(trajectory)
+        return np.where(np.isfinite(sites.limit), (sites.speed / sites.limit) ** 2 - 1.0, -np.inf)
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradient at fixed stations, or at fixed normalised times for jumps.
+
+        At a fixed station d(v^2) = 2 v (C1 db / tau - (v - v0) rho) + 2 a (dS - C2 db - v0 sigma tau rho).
+        """
+        sites, space = self._sites(trajectory), self.space
+        tau, v0 = trajectory.travel_time, space.start_speed
+        sigma, v, scale = sites.sigma[index], sites.speed[index], 1.0 / sites.limit[index] ** 2
+        fixed_time = index >= len(sites.sigma) - len(self._jumps.sigma)
+        a = np.where(fixed_time, 0.0, sites.acceleration[index])
+        table = space.time_table(sigma)
+        theta = (2.0 * a)[:, None] * trajectory.path.arc_length_gradient(sites.parameter[index])[:, self.free]
+        beta = (2.0 * tau * v)[:, None] * table.speed - (2.0 * tau * tau * a)[:, None] * table.distance
+        rho = -2.0 * (v * (v - v0) + a * v0 * tau * sigma)
+        return scale[:, None] * np.concatenate([theta, beta, rho[:, None]], axis=1)
+
+    def _sites(self, trajectory: Trajectory) -> _SpeedSites:
+        space, path = self.space, trajectory.path
+        stations = space.tables.station_parameters
+        gates, sides, speeds = self._gates(path)
+        driven = np.concatenate([path.station_arc_lengths, path.arc_length_at(np.maximum(gates, 0.0))])
+        arrivals = trajectory.arrivals(driven)
+        side = np.concatenate([np.zeros(len(stations)), sides])
+        beside = np.clip(arrivals.sigma + BESIDE * side, 0.0, 1.0)
+        jumps = trajectory.at(self._jumps)
+        return _SpeedSites(
+            np.concatenate([stations, np.maximum(gates, 0.0), jumps.parameter]),
+            np.concatenate([arrivals.sigma, self._jumps.sigma]),
+            np.concatenate([arrivals.speed, jumps.speed]),
+            np.concatenate([space.time_table(beside).acceleration @ trajectory.beta, jumps.acceleration]),
+            np.concatenate(
+                [
+                    limits_at(self.stretches, path.station_positions),
+                    np.where(gates >= 0.0, speeds, np.inf),
+                    limits_at(self.stretches, jumps.path.position),
+                ]
+            ),
+        )
+
+    def _gates(self, path: Path) -> tuple[Array, Array, Array]:
+        """Normalised stations at which the path first crosses each border, -1 if it does not; side; limit.
+
+        The side is that on which the acceleration counts: where the speed is a maximum of two pieces at a border
+        that the acceleration jumps at, before entering and after leaving.
+        """
+        stations = self.space.tables.station_parameters
+        gates: list[float] = []
+        for part in self.stretches:
+            along = part.line.nearest(path.station_positions)
+            gates.extend(_crossing(path, part.line, stations, along, border) for border in (part.first, part.last))
+        sides = np.tile([-1.0, 1.0], len(self.stretches))
+        return np.array(gates), sides, np.repeat([part.speed for part in self.stretches], 2)
+
+
+def _crossing(path: Path, line: Line, stations: Array, along: Array, border: float) -> float:
+    """Normalised station at which a path first crosses a border upwards; -1 if it does not."""
+    cells = np.flatnonzero((along[:-1] < border) & (along[1:] >= border))
+    if len(cells) == 0:
+        return -1.0
+    low, high = stations[cells[0]], stations[cells[0] + 1]
+    slope = (along[cells[0] + 1] - along[cells[0]]) / (high - low)
+    guess = low + (border - along[cells[0]]) / slope
+    for _ in range(CROSSING_STEPS):
+        here = line.nearest(path.points(np.array([guess])).position)[0]
+        guess = min(max(guess + (border - here) / slope, low), high)
+    return float(guess)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 import daqp
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +53,10 @@ def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Soluti
     status = _STATUS.get(int(flag), SolverStatus.FAILED)
     if flag == _CONTRADICTION and not guessed:
         status = SolverStatus.INFEASIBLE
-    return Solution(status, np.asarray(x), np.asarray(info["lam"]))
+    x, multipliers = np.asarray(x), np.asarray(info["lam"])
+    if not isfinite(x.sum() + multipliers.sum()):
+        status = SolverStatus.FAILED  # it may call nothing a number and the best
+    return Solution(status, x, multipliers)
 
 
 def _sense(active: NDArray[np.int8]) -> NDArray[np.int32]:

@@ -1,0 +1,164 @@
+"""Places along a line: which stretch of it a point belongs to, and how fast it may be driven there.
+
+A point belongs to the stretch in which the point of the line lies that is nearest to it. So the borders between
+stretches run across the line, and where the line bends, along the bisectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from scp_planner.scenario import Scenario
+
+Array = NDArray[np.float64]
+SAME_SWITCH = 0.03  # s; the acceleration of a profile changes once in so much time
+
+
+class Line:
+    """A polyline with stations.
+
+    Parameters
+    ----------
+    points : (k, 2) array
+        m.
+    """
+
+    def __init__(self, points: Array) -> None:
+        self.points = np.asarray(points, dtype=float)
+        legs = np.diff(self.points, axis=0)
+        self._lengths = np.hypot(legs[:, 0], legs[:, 1])
+        self._tangents = legs / self._lengths[:, None]
+        self._stations = np.concatenate([[0.0], np.cumsum(self._lengths)])
+        self.length = float(self._stations[-1])
+
+    def nearest(self, points: Array) -> Array:
+        """Stations of the points of the line nearest to points (n, 2), (n,) m."""
+        along, away = self._onto_legs(points)
+        leg = np.argmin(away, axis=1)
+        every = np.arange(len(points))
+        stations: Array = self._stations[leg] + np.clip(along[every, leg], 0.0, self._lengths[leg])
+        return stations
+
+    def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> NDArray[np.bool_]:
+        """Whether any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
+        along, away = self._onto_legs(points)
+        reach = reach[:, None]
+        candidate = away - reach <= away.min(axis=1, keepdims=True) + reach
+        low = self._stations[:-1] + np.clip(along - reach, 0.0, self._lengths)
+        high = self._stations[:-1] + np.clip(along + reach, 0.0, self._lengths)
+        found: NDArray[np.bool_] = np.any(candidate & (high >= first) & (low <= last), axis=1)
+        return found
+
+    def _onto_legs(self, points: Array) -> tuple[Array, Array]:
+        """Stations of points on each leg, not limited to it, and distances from it, (n, legs) m."""
+        offset = points[:, None] - self.points[:-1]
+        along = (offset * self._tangents).sum(axis=2)
+        beyond = along - np.clip(along, 0.0, self._lengths)
+        across = offset[:, :, 0] * self._tangents[:, 1] - offset[:, :, 1] * self._tangents[:, 0]
+        return along, np.hypot(across, beyond)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a line and how fast it may be driven: stations in m, m/s."""
+
+    line: Line
+    first: float
+    last: float
+    speed: float
+
+
+def stretches(scenario: Scenario) -> tuple[Stretch, ...]:
+    """Return the speed limits of a scenario by place, in world coordinates."""
+    found = []
+    for limit in scenario.speed_limits:
+        line = Line(np.array(limit.line or reference_line(scenario)))
+        found.append(Stretch(line, limit.from_, np.inf if limit.to is None else limit.to, limit.speed))
+    return tuple(found)
+
+
+def reference_line(scenario: Scenario) -> tuple[tuple[float, float], ...]:
+    """Return what places are measured along: the guide of a scenario, or the straight line from start to goal."""
+    return scenario.guide or (scenario.start.position, scenario.goal.position)
+
+
+def anchored(scenario: Scenario) -> Scenario:
+    """Return a scenario whose places stay where they are when its start moves on."""
+    if all(limit.line is not None for limit in scenario.speed_limits):
+        return scenario
+    line = reference_line(scenario)
+    limits = tuple(limit.model_copy(update={"line": limit.line or line}) for limit in scenario.speed_limits)
+    return scenario.model_copy(update={"speed_limits": limits})
+
+
+def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
+    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none."""
+    limit = np.full(len(positions), np.inf)
+    for part in parts:
+        station = part.line.nearest(positions)
+        np.minimum(limit, part.speed, out=limit, where=(station >= part.first) & (station <= part.last))
+    return limit
+
+
+@dataclass(frozen=True)
+class SpeedProfile:
+    """The fastest drive along a line.
+
+    Attributes
+    ----------
+    stations, times : (n,) arrays
+        m and s.
+    switches : tuple of float
+        Times at which the acceleration changes, s.
+    """
+
+    stations: Array
+    times: Array
+    switches: tuple[float, ...]
+
+    def times_at(self, stations: Array) -> Array:
+        """Times at which stations (n,) m are reached, s; beyond the end at the last speed."""
+        speed = (self.stations[-1] - self.stations[-2]) / (self.times[-1] - self.times[-2])
+        beyond = np.maximum(stations - self.stations[-1], 0.0) / speed
+        return np.asarray(np.interp(stations, self.stations, self.times) + beyond)
+
+
+def fastest_profile(
+    stations: Array, limits: Array, start: float, goal: float | None, acceleration: float, deceleration: float
+) -> SpeedProfile:
+    """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards.
+
+    Parameters
+    ----------
+    stations : (n,) array
+        Equidistant, m.
+    limits : (n,) array
+        Of the speed there, m/s; cells between two stations are driven no faster than either allows.
+    start, goal : float
+        Speeds at the ends, m/s; None: free.
+    acceleration, deceleration : float
+        m/s^2, both positive.
+    """
+    step = float(stations[1] - stations[0])
+    squared = limits.astype(float) ** 2
+    squared[0] = start**2
+    if goal is not None:
+        squared[-1] = min(squared[-1], goal**2)
+    for i in range(1, len(squared)):
+        squared[i] = min(squared[i], squared[i - 1] + 2.0 * acceleration * step)
+    for i in range(len(squared) - 2, 0, -1):
+        squared[i] = min(squared[i], squared[i + 1] + 2.0 * deceleration * step)
+    speeds = np.sqrt(squared)
+    times = np.concatenate([[0.0], np.cumsum(2.0 * step / np.maximum(speeds[1:] + speeds[:-1], 1e-6))])
+    rates = np.diff(squared) / (2.0 * step)
+    switches: list[float] = []
+    for time in times[1:-1][np.abs(np.diff(rates)) > 0.2 * min(acceleration, deceleration)].tolist():
+        if not switches or time - switches[-1] > SAME_SWITCH:
+            switches.append(time)
+    return SpeedProfile(stations, times, tuple(switches))
