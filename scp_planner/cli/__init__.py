@@ -6,7 +6,7 @@ found, and the best attempt has been written with its status and the reason; 130
 
 from __future__ import annotations
 
-from scp_planner.cli import listings, many, studies, trips
+from scp_planner.cli import exports, listings, many, studies, trips
 from scp_planner.cli.application import ExitCode, add_command, app, main, study_app
 
 __all__ = ["ExitCode", "app", "main"]
@@ -62,6 +62,13 @@ add_command(
     "fit-motion",
     studies.fit_motion,
     "scp-planner fit-motion tracks.csv -o people.yaml",
+)
+add_command(
+    app,
+    "export",
+    exports.export,
+    "scp-planner export plan.json -o plan.csv",
+    "scp-planner export plan.json -o plan.mcap --frame odom",
 )
 add_command(
     app,

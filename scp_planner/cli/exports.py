@@ -1,0 +1,53 @@
+"""The command that writes plans and runs for other programs: export."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scp_planner.cli.options import Quiet, Samples, bad_option, check_target
+from scp_planner.cli.output import start_logging, tell
+
+
+def export(
+    source: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file or run file (JSON).")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Write .csv or .npz: a table; .mcap, or a folder without suffix: messages for ROS 2."
+        ),
+    ],
+    samples: Samples = 200,
+    frame: Annotated[str, typer.Option("--frame", metavar="NAME", help="Frame of messages.")] = "map",
+    body: Annotated[str, typer.Option("--body", metavar="NAME", help="The vehicle in messages.")] = "base_link",
+    epoch: Annotated[
+        float, typer.Option("--epoch", metavar="S", help="ROS time at time 0 of the plan, for messages.")
+    ] = 0.0,
+    quiet: Quiet = False,
+) -> None:
+    """Write a plan or a run for other programs.
+
+    As a table with units in its columns' names, or as messages for ROS 2: nav_msgs/Path and
+    trajectory_msgs/MultiDOFJointTrajectory of a plan, nav_msgs/Odometry and nav_msgs/Path of a run.
+    """
+    from scp_planner.export.files import EXPORT_SUFFIXES, export, load_plan_or_run
+
+    start_logging(quiet, False)
+    suffix = output.suffix.lower()
+    if suffix not in (*EXPORT_SUFFIXES, ""):
+        raise bad_option("--output", output, f"must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix")
+    if suffix in ("", ".mcap") and importlib.util.find_spec("rosbags") is None:
+        raise bad_option("--output", output, "needs rosbags: pip install 'scp-planner[ros]'")
+    if suffix == "" and output.exists():
+        raise bad_option("--output", output, "exists already; a bag's folder must be a new one")
+    check_target("--output", output, source)
+    subject = load_plan_or_run(source)
+    try:
+        export(subject, output, samples=samples, frame=frame, body=body, epoch=epoch)
+    except ValueError as error:
+        raise bad_option("--epoch", epoch, str(error)) from None
+    if not quiet:
+        tell(f"wrote {output}")
