@@ -33,6 +33,8 @@ LEAST_GAP = 1e-5  # relative; convergence curves end here
 def plot_consistency(result: ConsistencyResult, path: str | PathLike[str] | None = None) -> Figure:
     """Draw the means of the study against n on log-log axes, with confidence bands and fitted slopes.
 
+    White dots are means over the repetitions whose minimiser is on the same way as the true one.
+
     Parameters
     ----------
     result : ConsistencyResult
@@ -74,6 +76,9 @@ def _draw_metric(axes: Axes, result: ConsistencyResult, kind: ZoneKind, metric: 
         axes.plot(sizes, [m.mean for m in rows], "o-", color=colour, ms=3, lw=1, label=f"{noise:g} m{fitted}")
         axes.fill_between(sizes, [m.lower for m in rows], [m.upper for m in rows], color=colour, alpha=0.2, lw=0)
         last.append(rows[-1].mean)
+        if metric.of_minimiser:
+            same = result.same_way_means(kind, noise, metric)
+            axes.plot(list(same), list(same.values()), "o", color=colour, mfc="white", ms=3, mew=0.7, zorder=3)
     middle = np.exp(np.mean(np.log(last)))
     theory = middle * (sizes / sizes[-1]) ** metric.exponent
     axes.plot(sizes, theory, ls=DOTTED, color=GREY, lw=1, label=f"theory: slope {metric.exponent:g}")

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from functools import cached_property, lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -32,7 +33,19 @@ RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv",
 BAND = 0.95  # of the confidence bands of means and slopes
 RESAMPLES = 1000
 FEWEST_SIZES = 2  # of n, that a slope is fitted to
+FEWEST_REPETITIONS = 5  # on the same way, that a mean is taken of
 OTHER_WAY = "other_way"
+
+
+class Fit(StrEnum):
+    """What a slope is fitted to."""
+
+    ALL = "all"
+    """All repetitions, from ``fit_from`` on."""
+    SETTLED = "settled"
+    """All repetitions, from where no minimiser is on another way than the true one."""
+    SAME_WAY = "same_way"
+    """From ``fit_from`` on, at each n the repetitions whose minimiser is on the same way as the true one."""
 
 
 @lru_cache(maxsize=1)
@@ -167,6 +180,8 @@ class Slope:
     Attributes
     ----------
     kind, noise, metric
+    fit : str
+        Of what, see :class:`Fit`.
     from_size : int
         Least n of the fit.
     slope, lower, upper : float
@@ -177,6 +192,7 @@ class Slope:
     kind: str
     noise: float
     metric: str
+    fit: str
     from_size: int
     slope: float
     lower: float
@@ -240,10 +256,9 @@ class ConsistencyResult:
 
     @cached_property
     def slopes(self) -> tuple[Slope, ...]:
-        """Slopes of all metrics.
+        """Slopes of all metrics, and of those of minimisers all three fits, where there are sizes enough for them.
 
-        Fitted from ``fit_from`` on, and those of minimisers once more from where all are in the basin of the true one,
-        if that is later. There are none from where fewer than two sizes are left.
+        That from where all have settled is left out where it is that of all.
         """
         rows = []
         for kind, noise in self._groups():
@@ -251,8 +266,10 @@ class ConsistencyResult:
             for metric in METRICS:
                 first = self._slope(kind, noise, metric, self.settings.fit_from)
                 rows.append(first)
-                if metric.of_minimiser and settled is not None and first is not None and settled > first.from_size:
-                    rows.append(self._slope(kind, noise, metric, settled))
+                if metric.of_minimiser:
+                    if settled is not None and first is not None and settled > first.from_size:
+                        rows.append(self._slope(kind, noise, metric, settled, Fit.SETTLED))
+                    rows.append(self.same_way_slope(kind, noise, metric))
         return tuple(row for row in rows if row is not None)
 
     def settled_slope(self, kind: ZoneKind, noise: float, metric: Metric) -> Slope | None:
@@ -262,17 +279,44 @@ class ConsistencyResult:
             first = self.settled_from(kind, noise)
         return None if first is None else self._slope(kind, noise, metric, first)
 
-    def _slope(self, kind: ZoneKind, noise: float, metric: Metric, first: int) -> Slope | None:
+    def same_way_slope(self, kind: ZoneKind, noise: float, metric: Metric) -> Slope | None:
+        """Give the slope of the repetitions that are on the same way, from ``fit_from`` on; None if they are too few.
+
+        Jumps between ways are no part of it; but where many jump, those that stay are the ones with small errors.
+        """
+        found = {
+            size: (mean, resampled)
+            for size, mean, resampled in self._same_way(kind, noise, metric)
+            if size >= self.settings.fit_from
+        }
+        if len(found) < FEWEST_SIZES:
+            return None
+        means, resampled = zip(*found.values(), strict=True)
+        return _slope_of(
+            kind, noise, metric, Fit.SAME_WAY, np.array(list(found)), np.array(means), np.array(resampled).T
+        )
+
+    def same_way_means(self, kind: ZoneKind, noise: float, metric: Metric) -> dict[int, float]:
+        """Means of a metric over the repetitions on the same way, by n, where there are enough of them."""
+        return {size: mean for size, mean, _ in self._same_way(kind, noise, metric)}
+
+    def _same_way(self, kind: ZoneKind, noise: float, metric: Metric) -> Iterator[tuple[int, float, Array]]:
+        """Sizes, means, and means of resampled repetitions, (RESAMPLES,)."""
+        same = self.values(kind, noise, OTHER_WAY) == 0.0
+        random = np.random.default_rng(self.settings.seed)
+        for size, values, mine in zip(self.settings.sizes, self.values(kind, noise, metric.name), same, strict=True):
+            count = int(mine.sum())
+            if count >= FEWEST_REPETITIONS:
+                chosen = random.integers(count, size=(RESAMPLES, count))
+                yield size, float(values[mine].mean()), values[mine][chosen].mean(axis=1)
+
+    def _slope(self, kind: ZoneKind, noise: float, metric: Metric, first: int, fit: Fit = Fit.ALL) -> Slope | None:
         sizes = np.array(self.settings.sizes)
         fitted = sizes >= first
         if fitted.sum() < FEWEST_SIZES:
             return None
         values, resampled = self._resampled(kind, noise, metric.name)
-        x = np.log10(sizes[fitted])
-        slope = float(_fit(x, values.mean(axis=1)[fitted]))
-        lower, upper = _band(_fit(x, resampled[:, fitted]))
-        least = int(sizes[fitted].min())
-        return Slope(kind.value, noise, metric.name, least, slope, float(lower), float(upper), metric.exponent)
+        return _slope_of(kind, noise, metric, fit, sizes[fitted], values.mean(axis=1)[fitted], resampled[:, fitted])
 
     def _groups(self) -> Iterator[tuple[ZoneKind, float]]:
         yield from ((kind, noise) for kind in ZoneKind for noise in self.settings.noises)
@@ -294,31 +338,51 @@ class ConsistencyResult:
         return written
 
     def table(self) -> str:
-        """Write the slopes where the theory applies as a table for a terminal, and how often it does not yet."""
+        """Write for a terminal the slopes where the theory applies, how often it does not, and what then."""
         heads = ["zones", "noise", "settled from n", *(metric.name for metric in METRICS)]
         rows = [["theory", "", "", *(f"{metric.exponent:g}" for metric in METRICS)]]
         for kind, noise in self._groups():
             slopes = [self.settled_slope(kind, noise, metric) for metric in METRICS]
             cells = ("-" if s is None else f"{s.slope:.2f} [{s.lower:.2f}, {s.upper:.2f}]" for s in slopes)
             rows.append([kind.value, f"{noise:g} m", str(self.settled_from(kind, noise) or "-"), *cells])
-        heads_of_shares = ["zones", "noise", *(f"n = {size}" for size in self.settings.sizes)]
-        shares = [
-            [
-                kind.value,
-                f"{noise:g} m",
-                *(f"{share:.0%}" for share in self.values(kind, noise, OTHER_WAY).mean(axis=1)),
-            ]
-            for kind, noise in self._groups()
-        ]
         return "\n".join(
             [
-                "Slopes over n:",
+                "Slopes over n, from where all minimisers are on the same way:",
                 *_lines([heads, *rows]),
                 "",
                 "Minimisers on another way:",
-                *_lines([heads_of_shares, *shares]),
+                *_lines(self._shares()),
+                "",
+                f"Slopes over n >= {self.settings.fit_from}, of all minimisers | of those on the same way:",
+                *_lines(self._both_slopes()),
             ]
         )
+
+    def _shares(self) -> list[list[str]]:
+        """How often minimisers are on another way."""
+        heads = ["zones", "noise", *(f"n = {size}" for size in self.settings.sizes)]
+        shares = (
+            (kind, noise, self.values(kind, noise, OTHER_WAY).mean(axis=1).tolist()) for kind, noise in self._groups()
+        )
+        return [
+            heads,
+            *([kind.value, f"{noise:g} m", *(f"{share:.0%}" for share in row)] for kind, noise, row in shares),
+        ]
+
+    def _both_slopes(self) -> list[list[str]]:
+        """Slopes with the jumps between ways, and without."""
+        metrics = [metric for metric in METRICS if metric.of_minimiser]
+        rows = [["zones", "noise", *(metric.name for metric in metrics)]]
+        for kind, noise in self._groups():
+            cells = []
+            for metric in metrics:
+                pair = (
+                    self._slope(kind, noise, metric, self.settings.fit_from),
+                    self.same_way_slope(kind, noise, metric),
+                )
+                cells.append(" | ".join("-" if slope is None else f"{slope.slope:.2f}" for slope in pair))
+            rows.append([kind.value, f"{noise:g} m", *cells])
+        return rows
 
 
 def _lines(rows: list[list[str]]) -> Iterator[str]:
@@ -332,6 +396,16 @@ def _band(resampled: Array) -> tuple[Array, Array]:
     tail = 0.5 * (1.0 - BAND)
     lower, upper = np.quantile(resampled, [tail, 1.0 - tail], axis=0)
     return lower, upper
+
+
+def _slope_of(
+    kind: ZoneKind, noise: float, metric: Metric, fit: Fit, sizes: NDArray[Any], means: Array, resampled: Array
+) -> Slope:
+    """Fit means (sizes,), with a band from those of resampled repetitions (RESAMPLES, sizes)."""
+    x = np.log10(sizes)
+    lower, upper = _band(_fit(x, resampled))
+    least, slope = int(sizes.min()), float(_fit(x, means))
+    return Slope(kind.value, noise, metric.name, fit.value, least, slope, float(lower), float(upper), metric.exponent)
 
 
 def _fit(x: Array, means: Array) -> Array:
