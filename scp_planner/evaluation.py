@@ -9,11 +9,13 @@ with the minima between samples refined, so that it is a function of the trip an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.bundle import TripBundle
 from scp_planner.constraints import Limit
 from scp_planner.constraints.bounds import box_gaps
 from scp_planner.constraints.kinematics import BendSites, bend_sites
@@ -123,53 +125,78 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
     near : float
         Clearances below this are looked at closely, m.
     """
-    samples = problem.samples
-    points = trajectory.at(samples)
-    clearance = problem.zones.distances(points.time, points.path.position, near)
-    equidistant = clearance[: problem.grid]
-    sample, zone = local_minima(equidistant, near)
-    sigma = refine_minima(samples.sigma[: problem.grid], equidistant, sample, zone)
-    if problem.zones.outlines is not None:
-        _settle_minima(problem, trajectory, points, sample, zone, sigma)
-    minima = trajectory.at(problem.space.time_table(sigma))
-    contacts = problem.zones.contacts(zone, minima.time, minima.path.position)
-    violation = np.zeros(problem.zones.size)
-    if problem.zones.size:
-        np.maximum(-clearance.min(axis=0), 0.0, out=violation)
-        np.maximum.at(violation, zone, -contacts.distance)
-    sites = bend_sites(problem, trajectory, points)
-    gaps = box_gaps(problem, trajectory.path)
-    optional = tuple(limit.excess(trajectory) for limit in problem.optional)
-    return Evaluation(
-        trajectory,
-        points,
-        clearance,
-        minima,
-        zone,
-        contacts,
-        sites,
-        violation,
-        gaps,
-        _limit_violation(problem, trajectory, sites, gaps, optional),
-        optional,
-        0.0 if problem.given is None else problem.given.worst(trajectory),
-    )
+    return evaluate_trips(problem, [trajectory], near)[0]
 
 
-def local_minima(values: Array, below: float) -> tuple[Index, Index]:
-    """Rows and columns of the local minima, along the rows, of the values below a bound, ends included."""
+def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -> list[Evaluation]:
+    """Evaluate several trips at once.
+
+    Parameters
+    ----------
+    problem : Problem
+    trips : sequence of Trajectory
+        At least one.
+    near : float
+        Clearances below this are looked at closely, m.
+    """
+    zones, count = problem.zones, len(trips)
+    bundle = TripBundle(trips)
+    points = bundle.at_each(problem.samples)
+    clearance = zones.distances(points.time, points.path.position, near)
+    clearance = clearance.reshape(count, len(problem.samples.sigma), zones.size)
+    equidistant = clearance[:, : problem.grid]
+    owner, sample, zone = local_minima(equidistant, near)
+    sigma = refine_minima(problem.samples.sigma[: problem.grid], equidistant, owner, sample, zone)
+    if zones.outlines is not None:
+        _settle_minima(problem, bundle, points, owner, sample, zone, sigma)
+    minima = bundle.at(owner, sigma)
+    contacts = zones.contacts(zone, minima.time, minima.path.position)
+    violation = np.zeros((count, zones.size))
+    if zones.size:
+        np.maximum(-clearance.min(axis=1), 0.0, out=violation)
+        np.maximum.at(violation, (owner, zone), -contacts.distance)
+    sites = bend_sites(problem, bundle, points)
+    bounds = bundle.bounds(owner)
+    evaluations = []
+    for k, (trip, its_points, its_minima) in enumerate(
+        zip(trips, bundle.split_each(points), bundle.split(minima, owner), strict=True)
+    ):
+        mine = slice(bounds[k], bounds[k + 1])
+        gaps = box_gaps(problem, trip.path)
+        optional = tuple(limit.excess(trip) for limit in problem.optional)
+        evaluations.append(
+            Evaluation(
+                trip,
+                its_points,
+                clearance[k],
+                its_minima,
+                zone[mine],
+                contacts if count == 1 else contacts.take(mine),
+                sites[k],
+                violation[k],
+                gaps,
+                _limit_violation(problem, trip, sites[k], gaps, optional),
+                optional,
+                0.0 if problem.given is None else problem.given.worst(trip),
+            )
+        )
+    return evaluations
+
+
+def local_minima(values: Array, below: float) -> tuple[Index, Index, Index]:
+    """Where the local minima are, along the second of three axes, of the values below a bound, ends included."""
     low = values < below
-    low[1:] &= values[1:] <= values[:-1]
-    low[:-1] &= values[:-1] < values[1:]
-    row, column = np.nonzero(low)
-    return row, column
+    low[:, 1:] &= values[:, 1:] <= values[:, :-1]
+    low[:, :-1] &= values[:, :-1] < values[:, 1:]
+    owner, row, column = np.nonzero(low)
+    return owner, row, column
 
 
-def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Array:
+def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: Index) -> Array:
     """Abscissae of the minima of parabolas through a sample and its two neighbours, on an equidistant grid."""
     last = len(grid) - 1
     inner = np.minimum(np.maximum(row, 1), last - 1)
-    before, here, after = values[inner - 1, column], values[inner, column], values[inner + 1, column]
+    before, here, after = (values[owner, inner + k, column] for k in (-1, 0, 1))
     bend = before - 2.0 * here + after
     shift = 0.5 * (before - after) / np.where(bend > 0.0, bend, np.inf)
     shift = np.where((row > 0) & (row < last), np.minimum(np.maximum(shift, -1.0), 1.0), row - inner)
@@ -177,7 +204,7 @@ def refine_minima(grid: Array, values: Array, row: Index, column: Index) -> Arra
 
 
 def _settle_minima(
-    problem: Problem, trajectory: Trajectory, points: TripPoints, sample: Index, zone: Index, sigma: Array
+    problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, sample: Index, zone: Index, sigma: Array
 ) -> None:
     """Move minima of the distances to outlines, in place, to where their rates are zero.
 
@@ -190,8 +217,9 @@ def _settle_minima(
         return
     middle, which = sample[rows], zone[rows]
     x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
+    place = middle + len(points.table.sigma) * owner[rows]
     slope = np.stack(
-        [_closing(zones.contacts(which, *_place(points, middle + k)), points, middle + k) for k in (-1, 0, 1)]
+        [_closing(zones.contacts(which, *_place(points, place + k)), points, place + k) for k in (-1, 0, 1)]
     )
     falling = slope[1] < 0.0
     low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
@@ -199,11 +227,11 @@ def _settle_minima(
     bracketed = (below < 0.0) & (above > 0.0)
     rows, which = rows[bracketed], which[bracketed]
     low, high, below, above = low[bracketed], high[bracketed], below[bracketed], above[bracketed]
-    every = np.arange(len(rows))
+    every, whose = np.arange(len(rows)), owner[rows]
     for _ in range(SETTLING_STEPS if len(rows) else 0):
         guess = (low * above - high * below) / (above - below)
         sigma[rows] = guess
-        there = trajectory.at(problem.space.time_table(guess))
+        there = bundle.at(whose, guess)
         rate = _closing(zones.contacts(which, *_place(there, every)), there, every)
         falling = rate < 0.0
         # The end that stays loses weight, lest it stay for ever.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.bundle import TripBundle, stacked
 from scp_planner.constraints import Limit, Rows
 from scp_planner.constraints.bounds import box_rows
 from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
@@ -15,8 +17,11 @@ from scp_planner.constraints.kinematics import (
     goal_speed_rows,
     lateral_rows,
 )
+from scp_planner.constraints.optional import OptionalLimit
 from scp_planner.evaluation import Evaluation
 from scp_planner.problem import Problem
+from scp_planner.trajectory import TripPoints
+from scp_planner.zones import ZoneContacts
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -52,52 +57,85 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     near : float
         Samples with a clearance above this are no candidates, m.
     """
-    trajectory, zones = base.trajectory, problem.zones
-    sample, zone = np.nonzero(base.clearance[: problem.grid : SAMPLE_STRIDE] < near)
-    sample *= SAMPLE_STRIDE
-    points = base.points.take(sample)
-    contacts = zones.contacts(zone, points.time, points.path.position)
-    lateral, bend = problem.limits.lateral_acceleration, problem.limits.curvature
-    stations = np.flatnonzero(np.abs(base.sites.stations.lateral) > (1.0 - LATERAL_REACH) * lateral)
-    bends = np.flatnonzero(np.abs(base.sites.curvature) > (1.0 - CURVATURE_REACH) * bend)
-    walls = np.flatnonzero(base.box_gaps < near)
-    optional = tuple(
-        np.flatnonzero(excess > -limit.reach) for limit, excess in zip(problem.optional, base.optional, strict=True)
-    )
-    minima = np.zeros(len(base.minima_zone), dtype=np.intp)
-    sites = ClearanceSites.of(base.minima_zone, minima, base.minima, base.minima_contacts).joined(
-        ClearanceSites.of(zone, sample, points, contacts)
-    )
+    return linearise_trips(problem, [base], [trust], near)[0]
+
+
+def linearise_trips(
+    problem: Problem, bases: Sequence[Evaluation], trusts: Sequence[TrustRegion], near: float
+) -> list[Rows]:
+    """Linearise several trips at once.
+
+    Parameters
+    ----------
+    problem : Problem
+    bases : sequence of Evaluation
+        At least one trip.
+    trusts : sequence of TrustRegion
+        One for each.
+    near : float
+        Samples with a clearance above this are no candidates, m.
+    """
+    zones = problem.zones
+    bundle = TripBundle([base.trajectory for base in bases])
+    sites = [base.sites for base in bases]
     rows = Rows.stack(
         [
-            clearance_rows(problem, trajectory, sites),
-            lateral_rows(problem, trajectory, base.sites, stations, zones.size + Limit.LATERAL_ACCELERATION),
-            curvature_rows(problem, trajectory, base.sites, bends, zones.size + Limit.CURVATURE),
-            box_rows(problem, base.box_gaps, walls, zones.size + Limit.WORKSPACE_BOUNDS),
-            goal_speed_rows(problem, trajectory, zones.size + Limit.GOAL_SPEED),
+            clearance_rows(problem, bundle, _clearance_sites(problem, bases, near)),
+            lateral_rows(problem, bundle, sites, 1.0 - LATERAL_REACH, zones.size + Limit.LATERAL_ACCELERATION),
+            curvature_rows(problem, sites, 1.0 - CURVATURE_REACH, zones.size + Limit.CURVATURE),
+            box_rows(problem, stacked([base.box_gaps for base in bases]), zones.size + Limit.WORKSPACE_BOUNDS, near),
+            goal_speed_rows(problem, bundle, zones.size + Limit.GOAL_SPEED),
             *[
-                Rows(
-                    limit.gradient(trajectory, index),
-                    -excess[index],
-                    np.full(len(index), zones.size + len(Limit) + number),
-                    index,
-                )
-                for number, (limit, excess, index) in enumerate(
-                    zip(problem.optional, base.optional, optional, strict=True)
-                )
+                Rows.joined([_optional_rows(problem, limit, number, k, base) for k, base in enumerate(bases)])
+                for number, limit in enumerate(problem.optional)
             ],
         ]
     )
-    return rows.take(np.flatnonzero(_reach(problem, rows, trust) >= rows.gap))
+    return rows.take(np.flatnonzero(_reach(problem, rows, trusts) >= rows.gap)).split(len(bases))
 
 
-def _reach(problem: Problem, rows: Rows, trust: TrustRegion) -> Array:
+def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], near: float) -> ClearanceSites:
+    """Places near zones that become rows: minima of clearance, then some of the samples."""
+    zones = problem.zones
+    owner, sample, zone = np.nonzero(stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases]) < near)
+    sample *= SAMPLE_STRIDE
+    table = problem.samples
+    if len(bases) == 1:
+        points = bases[0].points.take(sample)
+        minima, contacts = bases[0].minima, bases[0].minima_contacts
+        whose, which = np.zeros(len(minima.time), dtype=np.intp), bases[0].minima_zone
+    else:
+        points = TripPoints.joined([base.points for base in bases], table)
+        points = points.part(sample + len(table.sigma) * owner, table.take(sample))
+        minima = TripPoints.joined([base.minima for base in bases])
+        contacts = ZoneContacts.joined([base.minima_contacts for base in bases])
+        whose = np.arange(len(bases)).repeat([len(base.minima_zone) for base in bases])
+        which = np.concatenate([base.minima_zone for base in bases])
+    at_samples = zones.contacts(zone, points.time, points.path.position)
+    return ClearanceSites.of(whose, which, np.zeros_like(which), minima, contacts).joined(
+        ClearanceSites.of(owner, zone, sample, points, at_samples)
+    )
+
+
+def _optional_rows(problem: Problem, limit: OptionalLimit, number: int, owner: int, base: Evaluation) -> Rows:
+    excess = base.optional[number]
+    index = np.flatnonzero(excess > -limit.reach)
+    group = np.full(len(index), problem.zones.size + len(Limit) + number)
+    return Rows(
+        limit.gradient(base.trajectory, index), -excess[index], group, index, np.full(len(index), owner, dtype=np.intp)
+    )
+
+
+def _reach(problem: Problem, rows: Rows, trusts: Sequence[TrustRegion]) -> Array:
     """Most that a step inside the trust region can use of each row's gap."""
     free = problem.ends.free
     count = free.stop - free.start
-    box = np.empty(rows.matrix.shape[1])
-    box[:count] = trust.theta * problem.space.tables.leverage[free]
-    box[count:-1] = trust.beta
-    box[-1] = trust.rho
-    reach: Array = np.abs(rows.matrix) @ box
-    return reach
+    boxes = np.empty((len(trusts), rows.matrix.shape[1]))
+    for box, trust in zip(boxes, trusts, strict=True):
+        box[:count] = trust.theta * problem.space.tables.leverage[free]
+        box[count:-1] = trust.beta
+        box[-1] = trust.rho
+    if len(trusts) == 1:
+        reach: Array = np.abs(rows.matrix) @ boxes[0]
+        return reach
+    return np.einsum("ij,ij->i", np.abs(rows.matrix), boxes[rows.owner])

@@ -158,8 +158,8 @@ class SampleTimes:
         grid = problem.samples.sigma[: problem.grid]
         points = trajectory.at(problem.samples.take(np.arange(problem.grid)))
         clearance = problem.zones.distances(points.time, points.path.position, near)
-        row, zone = local_minima(clearance, near)
-        minima = refine_minima(grid, clearance, row, zone)
+        _, row, zone = local_minima(clearance[None], near)
+        minima = refine_minima(grid, clearance[None], np.zeros_like(row), row, zone)
         about = (minima[:, None] + CLUSTER * (grid[1] - grid[0])).ravel()
         return cls.of(problem, np.unique(np.clip(about, 0.0, 1.0)))
 

@@ -178,6 +178,11 @@ class Problem:
     profile: SpeedProfile | None = None
 
     @cached_property
+    def jumps(self) -> TimeTable:
+        """Those of the samples that are breakpoints of the acceleration."""
+        return self.samples.take(slice(self.grid, None))
+
+    @cached_property
     def highest_accelerations(self) -> Array:
         """Upper bounds of the accelerations, (K2,) m/s^2; a given one at the start is its own."""
         return self._bounds(self.limits.acceleration)

@@ -14,7 +14,8 @@ The position at time t is r(s) with S(s; theta) = D, S the arc length of the pat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from math import sqrt
 
@@ -36,6 +37,7 @@ Index = NDArray[np.intp]
 QUADRATURE_ORDER = 6  # Gauss nodes a cell: 4 left jumps of 1e-5 m/s in the speed over ground between cells
 CELLS_PER_SPAN = 5  # the ends of cells are the stations at which curvature is limited
 MAX_BISECTIONS = 60
+_POWERS = np.arange(1, QUADRATURE_ORDER + 1)
 NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
 
 
@@ -59,6 +61,16 @@ class TimeTable:
     def take(self, index: Index | slice) -> TimeTable:
         """Return the table of some of the times."""
         return TimeTable(self.sigma[index], self.acceleration[index], self.speed[index], self.distance[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[TimeTable]) -> TimeTable:
+        """Return several tables as one."""
+        return cls(
+            np.concatenate([part.sigma for part in parts]),
+            np.concatenate([part.acceleration for part in parts]),
+            np.concatenate([part.speed for part in parts]),
+            np.concatenate([part.distance for part in parts]),
+        )
 
 
 @lru_cache(maxsize=64)
@@ -155,6 +167,19 @@ class TripSpace:
             return other if abs(other - near) < near - least else least
         return least
 
+    def station_bend(self, theta: Array) -> PathBend:
+        """Return the curvature at the fixed stations, with its derivatives, of one path (K1,) or of several (K, K1)."""
+        tables = self.tables
+        slope = theta @ tables.station_slopes.T
+        slope /= self.length
+        bend = theta @ tables.station_bends.T
+        bend /= self.length**2
+        if self.station_frame is None:
+            return _curvature(None, slope, slope, bend, np.sqrt(1.0 + slope * slope))
+        offset = theta @ tables.station_rows.T
+        speed = np.hypot(1.0 - self.station_frame.curvature * offset, slope)
+        return _curvature(self.station_frame, offset, slope, bend, speed)
+
     def trajectory(self, theta: Array, beta: Array, near: float = 0.0) -> Trajectory:
         """Return the trip with these control points (m and m/s^2), its travel time from the closed form."""
         path = Path(self, theta)
@@ -188,6 +213,13 @@ class _Tables:
         self.leverage = _leverage(path_degree, path_spans)
         self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
         self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
+
+    def located(self, parameters: Array) -> tuple[Index, Array]:
+        """Cells of normalised stations, and the weights of the cells' nodes in integrals up to there."""
+        scaled = np.minimum(np.maximum(parameters, 0.0), 1.0) * self.cells
+        cell = np.minimum(scaled.astype(np.intp), self.cells - 1)
+        powers = (scaled - cell)[:, None] ** _POWERS
+        return cell, powers @ self.antiderivative
 
     def time_table(self, sigma: Array) -> TimeTable:
         sigma = np.asarray(sigma, dtype=float)
@@ -269,9 +301,22 @@ class PathPoints:
             self.stretch[index],
             self.position[index],
             self.direction[index],
-            self.normal if len(self.normal) == 1 else self.normal[index],
+            self.normal[index] if len(self.normal) == len(self.station) else self.normal,
             self.speed[index],
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[PathPoints]) -> PathPoints:
+        """Return several sets of points as one."""
+        if len(parts) == 1:
+            return parts[0]
+        shared = any(len(part.normal) != len(part.station) for part in parts)
+        normal = _UP if shared else np.concatenate([part.normal for part in parts])
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _POINT_FIELDS}
+        return cls(**joined, normal=normal)
+
+
+_POINT_FIELDS = tuple(field.name for field in fields(PathPoints) if field.name != "normal")
 
 
 @dataclass(frozen=True)
@@ -285,13 +330,31 @@ class PathBend:
     curvature : (n,) array
         1/m, positive to the left.
     value, slope, bend : (n,) arrays
-        Partial derivatives with respect to f, f' and f''.
+        Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere.
     """
 
     curvature: Array
     value: Array
     slope: Array
     bend: Array
+
+    def take(self, index: Index | slice | int) -> PathBend:
+        """Return some of the points."""
+        value = self.value[index] if len(self.value) == len(self.curvature) else self.value
+        return PathBend(self.curvature[index], value, self.slope[index], self.bend[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[PathBend]) -> PathBend:
+        """Return several sets of points as one."""
+        if len(parts) == 1:
+            return parts[0]
+        shared = any(len(part.value) != len(part.curvature) for part in parts)
+        return cls(
+            np.concatenate([part.curvature for part in parts]),
+            _ZERO if shared else np.concatenate([part.value for part in parts]),
+            np.concatenate([part.slope for part in parts]),
+            np.concatenate([part.bend for part in parts]),
+        )
 
 
 @dataclass(frozen=True)
@@ -316,7 +379,6 @@ class Path:
         self.space = space
         self.theta = np.asarray(theta, dtype=float)
         tables = space.tables
-        self._slope_scale = len(space.path.widths) / space.length
         self._slope = tables.node_slopes @ self.theta
         self._slope *= 1.0 / space.length
         if space.frame is None:
@@ -327,64 +389,39 @@ class Path:
             speed = np.sqrt(self.node_stretch**2 + self._slope**2)
         self.node_speed = speed
         cell = space.length / tables.cells
-        self._cells = (speed.reshape(tables.cells, QUADRATURE_ORDER) * cell) @ tables.antiderivative.T
-        self._until = np.zeros(tables.cells + 1)
-        np.cumsum(self._cells.sum(axis=1), out=self._until[1:])
-        self.arc_length = float(self._until[-1])
+        self.cells = (speed.reshape(tables.cells, QUADRATURE_ORDER) * cell) @ tables.antiderivative.T
+        self.until = np.zeros(tables.cells + 1)
+        np.cumsum(self.cells.sum(axis=1), out=self.until[1:])
+        self.arc_length = float(self.until[-1])
 
     def arc_length_at(self, parameters: Array) -> Array:
         """Arc length S up to normalised stations s / length, (n,), in m."""
         scaled = np.clip(np.asarray(parameters, dtype=float), 0.0, 1.0) * self.space.tables.cells
         cell = np.minimum(scaled.astype(np.intp), self.space.tables.cells - 1)
         x = scaled - cell
-        return self._until[cell] + x * evaluate(self._cells, cell, x)
+        return self.until[cell] + x * evaluate(self.cells, cell, x)
 
     def parameter_at(self, distance: Array) -> Array:
         """Normalised station s / length where the arc length equals ``distance``, (n,) m; clamped at the ends."""
         distance = np.minimum(np.maximum(distance, 0.0), self.arc_length)
-        cell = self._until[1:-1].searchsorted(distance, "right")
-        target = distance - self._until[cell]
-        local = self._cells.T[:, cell]
-        # From the inverse of the parabola: the speed |r'| hardly bends within a cell.
-        x = target / local.sum(axis=0)
-        x += (local[1] / local[0]) * x * (1.0 - x)
-        for _ in range(NEWTON_STEPS):
-            value = local[-1] * x
-            slope = value + local[-2]
-            value += local[-2]
-            slope += value
-            slope -= local[-2]
-            for power in range(QUADRATURE_ORDER - 3, -1, -1):
-                value *= x
-                value += local[power]
-                slope *= x
-                slope += value
-            # value is the polynomial over x, and slope the derivative of value * x
-            value *= x
-            value -= target
-            value /= slope
-            x -= value
+        cell = self.until[1:-1].searchsorted(distance, "right")
+        x = inverted(self.cells.T[:, cell], distance - self.until[cell])
         return (cell + x) / self.space.tables.cells
 
     def arc_length_gradient(self, parameters: Array) -> Array:
         """Derivative of the arc length up to normalised stations with respect to theta, (n, K1)."""
-        tables = self.space.tables
-        scaled = np.minimum(np.maximum(parameters, 0.0), 1.0) * tables.cells
-        cell = np.minimum(scaled.astype(np.intp), tables.cells - 1)
-        x = scaled - cell
-        powers = x[:, None] ** np.arange(1, QUADRATURE_ORDER + 1)
-        weights = powers @ tables.antiderivative
-        until, nodes = self._gradients
+        cell, weights = self.space.tables.located(parameters)
+        until, nodes = self.gradients
         return until[cell] + np.matmul(weights[:, None, :], nodes[cell])[:, 0, :]
 
     @cached_property
     def final_gradient(self) -> Array:
         """Derivative of the arc length with respect to theta, (K1,)."""
-        gradient: Array = self._gradients[0][-1]
+        gradient: Array = self.gradients[0][-1]
         return gradient
 
     @cached_property
-    def _gradients(self) -> tuple[Array, Array]:
+    def gradients(self) -> tuple[Array, Array]:
         """D S / d theta at the ends of cells, and d |r'| / d theta at the nodes of each cell, times its width."""
         space, tables = self.space, self.space.tables
         rate = (self._slope / (self.node_speed * tables.cells))[:, None] * tables.node_slopes
@@ -395,92 +432,42 @@ class Path:
         return tables.running_sum @ np.matmul(tables.weights, nodes), nodes
 
     @cached_property
-    def _offset(self) -> Array:
+    def offset_coefficients(self) -> Array:
+        """Local power coefficients of the offset, (spans, P) m."""
         return self.space.path.combine(self.theta)
 
     @cached_property
-    def _offset_bend(self) -> Array:
+    def bend_coefficients(self) -> Array:
+        """Local power coefficients of the offset's second derivative, (spans, P - 2) 1/m."""
         return self.space.path.derivative.derivative.combine(self.theta) / self.space.length**2
 
     @cached_property
-    def _offset_third(self) -> Array:
+    def third_coefficients(self) -> Array:
+        """Local power coefficients of the offset's third derivative, (spans, P - 3) 1/m^2."""
         return self.space.path.derivative.derivative.derivative.combine(self.theta) / self.space.length**3
 
     def points(self, parameters: Array) -> PathPoints:
         """Return the path at normalised stations, (n,)."""
-        space = self.space
-        span, x = space.path.locate(parameters)
-        station = parameters * space.length
-        local = self._offset.T[:, span]
-        offset = local[-1] * x
-        slope = local[-1].copy()
-        offset += local[-2]
-        for power in range(len(local) - 3, -1, -1):
-            slope *= x
-            slope += offset
-            offset *= x
-            offset += local[power]
-        slope *= self._slope_scale
-        if space.frame is None:
-            # Straight guides lie along the x axis of the planning frame, see problem.py.
-            stretch = np.ones_like(station)
-            position = np.empty((len(station), 2))
-            position[:, 0] = station
-            position[:, 1] = offset
-            direction = np.empty_like(position)
-            direction[:, 0] = 1.0
-            direction[:, 1] = slope
-            normal = _UP
-            speed = np.sqrt(1.0 + slope * slope)
-        else:
-            frame = space.guide.frame(station)
-            stretch = 1.0 - frame.curvature * offset
-            position = frame.position + offset[:, None] * frame.normal
-            direction = stretch[:, None] * frame.tangent + slope[:, None] * frame.normal
-            normal = frame.normal
-            speed = np.sqrt(stretch**2 + slope**2)
-        return PathPoints(span, x, station, offset, slope, stretch, position, direction, normal, speed)
+        span, x = self.space.path.locate(parameters)
+        return points_from(self.space, parameters, span, x, self.offset_coefficients.T[:, span])
 
     def bend(self, points: PathPoints) -> PathBend:
         """Return the curvature at points of the path, with its derivatives."""
-        bend = evaluate(self._offset_bend, points.span, points.local)
-        frame = None if self.space.frame is None else self.space.guide.frame(points.station)
-        return _curvature(frame, points.offset, points.slope, bend, points.speed)
+        return bend_from(self.space, points, evaluate(self.bend_coefficients, points.span, points.local))
 
     def curvature_rate(self, points: PathPoints) -> Array:
         """Rate of the curvature along the station at points of the path, (n,) 1/m^2; to the right at breakpoints."""
-        bend = evaluate(self._offset_bend, points.span, points.local)
-        third = evaluate(self._offset_third, points.span, points.local)
-        q, squared = points.slope, points.speed * points.speed
-        if self.space.frame is None:
-            return (third - 3.0 * q * bend * bend / squared) / (squared * points.speed)
-        guide = self.space.guide
-        frame = guide.frame(points.station)
-        k, rate, f = frame.curvature, frame.curvature_rate, points.offset
-        second = guide.curvature_ranges(points.station, np.zeros_like(points.station))[2].lower
-        p = points.stretch
-        p_rate = -rate * f - k * q
-        along, across = -rate * f - 2.0 * k * q, bend + k * p
-        along_rate = -second * f - 3.0 * rate * q - 2.0 * k * bend
-        across_rate = third + rate * p + k * p_rate
-        turn = p * across - q * along
-        turn_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
-        return (turn_rate - 3.0 * turn * (p * p_rate + q * bend) / squared) / (squared * points.speed)
+        return curvature_rate_from(
+            self.space,
+            points,
+            evaluate(self.bend_coefficients, points.span, points.local),
+            evaluate(self.third_coefficients, points.span, points.local),
+        )
 
     @cached_property
     def station_bend(self) -> PathBend:
         """Curvature at the fixed stations, with its derivatives."""
-        space, tables = self.space, self.space.tables
-        offset = tables.station_rows @ self.theta
-        slope = tables.station_slopes @ self.theta
-        slope /= space.length
-        bend = tables.station_bends @ self.theta
-        bend /= space.length**2
-        if space.station_frame is None:
-            speed = np.sqrt(1.0 + slope * slope)
-        else:
-            speed = np.hypot(1.0 - space.station_frame.curvature * offset, slope)
-        return _curvature(space.station_frame, offset, slope, bend, speed)
+        return self.space.station_bend(self.theta)
 
     @cached_property
     def station_positions(self) -> Array:
@@ -494,12 +481,12 @@ class Path:
     @property
     def station_arc_lengths(self) -> Array:
         """Arc length up to the fixed stations, m."""
-        return self._until
+        return self.until
 
     @property
     def station_gradients(self) -> Array:
         """Derivative of the arc length up to the fixed stations with respect to theta, (M, K1)."""
-        return self._gradients[0]
+        return self.gradients[0]
 
     def bend_enclosure(self, points: PathPoints, width: Array) -> BendEnclosure:
         """Enclose |r'| and the rate of the curvature on intervals of the station around points of the path.
@@ -557,6 +544,88 @@ class Path:
         return ranges
 
 
+def inverted(local: Array, target: Array) -> Array:
+    """Parameters x in [0, 1] at which the arc lengths sum_k local[k] x^(k + 1), (order, n), reach targets, (n,)."""
+    # From the inverse of the parabola: the speed |r'| hardly bends within a cell.
+    x = target / local.sum(axis=0)
+    x += (local[1] / local[0]) * x * (1.0 - x)
+    for _ in range(NEWTON_STEPS):
+        value = local[-1] * x
+        slope = value + local[-2]
+        value += local[-2]
+        slope += value
+        slope -= local[-2]
+        for power in range(QUADRATURE_ORDER - 3, -1, -1):
+            value *= x
+            value += local[power]
+            slope *= x
+            slope += value
+        # value is the polynomial over x, and slope the derivative of value * x
+        value *= x
+        value -= target
+        value /= slope
+        x -= value
+    return x
+
+
+def points_from(space: TripSpace, parameters: Array, span: Index, x: Array, local: Array) -> PathPoints:
+    """The path at normalised stations, given the local power coefficients of the offset there, (P, n)."""
+    station = parameters * space.length
+    offset = local[-1] * x
+    slope = local[-1].copy()
+    offset += local[-2]
+    for power in range(len(local) - 3, -1, -1):
+        slope *= x
+        slope += offset
+        offset *= x
+        offset += local[power]
+    slope *= len(space.path.widths) / space.length
+    if space.frame is None:
+        # Straight guides lie along the x axis of the planning frame, see problem.py.
+        stretch = np.ones_like(station)
+        position = np.empty((len(station), 2))
+        position[:, 0] = station
+        position[:, 1] = offset
+        direction = np.empty_like(position)
+        direction[:, 0] = 1.0
+        direction[:, 1] = slope
+        normal = _UP
+        speed = np.sqrt(1.0 + slope * slope)
+    else:
+        frame = space.guide.frame(station)
+        stretch = 1.0 - frame.curvature * offset
+        position = frame.position + offset[:, None] * frame.normal
+        direction = stretch[:, None] * frame.tangent + slope[:, None] * frame.normal
+        normal = frame.normal
+        speed = np.sqrt(stretch**2 + slope**2)
+    return PathPoints(span, x, station, offset, slope, stretch, position, direction, normal, speed)
+
+
+def bend_from(space: TripSpace, points: PathPoints, bend: Array) -> PathBend:
+    """Return the curvature at points of a path, with its derivatives, given that of the offset's slope, (n,) 1/m."""
+    frame = None if space.frame is None else space.guide.frame(points.station)
+    return _curvature(frame, points.offset, points.slope, bend, points.speed)
+
+
+def curvature_rate_from(space: TripSpace, points: PathPoints, bend: Array, third: Array) -> Array:
+    """Return the rate of the curvature along the station, (n,) 1/m^2, given two derivatives of the slope."""
+    q, squared = points.slope, points.speed * points.speed
+    if space.frame is None:
+        return (third - 3.0 * q * bend * bend / squared) / (squared * points.speed)
+    guide = space.guide
+    frame = guide.frame(points.station)
+    k, rate, f = frame.curvature, frame.curvature_rate, points.offset
+    second = guide.curvature_ranges(points.station, np.zeros_like(points.station))[2].lower
+    p = points.stretch
+    p_rate = -rate * f - k * q
+    along, across = -rate * f - 2.0 * k * q, bend + k * p
+    along_rate = -second * f - 3.0 * rate * q - 2.0 * k * bend
+    across_rate = third + rate * p + k * p_rate
+    turn = p * across - q * along
+    turn_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
+    return (turn_rate - 3.0 * turn * (p * p_rate + q * bend) / squared) / (squared * points.speed)
+
+
 def _curvature(frame: GuideFrame | None, offset: Array, slope: Array, bend: Array, speed: Array) -> PathBend:
     """Curvature of g + f n from f, f', f'' and |r'|, with its derivatives."""
     squared = speed * speed
@@ -608,14 +677,33 @@ class TripPoints:
 
     def take(self, index: Index | slice) -> TripPoints:
         """Return some of the points."""
+        return self.part(index, self.table.take(index))
+
+    def part(self, index: Index | slice, table: TimeTable) -> TripPoints:
+        """Return some of the points, given the table of their times."""
         return TripPoints(
-            self.table.take(index),
+            table,
             self.time[index],
             self.distance[index],
             self.speed[index],
             self.acceleration[index],
             self.parameter[index],
             self.path.take(index),
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[TripPoints], table: TimeTable | None = None) -> TripPoints:
+        """Return several sets of points as one; with the table of one of them if that is given."""
+        if table is None:
+            table = TimeTable.joined([part.table for part in parts])
+        return cls(
+            table,
+            np.concatenate([part.time for part in parts]),
+            np.concatenate([part.distance for part in parts]),
+            np.concatenate([part.speed for part in parts]),
+            np.concatenate([part.acceleration for part in parts]),
+            np.concatenate([part.parameter for part in parts]),
+            PathPoints.joined([part.path for part in parts]),
         )
 
 

@@ -48,6 +48,21 @@ class ZoneContacts:
     normal: Array
     rate: Array
 
+    def take(self, index: slice) -> ZoneContacts:
+        """Return some of the contacts."""
+        return ZoneContacts(self.distance[index], self.normal[index], self.rate[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[ZoneContacts]) -> ZoneContacts:
+        """Return several sets of contacts as one."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.distance for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+            np.concatenate([part.rate for part in parts]),
+        )
+
 
 class ZoneBatch:
     """All zones of a plan, in the planning frame, for evaluation at many times at once.

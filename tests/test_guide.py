@@ -226,7 +226,6 @@ def curved_problem_and_trip(degree: int, heading: float | None = 0.1, seed: int 
         lambda: test_linearisation.test_curvature_and_lateral_rows(2),
         test_linearisation.test_box_rows_are_exact,
         test_linearisation.test_rows_out_of_reach_are_left_out_and_cannot_be_violated,
-        test_linearisation.test_gaps_at_another_trip_are_those_of_the_same_sites,
     ],
 )
 def test_rows_over_a_curved_guide(check: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -268,7 +267,10 @@ def test_a_scenario_s_polyline_is_followed() -> None:
     plan = sp.plan(scenario)
     assert plan.certified, plan.reason
     dense(plan, scenario)
-    assert plan.trip.trajectory.space.length > 19.0
+    # The search begins over the polyline, and leaves it for better guides: here nothing stands on the straight line.
+    straight = np.hypot(10.0, 12.0)
+    assert build_problem(scenario, sp.zones(scenario), Settings()).space.length > 1.2 * straight
+    assert plan.trip.trajectory.path.arc_length < 1.05 * straight
 
 
 def test_offsets_stay_where_the_guide_does_not_fold() -> None:

@@ -10,6 +10,7 @@ from scenes import CROSSERS, scene
 from test_zones import observed
 
 import scp_planner as sp
+from scp_planner.bundle import TripBundle
 from scp_planner.constraints.bounds import box_gaps, box_rows
 from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
 from scp_planner.constraints.kinematics import (
@@ -26,6 +27,7 @@ from scp_planner.settings import Settings
 from scp_planner.trajectory import Path, Trajectory
 
 Array = np.ndarray
+ALONE = np.zeros(40, dtype=int)
 BOX = {"min": [-1.0, -1.3], "max": [21.0, 2.0]}
 
 
@@ -72,7 +74,7 @@ def test_clearance_rows(degree: int) -> None:
     zone = np.arange(40) % problem.zones.size
     points = trip.at(table)
     contacts = problem.zones.contacts(zone, points.time, points.path.position)
-    rows = clearance_rows(problem, trip, ClearanceSites.of(zone, np.arange(40), points, contacts))
+    rows = clearance_rows(problem, TripBundle([trip]), ClearanceSites.of(ALONE, zone, np.arange(40), points, contacts))
 
     def distance(other: Trajectory) -> Array:
         there = other.at(table)
@@ -115,10 +117,11 @@ def test_arrival_speed_and_acceleration_rows(degree: int) -> None:
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_curvature_and_lateral_rows(degree: int) -> None:
     problem, trip = problem_and_trip(degree)
-    sites = bend_sites(problem, trip, trip.at(problem.samples))
+    bundle, whose = TripBundle([trip]), np.zeros(0, dtype=int)
+    sites = bend_sites(problem, bundle, trip.at(problem.samples))[0]
     assert len(sites.peaks.speed) > 0, "this trip is to come near the limit"
     stations = np.arange(len(sites.stations.speed))
-    rows = curvature_rows(problem, trip, sites, stations, 0)
+    rows = curvature_rows(problem, [sites], -1.0, 0)
     half = len(stations)
 
     def curvature(other: Trajectory) -> Array:
@@ -129,11 +132,11 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
     np.testing.assert_allclose(rows.gap[:half], 1.0 - curvature(trip))
     np.testing.assert_allclose(rows.gap[half:], 1.0 + curvature(trip))
 
-    lateral = lateral_rows(problem, trip, sites, stations, 0)
+    lateral = lateral_rows(problem, bundle, [sites], -1.0, 0)
 
     def value(other: Trajectory) -> Array:
-        fixed = station_sites(other, problem.space.tables.station_parameters).lateral
-        peaks = station_sites(other, sites.peaks.parameters).lateral
+        fixed = station_sites(TripBundle([other]), whose, problem.space.tables.station_parameters).lateral
+        peaks = station_sites(TripBundle([other]), whose, sites.peaks.parameters).lateral
         there = other.at(problem.samples).take(slice(problem.grid, None))
         jumps = there.speed**2 * other.path.bend(there.path).curvature
         return np.concatenate([fixed, peaks, jumps]) / problem.limits.lateral_acceleration
@@ -155,8 +158,7 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
 def test_box_rows_are_exact() -> None:
     problem, trip = problem_and_trip(0)
     gaps = box_gaps(problem, trip.path)
-    index = np.arange(gaps.size)
-    rows = box_rows(problem, gaps, index, 0)
+    rows = box_rows(problem, gaps[None], 0, np.inf)
     z = np.random.default_rng(3).normal(size=rows.matrix.shape[1])
     there = box_gaps(problem, moved(problem, trip, z).path)
     np.testing.assert_allclose(rows.gap - rows.matrix @ z, there.ravel(), atol=1e-12)

@@ -6,8 +6,9 @@ the offset (m), beta + d beta = b / tau_k^2 those of the acceleration (m/s^2) an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,32 +40,56 @@ class Rows:
         Index of the violation in the merit that the row belongs to.
     key : (m,) array of int
         What the row is about: the same from one linearisation to the next, for warm starts.
+    owner : (m,) array of int
+        Which of several trips the row belongs to.
     """
 
     matrix: NDArray[np.float64]
     gap: NDArray[np.float64]
     group: NDArray[np.intp]
     key: NDArray[np.intp]
+    owner: NDArray[np.intp]
 
     @classmethod
     def stack(cls, parts: list[Rows]) -> Rows:
         """Return the rows of several constraints as one; the place in the list becomes part of the keys."""
-        numbered = [(place, part) for place, part in enumerate(parts) if len(part.gap)]
-        if not numbered:
+        numbered = [
+            replace(part, key=part.key + place * KEYS) if place else part
+            for place, part in enumerate(parts)
+            if len(part.gap)
+        ]
+        return cls.joined(numbered) if numbered else parts[0]
+
+    @classmethod
+    def joined(cls, parts: list[Rows]) -> Rows:
+        """Return several sets of rows as one."""
+        if len(parts) == 1:
             return parts[0]
-        parts = [part for _, part in numbered]
         return cls(
             np.concatenate([part.matrix for part in parts]),
             np.concatenate([part.gap for part in parts]),
             np.concatenate([part.group for part in parts]),
-            np.concatenate([part.key + place * KEYS for place, part in numbered]),
+            np.concatenate([part.key for part in parts]),
+            np.concatenate([part.owner for part in parts]),
         )
 
     @classmethod
     def none(cls, width: int) -> Rows:
         """Return no rows."""
-        return cls(np.zeros((0, width)), np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
+        return cls(np.zeros((0, width)), np.zeros(0), _NONE, _NONE, _NONE)
 
-    def take(self, index: NDArray[np.intp]) -> Rows:
+    def take(self, index: NDArray[np.intp] | slice) -> Rows:
         """Return some of the rows."""
-        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index])
+        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index], self.owner[index])
+
+    def split(self, count: int) -> list[Rows]:
+        """Return the rows of each of several trips, in their order."""
+        if count == 1:
+            return [self]
+        order = np.argsort(self.owner, kind="stable")
+        bounds = self.owner[order].searchsorted(np.arange(count + 1)).tolist()
+        ordered = self.take(order)
+        return [ordered.take(slice(first, last)) for first, last in pairwise(bounds)]
+
+
+_NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)

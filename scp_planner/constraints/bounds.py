@@ -9,7 +9,7 @@ import numpy as np
 
 from scp_planner.constraints import Rows
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, Index, Path
+from scp_planner.trajectory import Array, Path
 
 
 def box_gaps(problem: Problem, path: Path) -> Array:
@@ -29,30 +29,31 @@ def box_gaps(problem: Problem, path: Path) -> Array:
     return box.offsets - path.station_positions @ box.normals.T
 
 
-def box_rows(problem: Problem, gaps: Array, index: Index, group: int) -> Rows:
-    """Return the rows of staying inside, at some stations.
+def box_rows(problem: Problem, gaps: Array, group: int, near: float) -> Rows:
+    """Return the rows of staying inside, where the sides are near.
 
     Parameters
     ----------
     problem : Problem
-    gaps : (M, S) array
-        See :func:`box_gaps`.
-    index : (m,) array of int
-        Into the flattened gaps.
+    gaps : (K, M, S) array
+        See :func:`box_gaps`; of K trips.
     group : int
         Index of the violation in the merit.
+    near : float
+        Gaps above this are no rows, m.
     """
-    if len(index) == 0:
+    owner, station, side = np.nonzero(gaps < near)
+    if len(owner) == 0:
         return Rows.none(problem.step_size)
-    station, side = np.divmod(index, gaps.shape[1])
     tables, frame = problem.space.tables, problem.space.station_frame
     normal = np.array([[0.0, 1.0]]) if frame is None else frame.normal[station]
-    outward = np.einsum("ij,ij->i", np.broadcast_to(normal, (len(index), 2)), problem.box.normals[side])
+    outward = np.einsum("ij,ij->i", np.broadcast_to(normal, (len(owner), 2)), problem.box.normals[side])
     theta = (outward[:, None] * tables.station_rows[station])[:, problem.ends.free]
-    zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
+    zeros = np.zeros((len(owner), problem.space.acceleration_size + 1))
     return Rows(
         np.concatenate([theta, zeros], axis=1),
-        gaps.ravel()[index],
-        np.full(len(index), group, dtype=np.intp),
-        index,
+        gaps[owner, station, side],
+        np.full(len(owner), group, dtype=np.intp),
+        station * gaps.shape[2] + side,
+        owner,
     )

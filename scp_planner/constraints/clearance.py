@@ -15,9 +15,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from scp_planner.bundle import TripBundle
 from scp_planner.constraints import Rows
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, Index, Trajectory, TripPoints
+from scp_planner.trajectory import Array, Index, TripPoints
 from scp_planner.zones import ZoneContacts
 
 MOST_SAMPLES = 100_000
@@ -29,8 +30,9 @@ class ClearanceSites:
 
     Attributes
     ----------
-    zone, sample : (m,) arrays of int
-        Which zone each row is about; number of the sample, or 0 for a minimum between samples, for the row's key.
+    owner, zone, sample : (m,) arrays of int
+        Which of several trips each row is of, and which zone it is about; number of the sample, or 0 for a minimum
+        between samples, for the row's key.
     span, local, parameter : (m,) arrays
         Where the vehicle is on the path.
     sigma : (m,) array
@@ -45,6 +47,7 @@ class ClearanceSites:
         m.
     """
 
+    owner: Index
     zone: Index
     sample: Index
     span: Index
@@ -58,13 +61,14 @@ class ClearanceSites:
     clearance: Array
 
     @classmethod
-    def of(cls, zone: Index, sample: Index, points: TripPoints, contacts: ZoneContacts) -> ClearanceSites:
-        """Return the sites of contacts with zones, (m,), at points of a trip."""
+    def of(cls, owner: Index, zone: Index, sample: Index, points: TripPoints, contacts: ZoneContacts) -> ClearanceSites:
+        """Return the sites of contacts with zones, (m,), at points of trips."""
         path, normal = points.path, contacts.normal
         x, y = normal[:, 0], normal[:, 1]
         along = (x * path.direction[:, 0] + y * path.direction[:, 1]) / path.speed
         sideways = x * path.normal[:, 0] + y * path.normal[:, 1]
         return cls(
+            owner,
             zone,
             sample,
             path.span,
@@ -86,19 +90,19 @@ class ClearanceSites:
 _SITE_FIELDS = tuple(field.name for field in fields(ClearanceSites))
 
 
-def clearance_rows(problem: Problem, trajectory: Trajectory, sites: ClearanceSites) -> Rows:
+def clearance_rows(problem: Problem, bundle: TripBundle, sites: ClearanceSites) -> Rows:
     """Return the rows -dc z <= c at places near zones.
 
     Parameters
     ----------
     problem : Problem
-    trajectory : Trajectory
+    bundle : TripBundle
+        The trips that the sites are of.
     sites : ClearanceSites
     """
-    free = problem.ends.free
-    tau, v0 = trajectory.travel_time, problem.space.start_speed
-    along = sites.along
-    theta = trajectory.path.arc_length_gradient(sites.parameter)
+    free, v0, along = problem.ends.free, problem.space.start_speed, sites.along
+    tau = bundle.of(bundle.travel_times, sites.owner)
+    theta = bundle.arc_length_gradient(sites.owner, sites.parameter)
     theta *= along[:, None]
     theta -= sites.sideways[:, None] * problem.space.path.rows_at(sites.span, sites.local)
     matrix = join_blocks(
@@ -106,7 +110,7 @@ def clearance_rows(problem: Problem, trajectory: Trajectory, sites: ClearanceSit
         (-tau * tau * along)[:, None] * sites.distance_rows,
         -tau * sites.sigma * (along * v0 + sites.rate),
     )
-    return Rows(matrix, sites.clearance, sites.zone, sites.zone * MOST_SAMPLES + sites.sample)
+    return Rows(matrix, sites.clearance, sites.zone, sites.zone * MOST_SAMPLES + sites.sample, sites.owner)
 
 
 def join_blocks(theta: Array, beta: Array, rho: Array) -> Array:

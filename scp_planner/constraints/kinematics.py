@@ -6,21 +6,26 @@ that tau^2 in the acceleration's bounds is replaced by its tangent 2 tau_k tau -
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from scp_planner.bundle import TripBundle, stacked
 from scp_planner.constraints import Rows
 from scp_planner.constraints.clearance import join_blocks
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoints
+from scp_planner.trajectory import Array, Index, PathBend, PathPoints, Trajectory, TripPoints
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.linspace(-0.6, 0.6, 7)  # stations: a peak moves when it is pressed down in one place
 
 QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
 _NOWHERE: Array = np.zeros(0)
+_NOBODY: Index = np.zeros(0, dtype=np.intp)
 
 
 class KinematicRows:
@@ -141,6 +146,24 @@ class StationSites:
         """Lateral acceleration, (n,) m/s^2, signed."""
         return self.speed * self.speed * self.bend.curvature
 
+    def take(self, index: Index | slice) -> StationSites:
+        """Return some of the stations."""
+        return StationSites(self.parameters[index], self.bend.take(index), self.sigma[index], self.speed[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[StationSites]) -> StationSites:
+        """Return several sets of stations as one."""
+        return (
+            parts[0]
+            if len(parts) == 1
+            else cls(
+                np.concatenate([part.parameters for part in parts]),
+                PathBend.joined([part.bend for part in parts]),
+                np.concatenate([part.sigma for part in parts]),
+                np.concatenate([part.speed for part in parts]),
+            )
+        )
+
 
 @dataclass(frozen=True)
 class JumpSites:
@@ -157,57 +180,78 @@ class JumpSites:
     points: TripPoints
     bend: PathBend
 
-    @classmethod
-    def of(cls, problem: Problem, trajectory: Trajectory, points: TripPoints) -> JumpSites:
-        """Return the sites of the jumps of the acceleration, given the trip at the problem's samples."""
-        jumps = points.take(slice(problem.grid, None))
-        return cls(jumps, trajectory.path.bend(jumps.path))
-
     @cached_property
     def lateral(self) -> Array:
         """Lateral acceleration, (n,) m/s^2, signed."""
         return self.points.speed * self.points.speed * self.bend.curvature
 
 
-def bend_sites(problem: Problem, trajectory: Trajectory, points: TripPoints) -> BendSites:
-    """Return curvature and lateral acceleration of a trip where they are limited.
+def bend_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list[BendSites]:
+    """Return curvature and lateral acceleration of trips where they are limited.
 
     Parameters
     ----------
-    problem, trajectory : Problem, Trajectory
+    problem : Problem
+    bundle : TripBundle
     points : TripPoints
-        The trip at the problem's samples. Their jumps, and peaks between stations, are only looked at when some station
-        comes near to the limit.
+        The trips at the problem's samples, one after the other. Jumps, and peaks between stations, are only looked at
+        when some station comes near to the limit.
     """
-    path, tables = trajectory.path, problem.space.tables
-    arrivals = trajectory.arrivals(path.station_arc_lengths)
-    stations = StationSites(tables.station_parameters, path.station_bend, arrivals.sigma, arrivals.speed)
-    if np.abs(stations.lateral).max() < QUIET * problem.limits.lateral_acceleration:
-        return BendSites(stations, _NO_STATIONS, None)
-    peaks = station_sites(trajectory, _lateral_peaks(problem, stations))
-    return BendSites(stations, peaks, JumpSites.of(problem, trajectory, points))
+    parameters, bend = problem.space.tables.station_parameters, bundle.station_bend
+    arrivals = bundle.arrivals_each(bundle.station_arc_lengths)
+    sigma = arrivals.sigma.reshape(bend.curvature.shape)
+    speed = arrivals.speed.reshape(bend.curvature.shape)
+    stations = [StationSites(parameters, bend.take(k), sigma[k], speed[k]) for k in range(bundle.count)]
+    lateral = np.abs(speed * speed * bend.curvature)
+    loud = lateral.max(axis=1) >= QUIET * problem.limits.lateral_acceleration
+    if not loud.any():
+        return [BendSites(station, _NO_STATIONS, None) for station in stations]
+    owner, around = _lateral_peaks(problem, lateral, loud)
+    peaks = station_sites(bundle, owner, around)
+    jumps = _jump_sites(problem, bundle, points)
+    bounds = bundle.bounds(owner)
+    return [
+        BendSites(station, peaks.take(slice(first, last)), jump) if is_loud else BendSites(station, _NO_STATIONS, None)
+        for station, jump, is_loud, (first, last) in zip(stations, jumps, loud, pairwise(bounds), strict=True)
+    ]
 
 
-def _lateral_peaks(problem: Problem, stations: StationSites) -> Array:
-    """Normalised stations around peaks of the lateral acceleration, by parabolas through its largest values."""
-    value = np.abs(stations.lateral)
-    here = value[1:-1]
-    high = (here >= value[:-2]) & (here >= value[2:]) & (here > PEAK_REACH * problem.limits.lateral_acceleration)
-    index = np.flatnonzero(high) + 1
-    before, after = value[index - 1], value[index + 1]
-    bend = before - 2.0 * value[index] + after
+def _lateral_peaks(problem: Problem, value: Array, loud: NDArray[np.bool_]) -> tuple[Index, Array]:
+    """Normalised stations around peaks of the lateral acceleration, (K, M), by parabolas through its largest values."""
+    here = value[:, 1:-1]
+    high = (here >= value[:, :-2]) & (here >= value[:, 2:])
+    high &= here > PEAK_REACH * problem.limits.lateral_acceleration
+    high &= loud[:, None]
+    owner, index = np.nonzero(high)
+    index += 1
+    before, after = value[owner, index - 1], value[owner, index + 1]
+    bend = before - 2.0 * value[owner, index] + after
     shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
-    around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel() / (len(value) - 1)
-    return np.minimum(np.maximum(around, 0.0), 1.0)
+    around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel() / (value.shape[1] - 1)
+    return owner.repeat(len(PEAK_NEIGHBOURS)), np.minimum(np.maximum(around, 0.0), 1.0)
 
 
-def station_sites(trajectory: Trajectory, parameters: Array) -> StationSites:
-    """Return a trip at normalised stations."""
+def _jump_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list[JumpSites]:
+    """Return the sites of the jumps of the acceleration, given the trips at the problem's samples."""
+    table = problem.jumps
+    count, each = len(table.sigma), len(problem.samples.sigma)
+    if bundle.single:
+        jumps = points.part(slice(problem.grid, None), table)
+        return [JumpSites(jumps, bundle.bend(_NOBODY, jumps.path))]
+    index = (each * np.arange(bundle.count)[:, None] + np.arange(problem.grid, each)).ravel()
+    jumps = points.part(index, table)
+    bend = bundle.bend(bundle.owners(count), jumps.path)
+    parts = [slice(k * count, (k + 1) * count) for k in range(bundle.count)]
+    return [JumpSites(jumps.part(part, table), bend.take(part)) for part in parts]
+
+
+def station_sites(bundle: TripBundle, owner: Index, parameters: Array) -> StationSites:
+    """Return trips at normalised stations, (n,)."""
     if len(parameters) == 0:
         return _NO_STATIONS
-    path = trajectory.path
-    arrivals = trajectory.arrivals(path.arc_length_at(parameters))
-    return StationSites(parameters, path.bend(path.points(parameters)), arrivals.sigma, arrivals.speed)
+    arrivals = bundle.arrivals(owner, bundle.arc_length_at(owner, parameters))
+    points = bundle.points(owner, parameters)
+    return StationSites(parameters, bundle.bend(owner, points), arrivals.sigma, arrivals.speed)
 
 
 @dataclass(frozen=True)
@@ -219,31 +263,55 @@ class _StationBasis:
     bends: Array
     arc_length: Array
 
+    @classmethod
+    def at(cls, bundle: TripBundle, owner: Index, parameters: Array) -> _StationBasis:
+        basis = bundle.space.path
+        span, local = basis.locate(parameters)
+        return cls(
+            basis.rows_at(span, local),
+            basis.derivative.rows_at(span, local),
+            basis.derivative.derivative.rows_at(span, local),
+            bundle.arc_length_gradient(owner, parameters),
+        )
 
-def curvature_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, index: Index, group: int) -> Rows:
+    def joined(self, other: _StationBasis) -> _StationBasis:
+        return _StationBasis(
+            np.concatenate([self.rows, other.rows]),
+            np.concatenate([self.slopes, other.slopes]),
+            np.concatenate([self.bends, other.bends]),
+            np.concatenate([self.arc_length, other.arc_length]),
+        )
+
+
+def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, group: int) -> Rows:
     """Return the rows of -limit <= curvature <= limit at fixed stations, relative to the limit.
 
     Both sides are rows: the curvature may change its sign in one step.
 
     Parameters
     ----------
-    problem, trajectory : Problem, Trajectory
-    sites : BendSites
-    index : (m,) array of int
-        Which stations.
+    problem : Problem
+    sites : sequence of BendSites
+        Of K trips.
+    within : float
+        Stations with less than this of the limit are no rows.
     group : int
         Index of the violation in the merit.
     """
-    if len(index) == 0:
+    limit = problem.limits.curvature
+    curvature = stacked([site.curvature for site in sites])
+    owner, station = np.nonzero(np.abs(curvature) > within * limit)
+    if len(owner) == 0:
         return Rows.none(problem.step_size)
-    basis = _fixed_basis(problem, trajectory, index)
-    theta = _bend_gradient(problem, sites.stations.bend, index, basis) / problem.limits.curvature
-    zeros = np.zeros((len(index), problem.space.acceleration_size + 1))
-    value = sites.curvature[index] / problem.limits.curvature
-    return _both_sides(np.concatenate([theta, zeros], axis=1), value, group, index)
+    tables = problem.space.tables
+    rows, slopes, bends = tables.station_rows[station], tables.station_slopes[station], tables.station_bends[station]
+    bend = _bends_at(sites, owner, station, straight=problem.space.guide.straight)
+    theta = _bend_gradient(problem, bend, rows, slopes, bends) / limit
+    zeros = np.zeros((len(owner), problem.space.acceleration_size + 1))
+    return _both_sides(np.concatenate([theta, zeros], axis=1), bend.curvature / limit, group, station, owner)
 
 
-def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, stations: Index, group: int) -> Rows:
+def lateral_rows(problem: Problem, bundle: TripBundle, sites: Sequence[BendSites], within: float, group: int) -> Rows:
     """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
@@ -253,61 +321,73 @@ def lateral_rows(problem: Problem, trajectory: Trajectory, sites: BendSites, sta
 
     Parameters
     ----------
-    problem, trajectory, sites, group
-        As in :func:`curvature_rows`.
-    stations : (m,) array of int
-        Which of the fixed stations; all peaks and jumps are rows.
+    problem : Problem
+    bundle : TripBundle
+        K trips.
+    sites : sequence of BendSites
+        Of these trips.
+    within, group
+        As in :func:`curvature_rows`; all peaks and jumps are rows.
     """
-    limit, peaks = problem.limits.lateral_acceleration, sites.peaks
-    basis = _fixed_basis(problem, trajectory, stations)
-    gradient = _lateral_gradient(problem, trajectory, sites.stations, stations, basis)
-    value, keys = sites.stations.lateral[stations], 3 * stations
-    if len(peaks.parameters):
-        every = np.arange(len(peaks.parameters))
-        basis = _moving_basis(trajectory, peaks.parameters)
-        gradient = np.concatenate([gradient, _lateral_gradient(problem, trajectory, peaks, every, basis)])
-        value, keys = np.concatenate([value, peaks.lateral]), np.concatenate([keys, 3 * every + 1])
-    if sites.jumps is not None and len(sites.jumps.lateral):
-        every = np.arange(len(sites.jumps.lateral))
-        gradient = np.concatenate([gradient, _jump_gradient(problem, trajectory, sites.jumps)])
-        value, keys = np.concatenate([value, sites.jumps.lateral]), np.concatenate([keys, 3 * every + 2])
-    return _both_sides(gradient / limit, value / limit, group, keys)
-
-
-def _fixed_basis(problem: Problem, trajectory: Trajectory, index: Index) -> _StationBasis:
-    tables = problem.space.tables
-    return _StationBasis(
-        tables.station_rows[index],
-        tables.station_slopes[index],
-        tables.station_bends[index],
-        trajectory.path.station_gradients[index],
+    limit, tables = problem.limits.lateral_acceleration, problem.space.tables
+    lateral = stacked([site.stations.lateral for site in sites])
+    owner, station = np.nonzero(np.abs(lateral) > within * limit)
+    if len(owner) == 0:
+        return Rows.none(problem.step_size)
+    fixed = StationSites(
+        tables.station_parameters[station],
+        _bends_at(sites, owner, station, straight=problem.space.guide.straight),
+        stacked([site.stations.sigma for site in sites])[owner, station],
+        stacked([site.stations.speed for site in sites])[owner, station],
     )
+    basis = _StationBasis(
+        tables.station_rows[station],
+        tables.station_slopes[station],
+        tables.station_bends[station],
+        bundle.station_gradients(owner, station),
+    )
+    keys = 3 * station
+    peaks = StationSites.joined([site.peaks for site in sites])
+    if len(peaks.parameters):
+        counts = [len(site.peaks.parameters) for site in sites]
+        peak_owner = np.arange(len(sites)).repeat(counts)
+        basis = basis.joined(_StationBasis.at(bundle, peak_owner, peaks.parameters))
+        fixed = StationSites.joined([fixed, peaks])
+        number = np.concatenate([np.arange(count) for count in counts])
+        keys, owner = np.concatenate([keys, 3 * number + 1]), np.concatenate([owner, peak_owner])
+    gradient, value = _lateral_gradient(problem, bundle, owner, fixed, basis), fixed.lateral
+    loud = [k for k, site in enumerate(sites) if site.jumps is not None]
+    if loud:
+        jumps = [site.jumps for site in sites if site.jumps is not None]
+        count = len(problem.jumps.sigma)
+        jump_owner = np.array(loud).repeat(count)
+        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, jump_owner, jumps)])
+        value = np.concatenate([value, *[jump.lateral for jump in jumps]])
+        keys = np.concatenate([keys, np.tile(3 * np.arange(count) + 2, len(loud))])
+        owner = np.concatenate([owner, jump_owner])
+    return _both_sides(gradient / limit, value / limit, group, keys, owner)
 
 
-def _moving_basis(trajectory: Trajectory, parameters: Array) -> _StationBasis:
-    basis = trajectory.space.path
-    span, local = basis.locate(parameters)
-    return _StationBasis(
-        basis.rows_at(span, local),
-        basis.derivative.rows_at(span, local),
-        basis.derivative.derivative.rows_at(span, local),
-        trajectory.path.arc_length_gradient(parameters),
+def _bends_at(sites: Sequence[BendSites], owner: Index, station: Index, *, straight: bool) -> PathBend:
+    """Curvature of trips at some of their fixed stations."""
+    bends = [site.stations.bend for site in sites]
+    return PathBend(
+        stacked([bend.curvature for bend in bends])[owner, station],
+        bends[0].value if straight else stacked([bend.value for bend in bends])[owner, station],
+        stacked([bend.slope for bend in bends])[owner, station],
+        stacked([bend.bend for bend in bends])[owner, station],
     )
 
 
 def _lateral_gradient(
-    problem: Problem,
-    trajectory: Trajectory,
-    sites: StationSites,
-    index: Index,
-    basis: _StationBasis,
+    problem: Problem, bundle: TripBundle, owner: Index, sites: StationSites, basis: _StationBasis
 ) -> Array:
     space, free = problem.space, problem.ends.free
-    tau, v0 = trajectory.travel_time, space.start_speed
-    table = space.time_table(sites.sigma[index])
-    v, a = sites.speed[index], table.acceleration @ trajectory.beta
-    curvature = sites.bend.curvature[index]
-    theta = (v * v)[:, None] * _bend_gradient(problem, sites.bend, index, basis)
+    tau, v0 = bundle.of(bundle.travel_times, owner), space.start_speed
+    table = space.time_table(sites.sigma)
+    v, curvature = sites.speed, sites.bend.curvature
+    a = bundle.accelerations(owner, table)
+    theta = (v * v)[:, None] * _bend_gradient(problem, sites.bend, basis.rows, basis.slopes, basis.bends)
     theta += (2.0 * curvature * a)[:, None] * basis.arc_length[:, free]
     beta = (2.0 * curvature * tau * v)[:, None] * table.speed
     beta -= (2.0 * curvature * tau * tau * a)[:, None] * table.distance
@@ -315,51 +395,57 @@ def _lateral_gradient(
     return join_blocks(theta, beta, rho)
 
 
-def _jump_gradient(problem: Problem, trajectory: Trajectory, sites: JumpSites) -> Array:
+def _jump_gradient(problem: Problem, bundle: TripBundle, owner: Index, sites: Sequence[JumpSites]) -> Array:
     """Derivative of the lateral acceleration at fixed normalised times, (n, step)."""
-    space, free = problem.space, problem.ends.free
-    tau, v0 = trajectory.travel_time, space.start_speed
-    points, curvature = sites.points, sites.bend.curvature
-    v, table = points.speed, points.table
-    basis = _moving_basis(trajectory, points.parameter)
+    space, free, table = problem.space, problem.ends.free, problem.jumps
+    tau, v0 = bundle.of(bundle.travel_times, owner), space.start_speed
+    bend = PathBend.joined([site.bend for site in sites])
+    path = PathPoints.joined([site.points.path for site in sites])
+    v = np.concatenate([site.points.speed for site in sites])
+    basis = _StationBasis.at(bundle, owner, np.concatenate([site.points.parameter for site in sites]))
     # per m driven, and per m/s
-    driven = v * v * trajectory.path.curvature_rate(points.path) / points.path.speed
-    faster = 2.0 * v * curvature
-    theta = (v * v)[:, None] * _bend_gradient(problem, sites.bend, slice(None), basis)
+    driven = v * v * bundle.curvature_rate(owner, path) / path.speed
+    faster = 2.0 * v * bend.curvature
+    theta = (v * v)[:, None] * _bend_gradient(problem, bend, basis.rows, basis.slopes, basis.bends)
     theta -= driven[:, None] * basis.arc_length[:, free]
-    beta = (tau * faster)[:, None] * table.speed
-    beta += (tau * tau * driven)[:, None] * table.distance
-    return join_blocks(theta, beta, driven * (v0 * tau) * table.sigma - faster * (v - v0))
+    sigma, speed_rows, distance_rows = (
+        np.concatenate([rows] * len(sites)) for rows in (table.sigma, table.speed, table.distance)
+    )
+    beta = (tau * faster)[:, None] * speed_rows
+    beta += (tau * tau * driven)[:, None] * distance_rows
+    return join_blocks(theta, beta, driven * (v0 * tau) * sigma - faster * (v - v0))
 
 
-def _bend_gradient(problem: Problem, bend: PathBend, index: Index | slice, basis: _StationBasis) -> Array:
+def _bend_gradient(problem: Problem, bend: PathBend, rows: Array, slopes: Array, bends: Array) -> Array:
     """Derivative of the curvature at fixed stations with respect to the free offsets, (m, K1 free)."""
     length, free = problem.space.length, problem.ends.free
-    gradient = (bend.slope[index] / length)[:, None] * basis.slopes[:, free]
-    gradient += (bend.bend[index] / length**2)[:, None] * basis.bends[:, free]
+    gradient = (bend.slope / length)[:, None] * slopes[:, free]
+    gradient += (bend.bend / length**2)[:, None] * bends[:, free]
     if not problem.space.guide.straight:
-        gradient += bend.value[index][:, None] * basis.rows[:, free]
+        gradient += bend.value[:, None] * rows[:, free]
     return gradient
 
 
-def goal_speed_rows(problem: Problem, trajectory: Trajectory, group: int) -> Rows:
+def goal_speed_rows(problem: Problem, bundle: TripBundle, group: int) -> Rows:
     """Return the rows of v(1) = goal speed: linear in (b, tau), v0 tau + C1(1) b = v_goal tau.
 
     Parameters
     ----------
-    problem, trajectory : Problem, Trajectory
+    problem : Problem
+    bundle : TripBundle
     group : int
         Index of the violation in the merit, in m/s.
     """
     space, goal = problem.space, problem.ends.goal_speed
     if goal is None:
         return Rows.none(problem.step_size)
-    gradient = np.zeros(problem.step_size)
-    gradient[-1 - space.acceleration_size : -1] = trajectory.travel_time * space.tables.final_speed
-    gradient[-1] = space.start_speed - goal
-    excess = trajectory.final_speed - goal
-    both = np.stack([gradient, -gradient])
-    return Rows(both, np.array([-excess, excess]), np.full(2, group, dtype=np.intp), np.arange(2))
+    gradient = np.zeros((bundle.count, problem.step_size))
+    gradient[:, -1 - space.acceleration_size : -1] = bundle.travel_times[:, None] * space.tables.final_speed
+    gradient[:, -1] = space.start_speed - goal
+    excess = np.array([trip.final_speed - goal for trip in bundle.trips])
+    side, owner = np.arange(2).repeat(bundle.count), np.tile(np.arange(bundle.count), 2)
+    both = np.concatenate([gradient, -gradient])
+    return Rows(both, np.concatenate([-excess, excess]), np.full(len(owner), group, dtype=np.intp), side, owner)
 
 
 def both_gaps(value: Array) -> Array:
@@ -367,13 +453,14 @@ def both_gaps(value: Array) -> Array:
     return np.concatenate([1.0 - value, 1.0 + value])
 
 
-def _both_sides(gradient: Array, value: Array, group: int, key: Index) -> Rows:
+def _both_sides(gradient: Array, value: Array, group: int, key: Index, owner: Index) -> Rows:
     """Rows of -1 <= value + gradient z <= 1."""
     return Rows(
         np.concatenate([gradient, -gradient]),
         both_gaps(value),
         np.full(2 * len(value), group, dtype=np.intp),
         np.concatenate([2 * key, 2 * key + 1]),
+        np.concatenate([owner, owner]),
     )
 
 
