@@ -454,26 +454,39 @@ def _distance_to_polygon(points: Array, corners: Array) -> Array:
 def _distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
     """Distance (n,) to a disc whose centre is somewhere in the confidence ellipse; negative inside.
 
-    The centre moves as a polynomial, fitted to the observations by generalised least squares.
+    The centre moves as a polynomial, fitted to the observations by generalised least squares; what is known beforehand
+    of velocity and acceleration at the last of them counts like observations of these.
     """
     name, model = obstacle["id"], obstacle.get("model") or {}
     seen = obstacle.get("observations")
     if seen is None or seen.get("covariance") is None or "disc" not in obstacle["shape"]:
         raise ValueError(f"obstacle {name!r}: only discs with observations of known covariance can be checked")
-    if model.get("prior") is not None or model.get("process") is not None:
-        raise ValueError(f"obstacle {name!r}: this check knows neither priors nor process noise")
+    if model.get("process") is not None:
+        raise ValueError(f"obstacle {name!r}: this check does not know process noise")
     order = int(model.get("order", 2))
     observed = np.asarray(seen["position"], dtype=float)
     when = np.asarray(seen["time"], dtype=float)
     covariance = np.broadcast_to(np.asarray(seen["covariance"], dtype=float), (when.size, 2, 2))
     weights = np.linalg.inv(covariance)
     # Times are shifted and scaled to [-1, 1] over the observations: the normal equations keep their digits.
-    middle, half = (when.max() + when.min()) / 2.0, max((when.max() - when.min()) / 2.0, 1e-9)
+    middle, half = (when.max() + when.min()) / 2.0, (when.max() - when.min()) / 2.0 or 1.0
     rows = np.vander((when - middle) / half, order + 1, increasing=True)
     # Unknowns: coefficients (order + 1, 2), flattened.
     size = 2 * (order + 1)
-    information = np.einsum("ni,nj,nab->iajb", rows, rows, weights).reshape(size, size)
-    fitted = np.linalg.solve(information, np.einsum("ni,nab,nb->ia", rows, weights, observed).ravel())
+    information = np.einsum("ni,nj,nab->iajb", rows, rows, weights)
+    moments = np.einsum("ni,nab,nb->ia", rows, weights, observed)
+    for derivative, what in ((1, "velocity"), (2, "acceleration")):
+        deviation = (model.get("prior") or {}).get(f"{what}_deviation")
+        if deviation is not None and derivative <= order:
+            powers = np.eye(order + 1)
+            row = [np.polynomial.polynomial.polyder(power, derivative) for power in powers]
+            last = np.array([np.polynomial.polynomial.polyval((when.max() - middle) / half, each) for each in row])
+            last /= half**derivative
+            information += np.einsum("i,j,ab->iajb", last, last, np.eye(2) / float(deviation) ** 2)
+            mean = np.asarray(model["prior"].get(what) or (0.0, 0.0), dtype=float)
+            moments += np.outer(last, mean / float(deviation) ** 2)
+    information = information.reshape(size, size)
+    fitted = np.linalg.solve(information, moments.ravel())
     spread = np.linalg.inv(information).reshape(order + 1, 2, order + 1, 2)
     powers = np.vander((times - middle) / half, order + 1, increasing=True)
     centres = powers @ fitted.reshape(order + 1, 2)

@@ -22,6 +22,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from time import perf_counter
 from typing import Any
 
@@ -38,7 +39,8 @@ from scp_planner.problem import Limits, Problem, build_problem
 from scp_planner.refresh import ObstacleTracks, foreseen
 from scp_planner.remaining import State, remaining_trip
 from scp_planner.scenario import Model, Obstacle, Scenario, Shape, Start
-from scp_planner.scp import ScpLoop
+from scp_planner.scp import FEASIBILITY, FIRST_TRUST, ScpLoop
+from scp_planner.scp import Status as RunStatus
 from scp_planner.seeds import WaySearch, bows, ways
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
@@ -55,6 +57,7 @@ SETTINGS = Settings(clearance_margin=0.01, limit_margin=0.005, samples=100, tole
 """Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
 between samples."""
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
+LOOK_TRUST = TrustRegion(theta=0.7, beta=2.0, rho=0.2)
 NEAR_GOAL = 0.4
 """s. With less of the trip left than this, the last plan is driven to its end if its certificate holds."""
 ARRIVED = 1e-3
@@ -65,8 +68,14 @@ VIOLATION_COST = 5.0
 """s/m. What the entry into a foreseen zone counts, in comparing ways."""
 LOOK_SOONER = 3
 """Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
-FIRST_LOOK_TIME = 0.02
-"""s of wall time, that a look is expected to take before one has been timed."""
+FIRST_LOOK_TIME, LOOK_TIME_DECAY = 0.02, 0.8
+"""s of wall time, that a look is expected to take before one has been timed; and how soon it is forgotten."""
+LOOK_RUNS = 2
+"""Ways that are looked at in turn while there is a plan."""
+FEWEST_LOOK_STEPS = 2
+"""Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way."""
+NEARLY_CLEAR = 5e-3
+"""m. Another way that enters foreseen zones by less than this, which change with each observation, may be driven."""
 SLOWER = 5e-3
 """s. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 EASINGS = (0.6, 0.25, 0.0)
@@ -94,6 +103,14 @@ class OnlinePlan(Plan):
     def safe(self) -> bool:
         """Whether the vehicle can set off: the trip is certified to its end, or a stop from it is."""
         return self.certified or self.stop is not None
+
+
+@dataclass
+class _Way:
+    """Another way round that is being looked at, and the steps of the loop that it took so far."""
+
+    trip: Trip
+    steps: int = 0
 
 
 @dataclass
@@ -164,8 +181,8 @@ class Planner:
         )
         for obstacle in scenario.obstacles:
             self.obstacles.add(obstacle)
-        self._given = anchored(scenario)
-        self._solver: QpSolver = solver_named(settings.solver)
+        self.given = anchored(scenario)
+        self.solver: QpSolver = solver_named(settings.solver)
         self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
         self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
         self._foresight = self.online.foresight
@@ -175,6 +192,7 @@ class Planner:
         self._state: State | None = None
         self._cycle = 0
         self._look_time = FIRST_LOOK_TIME
+        self._others: deque[_Way] = deque()
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
         self._busy = False
 
@@ -283,7 +301,7 @@ class Planner:
         `scp_planner.certify` of this and of a plan that begins now says what the planner says.
         """
         if self._state is None:
-            return self._given
+            return self.given
         return self._scenario_at(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
 
     # what to do
@@ -364,9 +382,9 @@ class Planner:
             time=state.time, position=state.position, heading=state.heading, speed=state.speed, acceleration=None
         )
         changes: dict[str, Any] = {"start": start, "obstacles": ()}
-        if self._given.guide is not None:
-            changes["guide"] = _guide_from(self._given.guide, state.position)
-        return self._given.model_copy(update=changes)
+        if self.given.guide is not None:
+            changes["guide"] = _guide_from(self.given.guide, state.position)
+        return self.given.model_copy(update=changes)
 
     def _moment(self, state: State) -> Moment:
         self._take_in()
@@ -381,7 +399,7 @@ class Planner:
 
     def _answer(self, now: _Replan) -> OnlinePlan:
         last = self.plan if self.plan is not None and self.plan.outcome is not Outcome.BRAKING else None
-        state, goal = now.moment.state, self._given.goal
+        state, goal = now.moment.state, self.given.goal
         if math.dist(state.position, goal.position) <= max(goal.radius, ARRIVED) + self.online.tracking_error:
             return self._standing(now, "arrived")
         if last is not None and last.arrival_time - state.time < NEAR_GOAL:
@@ -389,7 +407,7 @@ class Planner:
             if kept is not None:
                 return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
         problem = self._problem(now)
-        loop = ScpLoop(problem, self._solver)
+        loop = ScpLoop(problem, self.solver)
         ahead = None if self.plan is None else remaining_trip(problem, self.plan.trip, state)
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
@@ -415,53 +433,84 @@ class Planner:
         best: Vetted | None = None
         why, refused = "first plan", ""
         if ahead is not None:
-            run = loop.run(ahead, self.online.iterations, deadline=now.deadline, trust=WARM_TRUST)
+            run = loop.run(ahead, self.online.iterations, deadline=now.deadline, trust=WARM_TRUST, enough=1)
             now.lap("scp")
             found = self._vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
             if isinstance(found, Vetted):
                 best, why = found, "the last plan, continued"
             else:
                 refused = found.why
-        if self._look_is_due(now, best, ahead):
+        if self._look_is_due(now, best):
             began = perf_counter()
             other, said = self._look(now, loop, best)
-            self._look_time = max(0.8 * self._look_time, perf_counter() - began)
+            if self.plan is not None:
+                self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
             if other is not None:
-                best, why = other, "another way round" if ahead is not None else "first plan"
+                best, why = other, "first plan" if self.plan is None else "another way round"
             refused = refused or said
         return best, why if best is not None else refused
 
-    def _look_is_due(self, now: _Replan, best: Vetted | None, ahead: Trajectory | None) -> bool:
+    def _look_is_due(self, now: _Replan, best: Vetted | None) -> bool:
         every = self.online.look_every
-        if best is None or not best.feasible:
+        if best is not None and not best.feasible:
             every = max(every // LOOK_SOONER, 1)
-        due = self.plan is None or ahead is None or self._cycle % every == every - 1
-        # A look cannot be broken off; a plan is worth waiting for only where there is none at all.
-        return due and (self.plan is None or perf_counter() + self._look_time < now.deadline)
+        if self.plan is None:
+            return True  # a plan is worth waiting for only where there is none at all
+        if best is not None and not self._others and self._cycle % every != every - 1:
+            return False
+        # The search for ways cannot be broken off.
+        in_time = perf_counter() + self._look_time < now.deadline
+        if not in_time:
+            self._look_time *= LOOK_TIME_DECAY
+        return in_time
 
     def _look(self, now: _Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
-        """Look for a way that is clearly faster than the best so far, or for any."""
+        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
         cutoff = math.inf
         if best is not None:
             tau = best.trip.trajectory.travel_time + VIOLATION_COST * best.violation
             cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
-        found: Vetted | None = None
+        problem, first = loop.problem, self.plan is None
+        most = self.settings.max_iterations if first else self.online.look_iterations
+        left = most * self.online.first_runs
+        if not self._others:
+            runs = LOOK_RUNS if math.isfinite(cutoff) else self.online.first_runs
+            self._others.extend(_Way(Trip(problem.frame, s)) for s in islice(self._starts(now, problem, cutoff), runs))
+            if best is not None:
+                return None, ""
+        if not first:
+            left = self.online.look_steps * (1 if best is not None else 2)
+        spare: Vetted | None = None
         said = "no way round was found"
-        runs = 1 if math.isfinite(cutoff) else self.online.first_runs
-        iterations = self.online.look_iterations if self.plan is not None else self.settings.max_iterations
-        for number, start in enumerate(self._starts(now, loop.problem, cutoff)):
-            if number >= runs or (number and perf_counter() > now.deadline):
-                break
-            run = loop.run(start, iterations, cutoff, now.deadline)
+        while self._others and left > 0 and perf_counter() <= now.deadline:
+            way = self._others[0]
+            start, trust = way.trip.trajectory, FIRST_TRUST
+            if way.trip.frame != problem.frame:
+                start, trust = remaining_trip(problem, way.trip, now.moment.state), LOOK_TRUST
+            run = loop.run(
+                start, min(left, most - way.steps), cutoff, now.deadline, trust, most if first else FEWEST_LOOK_STEPS
+            )
             now.lap("scp")
-            if run.evaluation.trajectory.travel_time >= cutoff:
-                continue
-            vetted = self._vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
-            if isinstance(vetted, Refusal):
-                said = vetted.why
-            elif vetted.feasible or (best is None and found is None):
-                found, cutoff = vetted, vetted.trip.trajectory.travel_time
-        return found, said
+            evaluation, steps = run.evaluation, max(len(run.record), 1)
+            way.trip, way.steps, left = Trip(problem.frame, evaluation.trajectory), way.steps + steps, left - steps
+            clear = evaluation.worst_violation <= (FEASIBILITY if first else NEARLY_CLEAR)
+            faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
+            ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or way.steps >= most
+            if (clear and faster) or (best is None and spare is None and (ended or left <= 0)):
+                vetted = self._vet(now, problem, evaluation.trajectory, evaluation, way.steps)
+                ended = ended or clear
+                if isinstance(vetted, Refusal):
+                    said = vetted.why
+                elif clear and not first:
+                    self._others.clear()
+                    return vetted, ""
+                elif clear or spare is None:
+                    spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
+            if ended:
+                self._others.popleft()
+        if first:
+            self._others.clear()
+        return spare, said
 
     def _starts(self, now: _Replan, problem: Problem, cutoff: float) -> Iterator[Trajectory]:
         search = WaySearch(problem)
@@ -570,7 +619,7 @@ class Planner:
         else:
             status = PlanStatus.FEASIBLE if vetted.feasible else PlanStatus.INFEASIBLE
         return OnlinePlan(
-            scenario=self._given.name,
+            scenario=self.given.name,
             status=status,
             reason=why,
             trip=vetted.trip,

@@ -58,11 +58,15 @@ class OnlineSettings(Knobs):
         Time that zones are looked at as they are foreseen, see `scp_planner.refresh`. None: the time to react, to the
         next replan and to stop, and somewhat more, since a stop need not begin at once.
     iterations : int
-        Steps of the loop in one replan, at most. More: better plans sooner, and longer replans.
+        Steps of the loop in one replan, at most; one is enough where it ends clear of all zones. More: better plans
+        sooner, and longer replans.
     look_every : int
         Replans from one look at other ways round to the next. Smaller: other ways are found sooner, and more work.
     look_iterations : int
-        Steps of the loop from another way, at most.
+        Steps of the loop from another way, at most. More: ways that need more work are found too.
+    look_steps : int
+        Steps of the loop from other ways in one replan, twice as many where there is nothing to drive: a look is spread
+        over several replans. More: other ways are found sooner, and longer replans.
     first_runs : int
         Ways that a first plan is started from, at most.
     reserve : float
@@ -82,7 +86,8 @@ class OnlineSettings(Knobs):
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 3
     look_every: Annotated[int, Range(1, 1_000_000)] = 10
-    look_iterations: Annotated[int, Range(1, 1000)] = 12
+    look_iterations: Annotated[int, Range(1, 1000)] = 16
+    look_steps: Annotated[int, Range(1, 1000)] = 4
     first_runs: Annotated[int, Range(1, 1000)] = 4
     reserve: Annotated[float, Range(0.0, 60.0, "s")] = 5e-3
     newcomers: Newcomers = field(default_factory=Newcomers)

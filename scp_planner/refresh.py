@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import logging
 import math
-from bisect import bisect
+from bisect import bisect, bisect_left
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
@@ -247,9 +247,8 @@ class ObstacleTracks:
         track = self.tracks[name]
         if track.fixed is not None:
             track.fixed, track.newcomer = None, True  # it does not move as was known
-        if time in track.times[-8:] and any(
-            t == time and z == position for t, z in zip(track.times[-8:], track.positions[-8:], strict=True)
-        ):
+        same = slice(bisect_left(track.times, time), bisect(track.times, time))
+        if position in track.positions[same] or (time, position) in ((t, z) for t, z, _ in track.suspects):
             return "it came twice"
         if self._improbable(track, time, position, covariance):
             track.suspects.append((time, position, covariance))

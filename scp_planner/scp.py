@@ -189,6 +189,7 @@ class ScpLoop:
         cutoff: float = np.inf,
         deadline: float = np.inf,
         trust: TrustRegion = FIRST_TRUST,
+        enough: int | None = None,
     ) -> Run:
         """Improve a trip until it has converged.
 
@@ -202,6 +203,8 @@ class ScpLoop:
             Value of :func:`time.perf_counter` at which the run ends.
         trust : TrustRegion
             The first one.
+        enough : int, optional
+            After so many iterations a feasible trip is good enough, though not the fastest.
         """
         penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
         self._active = None
@@ -247,6 +250,8 @@ class ScpLoop:
                 trust = RETRY_TRUST
             if ended is not None:
                 run.status = ended
+                break
+            if enough is not None and number >= enough and violation <= FEASIBILITY:
                 break
             trust = _resized(trust, step)
             if trust.theta < SMALLEST_TRUST:
