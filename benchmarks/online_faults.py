@@ -102,7 +102,13 @@ class FaultRun:
         return not self.error and not self.refused and not self.unsaid
 
 
-def injected_run(seed: int, kinds: tuple[str, ...] | None = None, deadline: float | None = None) -> FaultRun:
+def injected_run(
+    seed: int,
+    kinds: tuple[str, ...] | None = None,
+    deadline: float | None = None,
+    longest: float = LONGEST,
+    check_every: int = 1,
+) -> FaultRun:
     """Drive one scene with faults.
 
     Parameters
@@ -112,6 +118,10 @@ def injected_run(seed: int, kinds: tuple[str, ...] | None = None, deadline: floa
         Faults; drawn, one or more, if not given.
     deadline : float, optional
         Of each replan, s.
+    longest : float
+        s after which the run ends; faults begin in its first quarter.
+    check_every : int
+        Every so many plans are checked.
     """
     rng = np.random.default_rng([seed, 6])
     data = families.random_scenario(str(rng.choice(["crossing3", "crossing5"])), rng)
@@ -120,18 +130,27 @@ def injected_run(seed: int, kinds: tuple[str, ...] | None = None, deadline: floa
         kinds = tuple(chosen or [str(rng.choice(KINDS))])
     run = FaultRun(seed, kinds)
     try:
-        _Drive(data, rng, run, deadline).go()
+        _Drive(data, rng, run, deadline, longest, check_every).go()
     except Exception:  # whatever it is, it is what this looks for
         run.error = traceback.format_exc()
     return run
 
 
 class _Drive:
-    def __init__(self, data: dict[str, Any], rng: np.random.Generator, run: FaultRun, deadline: float | None) -> None:
+    def __init__(
+        self,
+        data: dict[str, Any],
+        rng: np.random.Generator,
+        run: FaultRun,
+        deadline: float | None,
+        longest: float,
+        check_every: int,
+    ) -> None:
         self.rng, self.run, self.deadline = rng, run, deadline
+        self.longest, self.check_every = longest, check_every
         self.motions = {each["id"]: each["motion"] for each in data["obstacles"]}
         self.sudden: dict[str, np.ndarray] = {}
-        self.faults_begin = float(rng.uniform(0.3, 5.0))
+        self.faults_begin = float(rng.uniform(0.3, 0.25 * longest))
         self.jumps = (str(rng.choice(list(self.motions))), float(rng.choice([0.1, 0.5, LONGEST])))
         angle = rng.uniform(0.0, 2.0 * math.pi)
         self.jump = JUMP * np.array([math.cos(angle), math.sin(angle)])
@@ -167,7 +186,7 @@ class _Drive:
 
     def go(self) -> None:
         number, time = 0, 0.0
-        while time < LONGEST:
+        while time < self.longest:
             plan = self.planner.replan(time, self.position, self.heading, self.speed, deadline=self.deadline)
             self._judge(plan, time)
             if plan.reason == "arrived" or (plan.outcome is not Outcome.BRAKING and plan.arrival_time <= time + PERIOD):
@@ -217,7 +236,7 @@ class _Drive:
         run.outcomes[str(plan.outcome)] += 1
         run.unsaid += not plan.reason
         run.slowest = max(run.slowest, plan.wall_time)
-        if not (plan.certified or plan.stop):
+        if not (plan.certified or plan.stop) or run.cycles % self.check_every:
             return
         scenario = self.planner.scenario
         data, regions = scenario.to_dict(), _regions(scenario)

@@ -413,11 +413,13 @@ class Planner:
         best, why = self._improve(now, loop, None if last is None else ahead)
         if best is None:
             return self._fall_back(now, problem, last, ahead, why)
-        if last is not None and best.arrival > last.arrival_time + SLOWER:
+        later = last is not None and best.arrival > last.arrival_time + SLOWER
+        if last is not None and (later or (last.certified and not best.certified)):
             kept = self._vetting.vet_kept(now.moment, last.trip)
             now.lap("certificate")
             if kept is not None:
-                return self._plan_of(kept, now, Outcome.KEPT, "it holds, and is faster than what was found")
+                why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
+                return self._plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
         return self._plan_of(best, now, Outcome.IMPROVED, why)
 
     def _problem(self, now: _Replan) -> Problem:

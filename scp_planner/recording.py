@@ -339,7 +339,7 @@ def body_of(shape: Shape) -> tuple[Array, bool]:
     return np.array(shape.polygon), False
 
 
-def _convex_pieces(zone: ThreatZone) -> list[ThreatZone]:
+def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
     """Give zones of which a zone is the union, and that are convex, so that their support functions tell all."""
     if len(zone.outlines) < 2:
         return [zone]
@@ -359,7 +359,7 @@ def _record_obstacle(
         body=body,
         turns=turns,
         padded=seen is not None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
-        boundary=np.stack([boundary_of(piece, time) for piece in _convex_pieces(zone)], axis=1),
+        boundary=np.stack([boundary_of(piece, time) for piece in convex_pieces_of(zone)], axis=1),
         clearance=clearance,
         truth=truth,
         observed=None if seen is None else np.array(seen.position),

@@ -21,6 +21,7 @@ from scp_planner.plan import Plan
 from scp_planner.polynomials import PiecewisePolynomials
 from scp_planner.scenario import Disc, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation
+from scp_planner.shapes import Outline
 from scp_planner.zones import ThreatZone
 
 if TYPE_CHECKING:
@@ -31,6 +32,37 @@ Array = NDArray[np.float64]
 PLAN_SAMPLES = 21
 STRANGER = Disc(disc=0.3)
 """What an obstacle that is not in the scenario looks like, if nothing else is said."""
+
+
+@dataclass(frozen=True)
+class OutlineRecord:
+    """A convex outline: the numbers of an `Outline`.
+
+    Attributes
+    ----------
+    vertices, matrix : nested tuples or None
+        Of a polygon, (V, 2) m, or of an ellipse, (3,) m2.
+    turning : bool
+    """
+
+    vertices: tuple[Any, ...] | None
+    matrix: tuple[float, ...] | None
+    turning: bool
+
+    @classmethod
+    def of(cls, outline: Outline) -> Self:
+        """Write down an outline."""
+        vertices, matrix = outline.vertices, outline.matrix
+        return cls(
+            None if vertices is None else _tuples(vertices.tolist()),
+            None if matrix is None else tuple(matrix.tolist()),
+            outline.turning,
+        )
+
+    def outline(self) -> Outline:
+        """The outline."""
+        vertices, matrix = (None if part is None else np.array(part) for part in (self.vertices, self.matrix))
+        return Outline(vertices, matrix, self.turning)
 
 
 @dataclass(frozen=True)
@@ -46,6 +78,8 @@ class ZoneRecord:
         s.
     center, covariance : nested tuples
         Coefficients, (S, P, 2) and (S, P, 3); the covariance is None where the motion is known.
+    outlines : tuple of OutlineRecord
+        None for a disc.
     """
 
     id: str
@@ -54,6 +88,7 @@ class ZoneRecord:
     center: tuple[Any, ...]
     covariance_breakpoints: tuple[float, ...] | None
     covariance: tuple[Any, ...] | None
+    outlines: tuple[OutlineRecord, ...] = ()
 
     @classmethod
     def of(cls, zone: ThreatZone) -> Self:
@@ -66,6 +101,7 @@ class ZoneRecord:
             _tuples(zone.centers.coefficients[0].tolist()),
             None if spread is None else tuple(spread.breakpoints[0].tolist()),
             None if spread is None else _tuples(spread.coefficients[0].tolist()),
+            tuple(OutlineRecord.of(outline) for outline in zone.outlines),
         )
 
     def zone(self) -> ThreatZone:
@@ -74,7 +110,8 @@ class ZoneRecord:
         if self.covariance is not None:
             spread = PiecewisePolynomials(np.array([self.covariance_breakpoints]), np.array([self.covariance]))
         centers = PiecewisePolynomials(np.array([self.breakpoints]), np.array([self.center]))
-        return ThreatZone(self.id, self.radius, centers, spread)
+        outlines = tuple(record.outline() for record in self.outlines)
+        return ThreatZone(self.id, self.radius, centers, spread, outlines)
 
 
 @dataclass(frozen=True)
@@ -301,6 +338,10 @@ def _record_to_dict(record: Cycle) -> dict[str, Any]:
                 if zone.covariance_breakpoints is None
                 else [_finite(b) for b in zone.covariance_breakpoints],
                 "covariance": zone.covariance,
+                "outlines": [
+                    {"vertices": outline.vertices, "matrix": outline.matrix, "turning": outline.turning}
+                    for outline in zone.outlines
+                ],
             }
             for zone in record.zones
         ],
@@ -343,6 +384,10 @@ def _record_from_dict(data: dict[str, Any]) -> Cycle:
                 if zone["covariance_breakpoints"] is None
                 else tuple(_infinite(b) for b in zone["covariance_breakpoints"]),
                 None if zone["covariance"] is None else _tuples(zone["covariance"]),
+                tuple(
+                    OutlineRecord(_tuples(outline["vertices"]), _tuples(outline["matrix"]), outline["turning"])
+                    for outline in zone.get("outlines", ())
+                ),
             )
             for zone in data["zones"]
         ),

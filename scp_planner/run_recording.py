@@ -13,6 +13,7 @@ from scp_planner.recording import (
     Recording,
     body_of,
     boundary_of,
+    convex_pieces_of,
     length_text,
     profiles_of,
 )
@@ -93,7 +94,8 @@ def _obstacle(
     """Put together what the cycles knew of one obstacle."""
     count = len(time)
     center, heading = np.full((count, 2), np.nan), np.zeros(count)
-    boundary, clearance = np.full((count, 1, BOUNDARY_POINTS, 2), np.nan), np.full(count, np.nan)
+    parts = max([len(zone[name].outlines) or 1 for zone in zones if name in zone], default=1)
+    boundary, clearance = np.full((count, parts, BOUNDARY_POINTS, 2), np.nan), np.full(count, np.nan)
     radius = 0.0
     for number in np.unique(cycle):
         zone = zones[number].get(name)
@@ -103,7 +105,8 @@ def _obstacle(
         center[now] = zone.center(time[now])
         velocity = zone.center(time[now] + 1e-3) - zone.center(time[now] - 1e-3)
         heading[now] = np.arctan2(velocity[:, 1], velocity[:, 0])
-        boundary[now, 0] = boundary_of(zone, time[now], BOUNDARY_POINTS)
+        for part, piece in enumerate(convex_pieces_of(zone)):
+            boundary[now, part] = boundary_of(piece, time[now], BOUNDARY_POINTS)
         clearance[now] = zone.signed_distance(time[now], position[now]) - run.scenario.vehicle.radius
         radius = zone.radius
     shapes = {obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}
