@@ -11,13 +11,16 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format lock clean
+.PHONY: help demo docs test lint format lock clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1: /p' $(MAKEFILE_LIST)
 
 demo: $(INSTALLED)  ## plan a built-in scenario; writes ./demo/
 	$(BIN)/scp-planner demo
+
+docs: $(INSTALLED)  ## build the documentation into site/
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 test: lint  ## lint, type check and run the tests
 	$(BIN)/pytest -n 2
@@ -34,13 +37,13 @@ format: $(INSTALLED)  ## lay out the code and mend what ruff can
 lock:  ## pin anew what pyproject.toml asks for
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/pip install --quiet uv
-	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra plot --extra dev --universal --upgrade --generate-hashes \
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --extra plot --extra docs --extra dev --universal --upgrade --generate-hashes \
 	    --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" --quiet \
 	    --output-file requirements-lock.txt
 	rm -rf $(VENV)-lock
 
 clean:  ## remove the environment and the caches
-	rm -rf $(VENV) $(VENV)-lock demo .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-lock demo site .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 $(INSTALLED): pyproject.toml requirements-lock.txt
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed; try: make PYTHON=python3.11") if sys.version_info < (3, 11) else 0'

@@ -31,7 +31,7 @@ def assert_is_picture(path: Path) -> None:
 
 
 def test_every_example_is_tested_here() -> None:
-    tested = {"compare_methods", "crossing", "overtaking", "noisy_radar", "recorded_crowd", "watch"}
+    tested = {"compare_methods", "crossing", "overtaking", "own_constraint", "noisy_radar", "recorded_crowd", "watch"}
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
 
 
@@ -46,7 +46,7 @@ def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: py
     assert len(table.read_text().splitlines()) == 9
 
 
-@pytest.mark.parametrize("name", ["crossing", "overtaking", "noisy_radar"])
+@pytest.mark.parametrize("name", ["crossing", "overtaking", "noisy_radar", "own_constraint"])
 def test_example_ends_in_a_figure(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figure = tmp_path / "figure.png"
     assert load(name).main(["-o", str(figure)]) == 0

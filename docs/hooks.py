@@ -1,0 +1,88 @@
+"""What MkDocs does with this project's pages besides its plugins: tables of the scenario file, from its JSON schema."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from scp_planner import Scenario
+
+TABLES = "<!-- tables of the scenario file -->"
+NAMES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "null"}
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put the tables where a page wants them."""
+    return markdown.replace(TABLES, tables()) if TABLES in markdown else markdown
+
+
+def tables() -> str:
+    """Give a table of keys for the scenario and for each of its parts."""
+    schema = Scenario.json_schema()
+    parts = {name: part for name, part in schema["$defs"].items() if "properties" in part}
+    order = ["Scenario", *_in_order(schema, parts, [])]
+    sections = [_section(name, schema if name == "Scenario" else parts[name], parts) for name in order]
+    return "\n\n".join(sections)
+
+
+def _in_order(schema: Any, parts: dict[str, Any], found: list[str]) -> list[str]:
+    """Names of the parts, each after the first one that has it."""
+    if isinstance(schema, dict):
+        name = str(schema.get("$ref", "")).rpartition("/")[2]
+        if name in parts and name not in found:
+            found.append(name)
+            _in_order(parts[name].get("properties"), parts, found)
+        for key, value in schema.items():
+            if key != "$defs":
+                _in_order(value, parts, found)
+    elif isinstance(schema, list):
+        for item in schema:
+            _in_order(item, parts, found)
+    return found
+
+
+def _section(name: str, schema: dict[str, Any], parts: dict[str, Any]) -> str:
+    required = schema.get("required", [])
+    rows = [
+        f"| `{key}` | {_kind(value, parts)} | {_default(key, value, required)} | {value.get('description', '')} |"
+        for key, value in schema["properties"].items()
+    ]
+    text = " ".join(schema.get("description", "").split("\n\n")[0].split())
+    lines = [f"## {name}", "", text, "", "| key | value | default | |", "| --- | --- | --- | --- |", *rows]
+    return "\n".join(lines)
+
+
+def _default(key: str, schema: dict[str, Any], required: list[str]) -> str:
+    if key in required:
+        return "required"
+    default = schema.get("default")
+    if isinstance(default, dict):
+        return "its defaults"
+    return f"`{json.dumps(default)}`" if default is not None else "null"
+
+
+def _kind(schema: dict[str, Any], parts: dict[str, Any]) -> str:
+    """Say in a few words what a value may be; parts are links to their tables."""
+    if "$ref" in schema:
+        name = schema["$ref"].rpartition("/")[2]
+        if name in parts:
+            return f"[{name}](#{name.lower()})"
+        return " or ".join(f"`{word}`" for word in Scenario.json_schema()["$defs"][name]["enum"])
+    for key in ("anyOf", "oneOf", "allOf"):
+        if key in schema:
+            return " or ".join(dict.fromkeys(_kind(option, parts) for option in schema[key]))
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    if "enum" in schema:
+        return " or ".join(f"`{word}`" for word in schema["enum"])
+    if schema.get("type") == "array":
+        if "prefixItems" in schema:
+            return "[" + ", ".join(_kind(item, parts) for item in schema["prefixItems"]) + "]"
+        return f"list of {_kind(schema.get('items', {}), parts)}"
+    return f"{NAMES.get(schema.get('type', ''), 'object')}{_range(schema)}"
+
+
+def _range(schema: dict[str, Any]) -> str:
+    words = {"exclusiveMinimum": "> {}", "minimum": "≥ {}", "exclusiveMaximum": "< {}", "maximum": "≤ {}"}
+    told = [text.format(schema[key]) for key, text in words.items() if key in schema and abs(schema[key]) < 1e12]
+    return f" {', '.join(told)}" if told else ""

@@ -1,0 +1,78 @@
+"""Draws the figures of `gallery.md` and of the tutorial anew: `python -m docs.make_gallery`, at the root.
+
+Every example is run as a user would run it. The one of real people needs the recorded data: set SCP_PLANNER_DATA to
+their folder.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import runpy
+import sys
+import tempfile
+from pathlib import Path
+from unittest.mock import patch
+
+from PIL import Image
+
+import scp_planner as sp
+from scp_planner.plotting import plot_plan
+
+DOCS = Path(__file__).resolve().parent
+EXAMPLES = DOCS.parent / "examples"
+GALLERY = DOCS / "figures" / "gallery"
+WIDTH = 1000  # pixels
+MAKES_FOLDERS = {"watch"}
+
+
+def main() -> None:
+    """Write every figure."""
+    GALLERY.mkdir(exist_ok=True)
+    for example in sorted(EXAMPLES.glob("*.py")):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            target = folder if example.stem in MAKES_FOLDERS else folder / f"{example.stem}.png"
+            if _run(example, "-o", str(target)) != 0:
+                logging.warning("no figure of %s", example.name)
+                continue
+            for figure in (*folder.glob("*.png"), *folder.glob("*.gif")):
+                _shrink(figure, GALLERY / f"{example.stem}{figure.suffix}")
+    _draw_tutorial()
+
+
+def _run(example: Path, *arguments: str) -> int:
+    with patch.object(sys, "argv", [str(example), *arguments]):
+        try:
+            runpy.run_path(str(example), run_name="__main__")
+        except SystemExit as end:
+            return int(end.code or 0)
+    return 0
+
+
+def _shrink(source: Path, target: Path) -> None:
+    """Copy a picture, no wider than the page and with no more colours than it needs."""
+    if source.suffix == ".gif":
+        target.write_bytes(source.read_bytes())
+        return
+    with Image.open(source) as picture:
+        height = round(picture.height * WIDTH / picture.width)
+        small = picture.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
+        small.quantize(256).save(target, optimize=True)
+
+
+def _draw_tutorial() -> None:
+    """Plan the scene of the tutorial, as its page has it."""
+    text = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+    found = re.search(r'```yaml title="warehouse.yaml"\n(.*?)```', text, flags=re.DOTALL)
+    assert found is not None
+    with tempfile.TemporaryDirectory() as name:
+        file, figure = Path(name) / "warehouse.yaml", Path(name) / "plan.png"
+        file.write_text(found.group(1), encoding="utf-8")
+        scenario = sp.Scenario.load(file)
+        plot_plan(sp.plan(scenario), scenario, figure)
+        _shrink(figure, DOCS / "figures" / "tutorial_plan.png")
+
+
+if __name__ == "__main__":
+    main()
