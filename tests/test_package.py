@@ -114,7 +114,7 @@ for name in {names!r}:
 
 def test_the_readme_shows_code_that_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```(python|yaml)\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    blocks = re.findall(r"```(python|yaml)[^\n]*\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     code = next(text for language, text in blocks if language == "python")
     text = next(text for language, text in blocks if language == "yaml")
     names: dict[str, Any] = {}
