@@ -223,16 +223,15 @@ def _descent_trial(
 
 
 class _WatchedLoop(ScpLoop):
-    """The loop, with every trip that it evaluates written down."""
+    """The loop, with every trip that it steps to written down."""
 
     moments: list[Moment]
     began: float
 
-    def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation | None:
-        candidate = super()._candidate(trajectory, z)
-        moved = trajectory if candidate is None else candidate.trajectory
-        self.moments.append(Moment(len(self.moments), perf_counter() - self.began, moved))
-        return candidate
+    def _moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
+        moved = super()._moved(trajectory, z)
+        self.moments.append(Moment(len(self.moments), perf_counter() - self.began, moved or trajectory))
+        return moved
 
 
 def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory, number: int) -> Trial:

@@ -9,6 +9,7 @@ Against a second-order correction it saves one solution of the subproblem, and s
 from __future__ import annotations
 
 import logging
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from time import perf_counter
@@ -18,10 +19,10 @@ from numpy.typing import NDArray
 
 from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
-from scp_planner.evaluation import Evaluation, Penalties, evaluate_trip
-from scp_planner.linearisation import TrustRegion, linearise
+from scp_planner.evaluation import Evaluation, Penalties, evaluate_trips
+from scp_planner.linearisation import TrustRegion, linearise_trips
 from scp_planner.problem import Problem
-from scp_planner.solvers.interface import QpSolver, SolverStatus, solver_named
+from scp_planner.solvers.interface import QpSolver, Solution, SolverStatus, solver_named
 from scp_planner.subproblem import ActiveSet, Subproblem, build_subproblem
 from scp_planner.trajectory import Trajectory
 
@@ -141,6 +142,23 @@ class _Step:
     size: float
     sooner: float
 
+    @classmethod
+    def of(
+        cls,
+        base: Evaluation,
+        candidate: Evaluation | None,
+        penalties: Penalties,
+        sub: Subproblem,
+        weights: Array,
+        z: Array,
+    ) -> _Step:
+        """The step z from a trip to a candidate; to None if it leads to a trip that would never arrive."""
+        tau, rho = base.trajectory.travel_time, float(z[sub.step_size - 1])
+        merit = base.merit(penalties)
+        model = tau * (1.0 + rho) + float(weights[sub.groups] @ z[sub.step_size :])
+        actual = -np.inf if candidate is None else merit - candidate.merit(penalties)
+        return cls(candidate or base, merit - model, actual, _relative_size(z, sub), -tau * rho)
+
     @property
     def ratio(self) -> float:
         return self.actual / self.predicted if self.predicted > 0.0 else -1.0
@@ -163,6 +181,41 @@ class _Trial:
         return gained > max(ACCEPT * self.step.predicted, 0.0)
 
 
+@dataclass
+class _Cutoff:
+    """Runs are given up when they can hardly become faster than this time, s; in a race the fastest run sets it."""
+
+    time: float
+    race: bool
+
+    def hear(self, run: Run) -> None:
+        if self.race and run.status is Status.CONVERGED:
+            self.time = min(self.time, run.evaluation.trajectory.travel_time)
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """A trip to be linearised."""
+
+    base: Evaluation
+    trust: TrustRegion
+
+
+_Steps = Generator[Trajectory | _Wish, Evaluation | Rows, Run]
+
+
+def _evaluated(trip: Trajectory) -> Generator[Trajectory | _Wish, Evaluation | Rows, Evaluation]:
+    evaluation = yield trip
+    assert isinstance(evaluation, Evaluation)
+    return evaluation
+
+
+def _linearised(base: Evaluation, trust: TrustRegion) -> Generator[Trajectory | _Wish, Evaluation | Rows, Rows]:
+    rows = yield _Wish(base, trust)
+    assert isinstance(rows, Rows)
+    return rows
+
+
 class ScpLoop:
     """Sequential convex programming on one problem.
 
@@ -180,7 +233,6 @@ class ScpLoop:
         self.fallback = fallback
         self.kinematics = KinematicRows(problem)
         self.zone_count = problem.zones.size
-        self._active: ActiveSet | None = None
 
     def run(
         self,
@@ -206,20 +258,82 @@ class ScpLoop:
         enough : int, optional
             After so many iterations a feasible trip is good enough, though not the fastest.
         """
+        return self.run_all([start], max_iterations, cutoff, deadline, trust)[0]
+
+    def run_all(
+        self,
+        starts: Sequence[Trajectory],
+        max_iterations: int,
+        cutoff: float = np.inf,
+        deadline: float = np.inf,
+        trust: TrustRegion = FIRST_TRUST,
+        *,
+        race: bool = False,
+    ) -> list[Run]:
+        """Improve several trips in step with each other, so that they share the cost of looking at them.
+
+        Parameters
+        ----------
+        starts : sequence of Trajectory
+        max_iterations : int
+            Of each.
+        cutoff, deadline, trust
+            As in :meth:`run`.
+        race : bool
+            A run that has converged cuts off those that can hardly become faster. Without it each run ends as it would
+            alone, up to rounding.
+
+        Returns
+        -------
+        list of Run
+            One for each start.
+        """
+        goal = _Cutoff(cutoff, race)
+        steps = [self._steps(start, max_iterations, goal, deadline, trust) for start in starts]
+        wishes: dict[int, Trajectory | _Wish] = {k: next(some) for k, some in enumerate(steps)}
+        runs: dict[int, Run] = {}
+
+        def hand(number: int, answer: Evaluation | Rows) -> None:
+            try:
+                wishes[number] = steps[number].send(answer)
+            except StopIteration as end:
+                runs[number] = end.value
+                del wishes[number]
+
+        while wishes:
+            trips = {k: wish for k, wish in wishes.items() if isinstance(wish, Trajectory)}
+            if trips:
+                evaluations = evaluate_trips(self.problem, list(trips.values()), NEAR)
+                for number, evaluation in zip(trips, evaluations, strict=True):
+                    hand(number, evaluation)
+            lines = {k: wish for k, wish in wishes.items() if isinstance(wish, _Wish)}
+            if lines:
+                bases, trusts = [wish.base for wish in lines.values()], [wish.trust for wish in lines.values()]
+                for number, rows in zip(lines, linearise_trips(self.problem, bases, trusts, NEAR), strict=True):
+                    hand(number, rows)
+        return [runs[number] for number in range(len(steps))]
+
+    def _steps(
+        self, start: Trajectory, max_iterations: int, cutoff: _Cutoff, deadline: float, trust: TrustRegion
+    ) -> _Steps:
+        """The loop. It yields what it wishes to have evaluated or linearised, and is sent that."""
         penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
-        self._active = None
+        active: ActiveSet | None = None
         if self.problem.given is not None:
             start = self._keeping_given(start)
-        run = Run(Status.ITERATION_LIMIT, evaluate_trip(self.problem, start, NEAR), penalties)
+        run = Run(Status.ITERATION_LIMIT, (yield from _evaluated(start)), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
         trial: _Trial | None = None
         for number in range(1, max_iterations + 1):
             if perf_counter() > deadline:
                 run.status = Status.TIME_LIMIT
                 break
-            rows = linearise(self.problem, run.evaluation, trust, NEAR)
-            step = self._step(run.evaluation, rows, penalties, trust)
-            if step is None:
+            rows = yield from _linearised(run.evaluation, trust)
+            weights = np.concatenate([penalties.zones, penalties.limits])
+            trip = run.evaluation.trajectory
+            sub = build_subproblem(self.problem, self.kinematics, trip, rows, weights, trust, active)
+            solution = self._solve(sub)
+            if solution is None:
                 run.status = Status.SOLVER_FAILED
                 if trial is not None:
                     run.evaluation, trust, trial = trial.evaluation, trial.trust, None
@@ -227,6 +341,10 @@ class ScpLoop:
                 if trust.theta < SMALLEST_TRUST:
                     break
                 continue
+            active = sub.active_set(solution)
+            moved = self._moved(trip, solution.x)
+            candidate = None if moved is None else (yield from _evaluated(moved))
+            step = _Step.of(run.evaluation, candidate, penalties, sub, weights, solution.x)
             run.status = Status.ITERATION_LIMIT
             accepted = step.acceptable if trial is None else trial.succeeds(step.evaluation, penalties)
             on_trial = trial is None and not accepted and self._worth_a_trial(step)
@@ -240,7 +358,7 @@ class ScpLoop:
             elif trial is not None:
                 run.evaluation, step, trust = trial.evaluation, trial.step, trial.trust
             trial = None
-            ended = self._ended(run, step, penalties, cutoff)
+            ended = self._ended(run, step, penalties, cutoff.time)
             violation = run.evaluation.worst_violation
             if violation < max(PROGRESS * progress.violation, GRAVE):
                 progress = _Progress(number, violation)
@@ -259,6 +377,7 @@ class ScpLoop:
                 break
         if trial is not None:
             run.evaluation = trial.evaluation
+        cutoff.hear(run)
         logger.debug("run: %s after %d iterations", run.status.value, len(run.record))
         return run
 
@@ -269,31 +388,11 @@ class ScpLoop:
             and step.evaluation.worst_violation < WATCH
         )
 
-    def _step(self, base: Evaluation, rows: Rows, penalties: Penalties, trust: TrustRegion) -> _Step | None:
-        """Solve the subproblem and evaluate the trip that it leads to; None if it could not be solved."""
-        weights = np.concatenate([penalties.zones, penalties.limits])
-        sub = build_subproblem(self.problem, self.kinematics, base.trajectory, rows, weights, trust, self._active)
-        z = self._solve(sub)
-        if z is None:
-            return None
-        merit = base.merit(penalties)
-        slack = z[sub.step_size :]
-        model = base.trajectory.travel_time * (1.0 + z[sub.step_size - 1]) + float(weights[sub.groups] @ slack)
-        candidate = self._candidate(base.trajectory, z)
-        size = _relative_size(z, sub)
-        sooner = -base.trajectory.travel_time * float(z[sub.step_size - 1])
-        if candidate is None:
-            return _Step(base, merit - model, -np.inf, size, sooner)
-        return _Step(candidate, merit - model, merit - candidate.merit(penalties), size, sooner)
-
-    def _solve(self, sub: Subproblem) -> Array | None:
+    def _solve(self, sub: Subproblem) -> Solution | None:
         solution = self.solver.solve(sub.program)
         if solution.status is SolverStatus.FAILED and self.fallback is not None:
             solution = solver_named(self.fallback).solve(sub.program)
-        if solution.status is not SolverStatus.OPTIMAL:
-            return None
-        self._active = sub.active_set(solution)
-        return solution.x
+        return solution if solution.status is SolverStatus.OPTIMAL else None
 
     def _keeping_given(self, start: Trajectory) -> Trajectory:
         """The trip nearest to a start that keeps a user's constraints, so that every step from it can keep them too.
@@ -309,19 +408,12 @@ class ScpLoop:
         for _ in range(PROJECTIONS):
             sub = build_subproblem(self.problem, self.kinematics, near, none, np.zeros(0), ANYWHERE)
             program = replace(sub.program, hessian=np.diag(nearness), gradient=np.zeros(count))
-            z = self._solve(replace(sub, program=program))
-            moved = None if z is None else self._moved(near, z)
+            solution = self._solve(replace(sub, program=program))
+            moved = None if solution is None else self._moved(near, solution.x)
             if moved is None:
-                near = start
-                break
+                return start
             near = moved
-        self._active = None
         return near
-
-    def _candidate(self, trajectory: Trajectory, z: Array) -> Evaluation | None:
-        """The trip after a step, evaluated; None if it would never arrive."""
-        moved = self._moved(trajectory, z)
-        return None if moved is None else evaluate_trip(self.problem, moved, NEAR)
 
     def _moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
         """The trip after a step, its travel time from the closed form; None if it would never arrive."""
