@@ -258,7 +258,7 @@ class ScpLoop:
         enough : int, optional
             After so many iterations a feasible trip is good enough, though not the fastest.
         """
-        return self.run_all([start], max_iterations, cutoff, deadline, trust)[0]
+        return self.run_all([start], max_iterations, cutoff, deadline, trust, enough)[0]
 
     def run_all(
         self,
@@ -267,6 +267,7 @@ class ScpLoop:
         cutoff: float = np.inf,
         deadline: float = np.inf,
         trust: TrustRegion = FIRST_TRUST,
+        enough: int | None = None,
         *,
         race: bool = False,
     ) -> list[Run]:
@@ -277,7 +278,7 @@ class ScpLoop:
         starts : sequence of Trajectory
         max_iterations : int
             Of each.
-        cutoff, deadline, trust
+        cutoff, deadline, trust, enough
             As in :meth:`run`.
         race : bool
             A run that has converged cuts off those that can hardly become faster. Without it each run ends as it would
@@ -289,7 +290,7 @@ class ScpLoop:
             One for each start.
         """
         goal = _Cutoff(cutoff, race)
-        steps = [self._steps(start, max_iterations, goal, deadline, trust) for start in starts]
+        steps = [self._steps(start, max_iterations, goal, deadline, trust, enough) for start in starts]
         wishes: dict[int, Trajectory | _Wish] = {k: next(some) for k, some in enumerate(steps)}
         runs: dict[int, Run] = {}
 
@@ -314,7 +315,13 @@ class ScpLoop:
         return [runs[number] for number in range(len(steps))]
 
     def _steps(
-        self, start: Trajectory, max_iterations: int, cutoff: _Cutoff, deadline: float, trust: TrustRegion
+        self,
+        start: Trajectory,
+        max_iterations: int,
+        cutoff: _Cutoff,
+        deadline: float,
+        trust: TrustRegion,
+        enough: int | None,
     ) -> _Steps:
         """The loop. It yields what it wishes to have evaluated or linearised, and is sent that."""
         penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
