@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
     from scp_planner.estimation import estimate_motion as estimate_motion
+    from scp_planner.lower_bound import lower_bound as lower_bound
     from scp_planner.online import OnlinePlan as OnlinePlan
     from scp_planner.online import OnlineSettings as OnlineSettings
     from scp_planner.online import Outcome as Outcome
@@ -83,6 +84,7 @@ _MODULE_OF = {
     "Follower": "simulation",
     "certify": "certificate",
     "estimate_motion": "estimation",
+    "lower_bound": "lower_bound",
     "penalty_descent": "penalty_descent",
     "plan": "planner",
     "simulate": "simulation",

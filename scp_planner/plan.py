@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite
 from os import PathLike
 from pathlib import Path as FilePath
 from typing import Any, Self
@@ -118,7 +118,8 @@ class Plan:
     limits : dict of str to LimitUse
         ``speed``, ``acceleration``, ``lateral_acceleration``, ``curvature``.
     lower_bound : float
-        No trip of this scenario is shorter than this, s.
+        No trip of this scenario is shorter than this, s: without obstacles, unless :func:`scp_planner.lower_bound`
+        was asked for more.
     timings : dict of str to float
         Wall time of each stage, s; not saved.
     """
@@ -140,6 +141,11 @@ class Plan:
     def certified(self) -> bool:
         """Whether the continuous-time certificate holds."""
         return self.status is PlanStatus.CERTIFIED
+
+    @property
+    def gap(self) -> float:
+        """How much longer than the lower bound the trip takes, relative: what a better plan could gain at most."""
+        return self.travel_time / self.lower_bound - 1.0 if self.lower_bound > 0.0 else inf
 
     @property
     def start_time(self) -> float:

@@ -297,7 +297,7 @@ def test_study_consistency_writes_tables_and_figures_and_goes_on(tmp_path: Path)
     options = ("study", "consistency", "--quick", "--repetitions", "2", "--workers", "1", "-o", folder)
     result = run(*options)
     assert result.exit_code == 0, result.output
-    assert "Slopes over n:" in result.stdout
+    assert "Slopes over n" in result.stdout
     assert {file.name for file in folder.iterdir()} == {
         "results.jsonl",
         "summary.csv",
@@ -509,3 +509,19 @@ def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "brownian" in result.stderr
     assert not (tmp_path / "m.yaml").exists()
+
+
+def test_plan_says_what_no_trip_is_shorter_than(tmp_path: Path) -> None:
+    suite = Path(__file__).parent / "suite" / "wait-for-a-convoy.yaml"
+    summaries = {}
+    for option in ("--bound", "--no-bound"):
+        file = tmp_path / f"{option}.json"
+        result = run("plan", suite, option, "-o", file, "--json")
+        assert result.exit_code == 0
+        summaries[option] = json.loads(result.stdout)
+        plan = Plan.load(file)
+        assert plan.lower_bound == summaries[option]["lower_bound"]
+        assert plan.gap == pytest.approx(plan.travel_time / plan.lower_bound - 1.0)
+        assert plan.gap == pytest.approx(summaries[option]["relative_gap"])
+    assert summaries["--no-bound"]["relative_gap"] > 1.0
+    assert 0.0 <= summaries["--bound"]["relative_gap"] < 0.01

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _UNITS = {
     "arrival_time": "s",
     "travel_time": "s",
+    "lower_bound": "s",
     "least_clearance": "m",
     "time_of_least_clearance": "s",
     "wall_time": "s",

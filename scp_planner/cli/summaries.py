@@ -21,6 +21,8 @@ def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "reason": plan.reason,
         "arrival_time": plan.arrival_time,
         "travel_time": plan.travel_time,
+        "lower_bound": plan.lower_bound,
+        "relative_gap": plan.gap,
         "least_clearance": plan.clearance.minimum,
         "nearest_obstacle": plan.clearance.obstacle,
         "time_of_least_clearance": plan.clearance.time,
