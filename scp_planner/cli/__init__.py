@@ -44,6 +44,14 @@ add_command(
     "scp-planner compare crossing.yaml builtin:headon --starts 1",
     "scp-planner compare crossing.yaml --starts 1 --method scp --method gradient-descent -o trials.csv",
 )
+add_command(
+    app,
+    "batch",
+    many.batch,
+    "scp-planner batch scenarios -o results.csv --plans plans",
+    "scp-planner batch scenarios --workers 4 --timings -o timed.csv",
+    "scp-planner batch scenarios --dask tcp://10.0.0.1:8786 -o results.csv",
+)
 app.add_typer(study_app, name="study")
 add_command(
     study_app,

@@ -1,11 +1,13 @@
-"""Commands about many scenarios: compare."""
+"""Commands about many scenarios: batch, compare."""
 
 from __future__ import annotations
 
+from collections import Counter
+from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,16 +16,31 @@ from scp_planner.cli.application import ExitCode
 from scp_planner.cli.options import (
     Assignments,
     Json,
+    Method,
+    MethodName,
     Quiet,
+    Samples,
     ScenarioFiles,
     Seed,
+    SolverName,
+    TimeLimit,
     Verbose,
+    Workers,
     at_least,
+    bad_option,
+    check_solver,
     check_target,
+    check_time_limit,
     keyword_settings,
     load_scenario,
 )
-from scp_planner.cli.output import print_json, progress_bar, start_logging, tell
+from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
+
+if TYPE_CHECKING:
+    from scp_planner.batch.executor import Executor
+
+MOST_TOLD = 10
+"""Scenarios without a certified plan that are named one by one."""
 
 
 class Compared(StrEnum):
@@ -33,6 +50,107 @@ class Compared(StrEnum):
     LBFGS = "l-bfgs"
     GRADIENT = "gradient-descent"
     MONTE_CARLO = "monte-carlo"
+
+
+def batch(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of scenario files (YAML or JSON).")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Table of results, CSV; rows that are there are not done again.")
+    ] = Path("results.csv"),
+    workers: Workers = None,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT."),
+    ] = None,
+    pattern: Annotated[
+        str | None,
+        typer.Option("--pattern", metavar="GLOB", help="Which files of DIR, such as '**/crossing*.yaml'."),
+    ] = None,
+    plans: Annotated[Path | None, typer.Option("--plans", help="Folder to write the plans into, JSON.")] = None,
+    method: MethodName = Method.SCP,
+    solver: SolverName = None,
+    assignments: Assignments = None,
+    seed: Seed = 0,
+    time_limit: TimeLimit = None,
+    samples: Samples = 200,
+    timings: Annotated[
+        bool, typer.Option("--timings", help="Add a column of wall times, which differ from run to run.")
+    ] = False,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Do scenarios again whose work came to nothing: status error or lost.")
+    ] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Plan all scenarios of a folder.
+
+    Each becomes a row of the table, bad ones too. After an interrupt the same command goes on where it was.
+    """
+    start_logging(quiet, verbose)
+    if workers is not None and dask is not None:
+        raise bad_option("--workers", workers, "goes with processes of this machine, not with --dask")
+    check_solver(solver, method)
+    check_time_limit(time_limit)
+    check_target("--output", output)
+    check_target("--plans", plans, is_folder=True)
+    if not folder.is_dir():
+        raise bad_option("DIR", folder, "must be a folder")
+    from scp_planner.batch.jobs import Options
+    from scp_planner.batch.runner import run_batch, scenario_files
+    from scp_planner.settings import Settings
+
+    settings = replace(Settings(), **keyword_settings(assignments, solver))
+    options = Options(method.value, settings, seed, time_limit, samples)
+    files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
+    if not files:
+        raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")
+    counts: Counter[str] = Counter()
+    with ExitStack() as stack:
+        executor = _executor(workers, dask, stack)
+        bar = stack.enter_context(progress_bar(len(files), "scenario", quiet))
+
+        def advance(done: int, status: str) -> None:
+            counts[status] += 1
+            bar.set_postfix(counts, refresh=False)
+            bar.update(done - bar.n)
+
+        try:
+            result = run_batch(
+                files, output, executor, options, plans=plans, timings=timings, retry=retry, progress=advance
+            )
+        except KeyboardInterrupt:
+            done = counts.total()
+            raise KeyboardInterrupt(
+                f"interrupted: {done} of {len(files)} rows are in {output}; the same command goes on from there"
+            ) from None
+    report(
+        {
+            "scenarios": len(files),
+            **result.counts,
+            "done_before": result.done_before,
+            "results": str(output),
+        },
+        as_json,
+        quiet,
+    )
+    missing = [row for row in result.rows if row["status"] != "certified"]
+    for row in missing[:MOST_TOLD]:
+        tell(f"{row['file']}: {row['status']}: {row['reason']}")
+    if len(missing) > MOST_TOLD:
+        tell(f"... and {len(missing) - MOST_TOLD} more, see {output}")
+    if missing:
+        raise typer.Exit(ExitCode.NOT_CERTIFIED)
+
+
+def _executor(workers: int | None, dask: str | None, stack: ExitStack) -> Executor:
+    if dask is None:
+        from scp_planner.batch.local import LocalExecutor
+
+        return LocalExecutor(workers)
+    from scp_planner.batch.dask_cluster import DaskExecutor
+
+    return stack.enter_context(closing(DaskExecutor(dask)))
 
 
 def compare(

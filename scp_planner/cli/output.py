@@ -43,8 +43,13 @@ def tell(message: str) -> None:
 def progress_bar(total: int | None, unit: str, quiet: bool, **options: Any) -> Iterator[tqdm[Any]]:
     """Show a bar on stderr; none where that is not a terminal, or nothing is to be printed."""
     from tqdm import tqdm
+    from tqdm.contrib.logging import logging_redirect_tqdm
 
-    with tqdm(total=total, unit=unit, disable=True if quiet else None, leave=False, **options) as bar:
+    # Messages go above the bar.
+    with (
+        logging_redirect_tqdm(),
+        tqdm(total=total, unit=unit, disable=True if quiet else None, leave=False, **options) as bar,
+    ):
         yield bar
 
 

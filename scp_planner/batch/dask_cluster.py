@@ -1,0 +1,100 @@
+"""A Dask cluster, by the address of its scheduler. Needs the extra ``dask``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable
+from importlib import import_module
+from itertools import islice
+from typing import Any, TypeVar
+
+from scp_planner.batch.executor import Answer, ExecutorError, Fate
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+AHEAD = 4
+"""Items that are handed in for each thread of the cluster, so that none waits for us."""
+FEWEST_AHEAD = 32
+CONNECT_TIME = 10.0
+"""s to wait for the scheduler."""
+
+
+class DaskExecutor:
+    """Workers of a Dask cluster.
+
+    Their machines need this package, in the same version; they need no access to the files. The scheduler gives an
+    item of a worker that dies to another one, up to its setting ``allowed-failures``. It blames all that the worker
+    had been given, not only what it was at; so what is given up like that is tried once more, alone, in the end.
+
+    The connection is made at once and lasts until `close`.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+    connect_time : float
+        Wall time to wait for it, s.
+
+    Raises
+    ------
+    ExecutorError
+        If ``dask.distributed`` is not installed, or no scheduler answers.
+    """
+
+    def __init__(self, address: str, connect_time: float = CONNECT_TIME) -> None:
+        try:
+            self._distributed: Any = import_module("distributed")
+        except ImportError:
+            raise ExecutorError("Dask is not installed: pip install 'scp-planner[dask]'") from None
+        self.address = address
+        try:
+            self.client = self._distributed.Client(address, timeout=connect_time, set_as_default=False)
+        except (OSError, ValueError) as error:  # a time-out is an OSError too; an address may be none
+            reason = str(error) or type(error).__name__
+            raise ExecutorError(f"no Dask scheduler answers at {address}: {reason}") from None
+
+    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Generator[Answer[T, R], None, None]:
+        """Call a function for every item; see `Executor`."""
+        pending: dict[Any, T] = {}
+        suspects: list[T] = []
+        waiting = iter(items)
+
+        def submitted(item: T) -> Any:
+            # not pure: a scheduler that knows the result of an equal call must not answer from memory
+            future = self.client.submit(function, item, pure=False)
+            pending[future] = item
+            return future
+
+        try:
+            ahead = max(AHEAD * sum(self.client.nthreads().values()), FEWEST_AHEAD)
+            first = [submitted(item) for item in islice(waiting, ahead)]
+            futures = self._distributed.as_completed(first, loop=self.client.loop)
+            for future in futures:
+                answer: Answer[T, R] = self._answer(pending.pop(future), future)
+                for item in islice(waiting, 1):
+                    futures.add(submitted(item))
+                if answer.fate is Fate.LOST:
+                    suspects.append(answer.item)
+                else:
+                    yield answer
+            for item in suspects:
+                future = submitted(item)
+                future.exception()  # waits
+                yield self._answer(pending.pop(future), future)
+        finally:
+            if pending and self.client.status == "running":
+                self.client.cancel(list(pending), force=True)
+
+    def close(self) -> None:
+        """Leave the cluster."""
+        self.client.close()
+
+    def _answer(self, item: T, future: Any) -> Answer[T, R]:
+        if future.status == "finished":
+            return Answer(item, Fate.DONE, future.result())
+        if future.status != "error":  # cancelled or lost: nobody else has the right to do that
+            raise ExecutorError(f"the Dask scheduler at {self.address} has gone")
+        error = future.exception()
+        if isinstance(error, self._distributed.KilledWorker):
+            return Answer(item, Fate.LOST, None, f"{error.allowed_failures + 1} workers died at it")
+        return Answer(item, Fate.ERROR, None, f"{type(error).__name__}: {error}")

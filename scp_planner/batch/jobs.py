@@ -1,0 +1,192 @@
+"""One scenario of a batch: what a worker is given, what it does, and the row that comes of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, fields
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from scp_planner.settings import Settings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from scp_planner.plan import Plan
+    from scp_planner.scenario import Scenario
+
+BAD_INPUT = "bad_input"
+"""Status of a scenario that is refused; others are those of plans, and the fates of work that came to nothing."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How all scenarios of a batch are planned.
+
+    Attributes
+    ----------
+    method : str
+        ``scp`` or ``penalty-descent``.
+    settings : Settings
+    seed : int
+    time_limit : float or None
+        Wall time for one scenario, s.
+    samples : int
+        Of plan files.
+    """
+
+    method: str = "scp"
+    settings: Settings = field(default_factory=Settings)
+    seed: int = 0
+    time_limit: float | None = None
+    samples: int = 200
+
+    def __str__(self) -> str:
+        """Say what the results depend on and is not the default."""
+        usual = Settings()
+        changed = {
+            each.name: value
+            for each in fields(Settings)
+            if (value := getattr(self.settings, each.name)) != getattr(usual, each.name)
+        }
+        own = {"method": self.method, "seed": self.seed, "time_limit": self.time_limit}
+        return " ".join(f"{name}={value}" for name, value in {**own, **changed}.items() if value is not None)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scenario to plan.
+
+    Attributes
+    ----------
+    file : str
+        Which the row is named by.
+    scenario : Scenario
+    digest : str
+        Of the scenario.
+    options : Options
+    wants_plan : bool
+        Whether the plan itself is asked for.
+    """
+
+    file: str
+    scenario: Scenario
+    digest: str
+    options: Options
+    wants_plan: bool
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Attributes
+    ----------
+    file : str
+        Path of the scenario within the folder.
+    name : str
+        Of the scenario.
+    status : str
+        Of the plan; or ``bad_input``; or ``error`` or ``lost`` where the work came to nothing.
+    reason : str
+        Why there is no certificate.
+    travel_time, arrival_time, lower_bound : float or None
+        s.
+    least_clearance : float or None
+        m.
+    nearest_obstacle : str
+    iterations : int or None
+    options : str
+        What the plan was made with.
+    digest : str
+        Of the scenario.
+    wall_time : float or None
+        That the worker took, s; no two runs have the same.
+    """
+
+    file: str
+    name: str = ""
+    status: str = ""
+    reason: str = ""
+    travel_time: float | None = None
+    arrival_time: float | None = None
+    lower_bound: float | None = None
+    least_clearance: float | None = None
+    nearest_obstacle: str = ""
+    iterations: int | None = None
+    options: str = ""
+    digest: str = ""
+    wall_time: float | None = None
+
+    def texts(self) -> dict[str, str]:
+        """Give the cells: a number so that every bit is kept, all text on one line."""
+        return {name: "" if value is None else " ".join(str(value).split()) for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """What a worker sends back.
+
+    Attributes
+    ----------
+    row : Row
+    plan : str or None
+        Contents of the plan file.
+    """
+
+    row: Row
+    plan: str | None = None
+
+
+def carry_out(job: Job) -> JobResult:
+    """Plan a scenario; this runs in a worker."""
+    began = perf_counter()
+    plan = _plan(job)
+    wall_time = perf_counter() - began
+    row = Row(
+        file=job.file,
+        name=job.scenario.name,
+        status=plan.status.value,
+        reason=plan.reason or "",
+        travel_time=plan.travel_time,
+        arrival_time=plan.arrival_time,
+        lower_bound=plan.lower_bound,
+        least_clearance=plan.clearance.minimum,
+        nearest_obstacle=plan.clearance.obstacle or "",
+        iterations=plan.iterations,
+        options=str(job.options),
+        digest=job.digest,
+        wall_time=wall_time,
+    )
+    if not job.wants_plan:
+        return JobResult(row)
+    return JobResult(row, json.dumps(plan.to_dict(job.options.samples), allow_nan=False) + "\n")
+
+
+def _plan(job: Job) -> Plan:
+    options = job.options
+    if options.method == "penalty-descent":
+        from scp_planner.penalty_descent import penalty_descent
+
+        return penalty_descent(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
+    from scp_planner import planner
+
+    return planner.plan(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
+
+
+def digest_of(scenario: Scenario) -> str:
+    """Give a short name of a scenario's contents: equal ones have the same, however their files are written."""
+    return _digest(json.dumps(scenario.to_dict(), sort_keys=True).encode())
+
+
+def digest_of_bytes(path: Path) -> str:
+    """Give a short name of what a file holds that is no scenario."""
+    try:
+        return _digest(path.read_bytes())
+    except OSError:
+        return ""
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]

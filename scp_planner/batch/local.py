@@ -1,0 +1,180 @@
+"""Processes of this machine.
+
+Each worker is a process of its own with a pipe, and has one item at a time. So when a worker dies it is known which
+item it was at, that item alone is tried again, and an interrupt can end all workers at once. A pool of
+`concurrent.futures` would break as a whole.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import connection, resource_tracker
+from typing import Any, TypeVar
+
+from scp_planner.batch.executor import ATTEMPTS, Answer, ExecutorError, Fate
+
+T = TypeVar("T")
+R = TypeVar("R")
+logger = logging.getLogger(__name__)
+
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Set to 1 in workers unless they are set already: there is a worker for each core."""
+
+_READY = "ready"
+
+
+class LocalExecutor:
+    """Worker processes on this machine.
+
+    Programs that use it must keep their own work under ``if __name__ == "__main__":``, as with all of
+    `multiprocessing`: workers import the program.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Number of processes; default: one for each core.
+    attempts : int
+        How often an item is tried whose worker dies.
+    """
+
+    def __init__(self, workers: int | None = None, attempts: int = ATTEMPTS) -> None:
+        self.workers = workers or os.cpu_count() or 1
+        self.attempts = attempts
+
+    def run(self, function: Callable[[T], R], items: Iterable[T]) -> Generator[Answer[T, R], None, None]:
+        """Call a function for every item; see `Executor`."""
+        waiting = iter(items)
+        again: deque[tuple[T, int]] = deque()
+        workers: list[_Worker] = []
+        try:
+            while True:
+                while len(workers) < self.workers or any(worker.idle for worker in workers):
+                    task = again.popleft() if again else next(((item, 1) for item in waiting), None)
+                    if task is None:
+                        break
+                    worker = next((each for each in workers if each.idle), None)
+                    if worker is None:
+                        worker = _Worker()
+                        workers.append(worker)
+                    worker.give(function, task)
+                busy = {worker.pipe: worker for worker in workers if not worker.idle}
+                if not busy:
+                    return
+                answers: list[Answer[T, R]] = []
+                for pipe in connection.wait(list(busy)):
+                    worker = busy[pipe]  # type: ignore[index]
+                    item, attempt = worker.task
+                    try:
+                        answer = worker.answer()
+                    except _WorkerDied as death:
+                        workers.remove(worker)
+                        self._check_start(worker, attempt)
+                        if attempt < self.attempts:
+                            logger.warning("%s; its work is tried again", death)
+                            again.append((item, attempt + 1))
+                        else:
+                            text = f"{self.attempts} workers died at it; the last: {death}"
+                            answers.append(Answer(item, Fate.LOST, None, text))
+                    else:
+                        if answer is not None:
+                            answers.append(answer)
+                yield from answers
+        finally:
+            for worker in workers:
+                worker.end()
+
+    def _check_start(self, worker: _Worker, attempt: int) -> None:
+        if not worker.started and attempt >= self.attempts:
+            raise ExecutorError(
+                "worker processes die before they begin: what starts this batch may lack "
+                'if __name__ == "__main__": around its own work'
+            )
+
+
+class _WorkerDied(Exception):
+    """The process at the other end of the pipe is gone."""
+
+
+class _Worker:
+    """A process, what it is at, and the pipe to it."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.task: Any = None
+        self.started = False
+        with _interrupts_held():
+            self.process.start()
+        theirs.close()  # or this process would not hear of the other's end
+
+    @property
+    def idle(self) -> bool:
+        return self.task is None
+
+    def give(self, function: Callable[..., Any], task: tuple[Any, int]) -> None:
+        """Hand over an item; that the worker is dead shows when its answer is asked for."""
+        self.task = task
+        with suppress(BrokenPipeError, ConnectionResetError):
+            self.pipe.send((function, task[0]))
+
+    def answer(self) -> Answer[Any, Any] | None:
+        """Take what has come; None if it is only the word that the worker has started."""
+        item = self.task[0]
+        try:
+            message = self.pipe.recv()
+        except (EOFError, ConnectionResetError):
+            self.end()
+            raise _WorkerDied(f"worker {self.process.pid} died with exit code {self.process.exitcode}") from None
+        if message == _READY:
+            self.started = True
+            return None
+        self.task = None
+        done, value = message
+        return Answer(item, Fate.DONE, value) if done else Answer(item, Fate.ERROR, None, value)
+
+    def end(self) -> None:
+        """End the process, whatever it is at."""
+        self.pipe.close()
+        if not self.idle:
+            self.process.kill()
+        self.process.join()
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Start a process deaf to interrupts of the terminal, which go to the whole group; ours come a little later."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would undo the mask
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve(pipe: connection.Connection) -> None:
+    """Work until the other end of the pipe closes, also by the death of its process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        pipe.send(_READY)
+        while True:
+            function, item = pipe.recv()
+            pipe.send(_called(function, item))
+
+
+def _called(function: Callable[[Any], Any], item: Any) -> tuple[bool, Any]:
+    try:
+        return True, function(item)
+    except Exception as error:
+        return False, f"{type(error).__name__}: {error}"

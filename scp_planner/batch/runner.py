@@ -1,0 +1,217 @@
+"""A batch: which scenarios there are, which of them are done, and what becomes of the rest."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from scp_planner.batch.executor import Answer, Executor, Fate
+from scp_planner.batch.jobs import BAD_INPUT, Job, JobResult, Options, Row, carry_out, digest_of, digest_of_bytes
+from scp_planner.batch.table import Table, TableError, opened
+from scp_planner.errors import ScenarioError
+from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, write_text
+from scp_planner.plan import PlanStatus
+from scp_planner.scenario import Scenario
+
+SCENARIO_SUFFIXES = (*YAML_SUFFIXES, JSON_SUFFIX)
+PLAN_SUFFIX = ".plan.json"
+NOTHING_CAME = (Fate.ERROR.value, Fate.LOST.value)
+"""Statuses of work that came to nothing, for no fault of the scenario."""
+
+
+@dataclass(frozen=True)
+class BatchResult:
+    """What a batch came to.
+
+    Attributes
+    ----------
+    rows : tuple of dict
+        The cells of each scenario's row, in order of their files.
+    done_before : int
+        Rows that were there already.
+    """
+
+    rows: tuple[dict[str, str], ...]
+    done_before: int
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many scenarios have each status, the most frequent first."""
+        return dict(Counter(row["status"] for row in self.rows).most_common())
+
+    @property
+    def all_certified(self) -> bool:
+        """Whether every scenario has a certified plan."""
+        return all(row["status"] == PlanStatus.CERTIFIED for row in self.rows)
+
+
+def scenario_files(folder: Path, pattern: str | None = None, leave_out: Sequence[Path] = ()) -> dict[str, Path]:
+    """Find the scenarios of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    pattern : str, optional
+        Which files, such as ``**/crossing*.yaml``; default: all YAML and JSON files in the folder itself.
+    leave_out : sequence of Path
+        Files and folders that are no scenarios.
+
+    Returns
+    -------
+    dict
+        From the path within the folder, with slashes, to the file; in order.
+    """
+    found = folder.glob(pattern or "*")
+    others = [path.resolve() for path in leave_out]
+    files = {
+        path.relative_to(folder).as_posix(): path
+        for path in found
+        if path.suffix.lower() in SCENARIO_SUFFIXES
+        and path.is_file()
+        and not path.name.startswith(".")
+        and not any(path.resolve().is_relative_to(other) for other in others)
+    }
+    return dict(sorted(files.items()))
+
+
+def run_batch(
+    files: Mapping[str, Path],
+    table: Path,
+    executor: Executor,
+    options: Options | None = None,
+    *,
+    plans: Path | None = None,
+    timings: bool = False,
+    retry: bool = False,
+    progress: Callable[[int, str], None] | None = None,
+) -> BatchResult:
+    """Plan many scenarios; the rows that are in the table already are not done again.
+
+    A scenario is done again if it has changed since, if its plan is asked for and not there, or, with ``retry``, if
+    its work had come to nothing. An exception, such as an interrupt, leaves the rows that are done.
+
+    Parameters
+    ----------
+    files : mapping
+        From what the row is to be named by to the scenario's file.
+    table : Path
+        CSV file that rows are added to; it is made if it is not there.
+    executor : Executor
+    options : Options, optional
+    plans : Path, optional
+        Folder to write plans into.
+    timings : bool
+        Whether rows have the wall time, which differs from run to run.
+    retry : bool
+        Whether scenarios whose work came to nothing, without a fault of theirs, are done again.
+    progress : callable, optional
+        Called for each row with how many are done so far and its status.
+
+    Returns
+    -------
+    BatchResult
+
+    Raises
+    ------
+    TableError
+        If the table holds something else, was made with other options, or another batch is writing to it.
+    ExecutorError
+        If no work can be done.
+    """
+    options = options or Options()
+    columns = [each.name for each in fields(Row) if timings or each.name != "wall_time"]
+    with opened(table, columns) as rows:
+        _check_options(rows, options)
+        batch = _Batch(files, rows, options, plans, retry, progress)
+        with closing(executor.run(carry_out, batch.jobs())) as answers:
+            for answer in answers:
+                batch.take(answer)
+    return BatchResult(tuple(rows.rows[file] for file in files), batch.done_before)
+
+
+class _Batch:
+    """The state of one batch."""
+
+    def __init__(
+        self,
+        files: Mapping[str, Path],
+        table: Table,
+        options: Options,
+        plans: Path | None,
+        retry: bool,
+        progress: Callable[[int, str], None] | None,
+    ) -> None:
+        self.files, self.table, self.options, self.plans, self.retry = files, table, options, plans, retry
+        self.progress = progress
+        self.done = 0
+        self.done_before = 0
+
+    def jobs(self) -> Iterator[Job]:
+        """Give what is to be planned, and settle what needs no planning on the way."""
+        for file, path in self.files.items():
+            try:
+                scenario = Scenario.load(path)
+            except (ScenarioError, OSError) as error:
+                digest, options = digest_of_bytes(path), str(self.options)
+                if not self._is_done(file, digest):
+                    self._add(Row(file, "", BAD_INPUT, _in_a_line(error), options=options, digest=digest))
+            else:
+                digest = digest_of(scenario)
+                if not self._is_done(file, digest):
+                    yield Job(file, scenario, digest, self.options, self.plans is not None)
+
+    def take(self, answer: Answer[Job, JobResult]) -> None:
+        """Take what came of a job: its plan first, so that where there is a row there is a plan."""
+        job, result = answer.item, answer.result
+        if result is None:
+            name = job.scenario.name
+            row = Row(job.file, name, answer.fate.value, answer.reason, options=str(self.options), digest=job.digest)
+        else:
+            row = result.row
+            if self.plans is not None and result.plan is not None:
+                target = self._plan_file(job.file)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                write_text(target, result.plan)
+        self._add(row)
+
+    def _add(self, row: Row) -> None:
+        self.table.add(row.texts())
+        self._advance(row.status)
+
+    def _advance(self, status: str) -> None:
+        self.done += 1
+        if self.progress is not None:
+            self.progress(self.done, status)
+
+    def _is_done(self, file: str, digest: str) -> bool:
+        """Whether a scenario's row is there; if so it counts."""
+        row = self.table.rows.get(file)
+        if row is None or row["digest"] != digest or (self.retry and row["status"] in NOTHING_CAME):
+            return False
+        if self.plans is not None and row["status"] in list(PlanStatus) and not self._plan_file(file).exists():
+            return False
+        self.done_before += 1
+        self._advance(row["status"])
+        return True
+
+    def _plan_file(self, file: str) -> Path:
+        assert self.plans is not None
+        return self.plans / (file + PLAN_SUFFIX)
+
+
+def _in_a_line(error: ScenarioError | OSError) -> str:
+    if isinstance(error, ScenarioError):
+        return "; ".join(str(fault) for fault in error.faults)
+    return error.strerror or str(error)
+
+
+def _check_options(table: Table, options: Options) -> None:
+    others = {row["options"] for row in table.rows.values()} - {str(options)}
+    if others:
+        raise TableError(
+            f"{table.path}: its rows were made with other options: {', '.join(sorted(others))}, "
+            f"not {options}; write to another file"
+        )

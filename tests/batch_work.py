@@ -1,0 +1,51 @@
+"""What workers do in tests of executors. A module of its own, so that they load nothing else."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def refuse_odd(number: int) -> int:
+    if number % 2:
+        raise ValueError(f"{number} is odd")
+    return number
+
+
+def threads_and_deafness(_: int) -> tuple[str, bool]:
+    return os.environ["OMP_NUM_THREADS"], signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def die_once(item: tuple[int, str]) -> int:
+    """Die at the number 3 unless that has happened before."""
+    number, folder = item
+    marker = Path(folder) / "died"
+    if number == 3 and not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def die_at_three(number: int) -> int:
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def sleep_and_tell(item: tuple[int, str]) -> int:
+    """Write down which process is at it, and take a moment."""
+    number, folder = item
+    (Path(folder) / f"{number}-{os.getpid()}").touch()
+    time.sleep(0.1)
+    return number
+
+
+def sleep_long(folder: str) -> None:
+    (Path(folder) / str(os.getpid())).touch()
+    time.sleep(600)
