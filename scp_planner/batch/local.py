@@ -11,6 +11,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -61,7 +62,8 @@ class LocalExecutor:
                     worker = next((each for each in workers if each.idle), None)
                     if worker is None:
                         worker = _Worker()
-                        workers.append(worker)
+                        workers.append(worker)  # before it starts: an interrupt must find it here to end it
+                        worker.start()
                     worker.give(function, task)
                 busy = {worker.pipe: worker for worker in workers if not worker.idle}
                 if not busy:
@@ -106,13 +108,16 @@ class _Worker:
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self.pipe, self._theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(self._theirs,), daemon=True)
         self.task: Any = None
         self.started = False
+
+    def start(self) -> None:
+        """Start the process."""
         with _interrupts_held():
             self.process.start()
-        theirs.close()  # or this process would not hear of the other's end
+            self._theirs.close()  # or this process would not hear of the other's end
 
     @property
     def idle(self) -> bool:
@@ -142,23 +147,33 @@ class _Worker:
     def end(self) -> None:
         """End the process, whatever it is at."""
         self.pipe.close()
-        if not self.idle:
+        if self.process.pid is None:
+            return
+        if not (self.idle and self.started):
             self.process.kill()
         self.process.join()
 
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Start a process deaf to interrupts of the terminal, which go to the whole group; ours come a little later."""
-    if not hasattr(signal, "pthread_sigmask"):
+    """Start a process as a whole, and deaf to interrupts of the terminal, which go to all of its processes.
+
+    One that comes meanwhile is raised in the end. A mask alone would not do: another thread may take the signal.
+    """
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
         return
     resource_tracker.ensure_running()  # its start would undo the mask
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which the new process inherits
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _serve(pipe: connection.Connection) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from scp_planner.batch.executor import Answer, Executor, Fate
 from scp_planner.batch.jobs import BAD_INPUT, Job, JobResult, Options, Row, carry_out, digest_of, digest_of_bytes
-from scp_planner.batch.table import Table, TableError, opened
+from scp_planner.batch.table import Table, TableError, opened, read
 from scp_planner.errors import ScenarioError
 from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, write_text
 from scp_planner.plan import PlanStatus
@@ -122,14 +122,22 @@ def run_batch(
         If no work can be done.
     """
     options = options or Options()
-    columns = [each.name for each in fields(Row) if timings or each.name != "wall_time"]
-    with opened(table, columns) as rows:
+    with opened(table, _columns(timings)) as rows:
         _check_options(rows, options)
         batch = _Batch(files, rows, options, plans, retry, progress)
         with closing(executor.run(carry_out, batch.jobs())) as answers:
             for answer in answers:
                 batch.take(answer)
     return BatchResult(tuple(rows.rows[file] for file in files), batch.done_before)
+
+
+def rows_done(files: Mapping[str, Path], table: Path, *, timings: bool = False) -> int:
+    """Count the scenarios that have a row in a table."""
+    return len(files.keys() & read(table, _columns(timings)).keys())
+
+
+def _columns(timings: bool) -> list[str]:
+    return [each.name for each in fields(Row) if timings or each.name != "wall_time"]
 
 
 class _Batch:

@@ -95,14 +95,21 @@ def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
         If the file holds something else, or another batch is writing to it.
     """
     with _held(path):
-        table = Table(path, columns, _read(path, columns))
+        table = Table(path, columns, read(path, columns))
     try:
         yield table
     finally:
         table.finish()
 
 
-def _read(path: Path, columns: Sequence[str]) -> dict[str, dict[str, str]]:
+def read(path: Path, columns: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Read the rows of a table by their keys, without a last one that was cut short.
+
+    Raises
+    ------
+    TableError
+        If the file holds something else.
+    """
     if not path.exists() or path.stat().st_size == 0:
         return {}
     data = path.read_bytes()

@@ -97,7 +97,7 @@ def batch(
     if not folder.is_dir():
         raise bad_option("DIR", folder, "must be a folder")
     from scp_planner.batch.jobs import Options
-    from scp_planner.batch.runner import run_batch, scenario_files
+    from scp_planner.batch.runner import rows_done, run_batch, scenario_files
     from scp_planner.settings import Settings
 
     settings = replace(Settings(), **keyword_settings(assignments, solver))
@@ -120,7 +120,7 @@ def batch(
                 files, output, executor, options, plans=plans, timings=timings, retry=retry, progress=advance
             )
         except KeyboardInterrupt:
-            done = counts.total()
+            done = rows_done(files, output, timings=timings)
             raise KeyboardInterrupt(
                 f"interrupted: {done} of {len(files)} rows are in {output}; the same command goes on from there"
             ) from None
