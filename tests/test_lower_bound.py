@@ -208,9 +208,11 @@ def test_a_goal_that_is_taken_has_to_be_waited_for() -> None:
 
 def test_a_long_wall_has_to_be_gone_round() -> None:
     scenario = scene(wall("wall", (10.0, 0.0), (0.0, 0.0), (0.4, 12.0)), start={"heading": None})
-    # straight to the grown corner, along it, and straight on; start and end as without the wall
-    corner = np.array([10.0 - 0.2, 6.0 + 0.3])
-    shortest = 2.0 * float(np.hypot(*corner)) + 0.3
+    # a taut string: to the corner, which is round by the vehicle's radius, along its arc, and along the top
+    away = np.array([10.0 - 0.2, 6.0])
+    tangent = float(np.sqrt(away @ away - 0.3**2))
+    arc = float(np.arctan2(away[1], away[0]) + np.arctan2(0.3, tangent))
+    shortest = 2.0 * (tangent + 0.3 * arc) + 0.4
     least = kinematic_bound(scenario) + (shortest - 20.0) / 3.0
     assert 0.97 * least <= sp.lower_bound(scenario) <= least
 
