@@ -15,6 +15,8 @@ What the differences can and cannot see
 - **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted
   mean over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps
   or stops. A corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
+- **Jerk** and the **rate of the curvature** are differences of those over 50 ms: their mean values over that
+  time. A jump of the acceleration by 1 m/s2 shows as 20 m/s3.
 - **Lateral acceleration** is that curvature times the square of the mean speed over the same two chords.
 - **Clearance** between two samples h apart is overlooked by at most c'' h^2 / 8; with relative speed 6 m/s
   around a disc of 0.5 m and h = 0.4 ms this is 1.4e-6 m.
@@ -43,6 +45,7 @@ PositionFunction = Callable[[Array], ArrayLike]
 SAMPLES = 20_000
 SPEED_WINDOW = 1e-3  # s, one chord
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
+RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
 REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
 
@@ -62,6 +65,8 @@ class Tolerances:
     boundary_speed: float = 2e-4  # m/s, one-sided differences at the ends
     speed: float = 1e-5  # m/s
     acceleration: float = 5e-4  # m/s2
+    jerk: float = 0.02  # m/s3
+    curvature_rate: float = 0.02  # 1/(m s)
     lateral_acceleration: float = 5e-4  # m/s2
     curvature: float = 2e-4  # 1/m
 
@@ -303,6 +308,10 @@ def _motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allo
     between = (middles[apart:] + middles[:-apart]) / 2.0
     at_most("acceleration", rates, float(vehicle["max_acceleration"]), allowed.acceleration, between)
     at_most("deceleration", -rates, float(vehicle["max_deceleration"]), allowed.acceleration, between)
+    if vehicle.get("max_jerk") is not None:
+        far = max(1, round(RATE_WINDOW / step))
+        jerks = np.abs(rates[far:] - rates[:-far]) / (far * step)
+        at_most("jerk", jerks, float(vehicle["max_jerk"]), allowed.jerk, (between[far:] + between[:-far]) / 2.0)
 
     chosen = _points_by_length(positions)
     if chosen.size < 3:
@@ -311,11 +320,16 @@ def _motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allo
     lengths = np.linalg.norm(chords, axis=1)
     headings = np.arctan2(chords[:, 1], chords[:, 0])
     turns = np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi
-    curvatures = np.abs(turns) / ((lengths[1:] + lengths[:-1]) / 2.0)
+    signed = turns / ((lengths[1:] + lengths[:-1]) / 2.0)
+    curvatures = np.abs(signed)
     when_turning = times[chosen[1:-1]]
     mean_speeds = (lengths[1:] + lengths[:-1]) / (times[chosen[2:]] - times[chosen[:-2]])
     if vehicle.get("max_curvature") is not None:
         at_most("curvature", curvatures, float(vehicle["max_curvature"]), allowed.curvature, when_turning)
+    if vehicle.get("max_curvature_rate") is not None:
+        clock = np.arange(when_turning[0], when_turning[-1], RATE_WINDOW)
+        changes = np.abs(np.diff(np.interp(clock, when_turning, signed))) / RATE_WINDOW
+        at_most("curvature_rate", changes, float(vehicle["max_curvature_rate"]), allowed.curvature_rate, clock[1:])
     if vehicle.get("max_lateral_acceleration") is not None:
         limit = float(vehicle["max_lateral_acceleration"])
         lateral = curvatures * mean_speeds**2

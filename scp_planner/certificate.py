@@ -47,6 +47,7 @@ GOAL_SPEED_TOLERANCE = 1e-3  # m/s
 CLEARANCE_TOLERANCE = 1e-9  # m
 ARRIVAL_TOLERANCE = 1e-3  # s, around the earliest and latest arrival
 LATEST = "latest arrival"
+A_JUMP = 1e12  # m/s^3, said of the jerk where the acceleration jumps
 REPORT_PRECISION = 1e-3  # m; see certify_trip
 
 
@@ -198,6 +199,8 @@ class _Enclosure:
         At the middles, signed.
     curvature_bound, lateral_bound, acceleration_bound : (n,) arrays
         Upper bounds of the absolute values on the whole intervals.
+    curvature_rate : Interval
+        Of the curvature over time, 1/(m s).
     """
 
     points: TripPoints
@@ -207,6 +210,7 @@ class _Enclosure:
     curvature_bound: Array
     lateral_bound: Array
     acceleration_bound: Array
+    curvature_rate: Interval
 
 
 class _Check:
@@ -238,8 +242,17 @@ class _Check:
         limits = self._speed_and_acceleration()
         pieces = self._first_pieces()
         enclosure = self._enclose(pieces)
-        limits["curvature"] = self._bend_limit("curvature", pieces, enclosure)
-        limits["lateral_acceleration"] = self._bend_limit("lateral_acceleration", pieces, enclosure)
+        for name, limit in (
+            ("curvature", self.limits.curvature),
+            ("lateral_acceleration", self.limits.lateral_acceleration),
+        ):
+            limits[name] = self._bend_limit(name, limit, pieces, enclosure)
+        vehicle = self.scenario.vehicle
+        if vehicle.max_curvature_rate is not None:
+            rate_limit = vehicle.max_curvature_rate
+            limits["curvature_rate"] = self._bend_limit("curvature_rate", rate_limit, pieces, enclosure)
+        if vehicle.max_jerk is not None:
+            limits["jerk"] = self._jerk(vehicle.max_jerk)
         for number, part in enumerate(stretches(self.scenario)):
             name = f"speed_limits[{number}]"
             limits[name] = self._speed_limit(name, part, pieces, enclosure)
@@ -377,11 +390,12 @@ class _Check:
         curvature = trajectory.path.bend(points.path).curvature
         curvature_bound = np.abs(curvature) + bend.curvature_rate.magnitude() * width * space.length
         lateral = points.speed**2 * curvature
+        over_time = bend.curvature_rate * speed * bend.speed.power(-1.0)
         rate = (Interval(-curvature_bound, curvature_bound) * speed * Interval(-acceleration, acceleration)).scaled(
             2.0
-        ) + speed.squared() * bend.curvature_rate * speed * bend.speed.power(-1.0)
+        ) + speed.squared() * over_time
         lateral_bound = np.abs(lateral) + rate.magnitude() * half
-        return _Enclosure(points, half, curvature, lateral, curvature_bound, lateral_bound, acceleration)
+        return _Enclosure(points, half, curvature, lateral, curvature_bound, lateral_bound, acceleration, over_time)
 
     def _jerk_bound(self, pieces: _Pieces) -> Array:
         """Largest |da/dt| on each interval."""
@@ -390,14 +404,19 @@ class _Check:
         span, _ = basis.locate(pieces.middle)
         return np.abs(coefficients[span]).sum(axis=1)
 
-    def _bend_limit(self, name: str, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
-        """Curvature or lateral acceleration, by halving."""
-        limit = self.limits.curvature if name == "curvature" else self.limits.lateral_acceleration
+    def _bend_limit(self, name: str, limit: float, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
+        """Curvature, its rate or lateral acceleration, by halving."""
         allowed = limit * (1.0 + RELATIVE_TOLERANCE)
         best, best_sigma = -1.0, 0.0
         for _ in range(MAX_HALVINGS):
-            value = enclosure.curvature if name == "curvature" else enclosure.lateral
-            bound = enclosure.curvature_bound if name == "curvature" else enclosure.lateral_bound
+            if name == "curvature":
+                value, bound = enclosure.curvature, enclosure.curvature_bound
+            elif name == "curvature_rate":
+                points = enclosure.points
+                value = points.speed * self.trajectory.path.curvature_rate(points.path) / points.path.speed
+                bound = enclosure.curvature_rate.magnitude()
+            else:
+                value, bound = enclosure.lateral, enclosure.lateral_bound
             worst = int(np.argmax(np.abs(value)))
             if abs(value[worst]) > best:
                 best, best_sigma = float(abs(value[worst])), float(pieces.middle[worst])
@@ -412,6 +431,23 @@ class _Check:
         else:
             self._note(name, best, limit, best_sigma, True)
         return LimitUse(best, float(limit) if np.isfinite(limit) else None, self._absolute(best_sigma))
+
+    def _jerk(self, limit: float) -> LimitUse:
+        """The jerk by the ends of its pieces, which are straight: accelerations are quadratic at most."""
+        trajectory = self.trajectory
+        basis, breaks = trajectory.space.acceleration, trajectory.space.acceleration.breakpoints
+        if basis.coefficients.shape[1] == 1:
+            jumps = np.abs(np.diff(trajectory.beta))
+            worst = int(np.argmax(jumps)) if len(jumps) else 0
+            sigma = float(breaks[1:-1][worst]) if len(jumps) else 0.0
+            value = A_JUMP if jumps.max(initial=0.0) > 0.0 else 0.0
+        else:
+            pieces = basis.derivative.combine(trajectory.beta) / trajectory.travel_time
+            ends = np.abs(np.concatenate([pieces[:, :1], pieces.sum(axis=1, keepdims=True)], axis=1))
+            piece, end = np.unravel_index(int(np.argmax(ends)), ends.shape)
+            sigma, value = float(breaks[piece + end]), float(ends[piece, end])
+        self._note("jerk", value, limit, sigma, value > limit * (1.0 + RELATIVE_TOLERANCE))
+        return LimitUse(value, limit, self._absolute(sigma))
 
     def _speed_limit(self, name: str, part: Stretch, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
         """The speed wherever the vehicle may be in a stretch of a line, by halving."""

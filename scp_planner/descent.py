@@ -276,6 +276,8 @@ class Descent:
     def tighten(self, certificate: Certificate) -> DescentRun | None:
         """Ask for a little more of what the certificate finds missing, and settle again; None if it misses too much."""
         zone_margins, limit_margins = self.margins.zones.copy(), self.margins.limits.copy()
+        optional = {limit.name: OPTIONAL + place for place, limit in enumerate(self.problem.optional)}
+        places = {**CERTIFIED_LIMITS, **optional}
         for violation in certificate.violations:
             index: Index
             if violation.obstacle is not None:
@@ -285,9 +287,9 @@ class Descent:
                 missing, kind = -violation.value, zone_margins
             elif violation.what == "workspace bounds":
                 missing, kind, index = -violation.value, limit_margins, np.array([BOX])
-            elif violation.what in CERTIFIED_LIMITS and violation.allowed > 0.0:
+            elif (name := violation.what.partition("[")[0]) in places and violation.allowed > 0.0:
                 missing = violation.value / violation.allowed - 1.0
-                kind, index = limit_margins, np.array([CERTIFIED_LIMITS[violation.what]])
+                kind, index = limit_margins, np.array([places[name]])
             else:
                 return None
             if missing > REPAIRABLE:
@@ -463,7 +465,8 @@ def _signed_excess(problem: Problem, evaluation: Evaluation) -> tuple[Array, Arr
 
 def _with_margins(problem: Problem, more: Margins) -> Problem:
     """The problem with larger zones and lower limits, as the exact checks see it."""
-    tightened = problem.tightened(more.zones, more.limits[LATERAL], more.limits[CURVATURE], more.limits[BOX])
+    optional = {limit.name: more.limits[OPTIONAL + place] for place, limit in enumerate(problem.optional)}
+    tightened = problem.tightened(more.zones, more.limits[LATERAL], more.limits[CURVATURE], more.limits[BOX], optional)
     return replace(
         tightened, limits=replace(tightened.limits, speed=tightened.limits.speed * (1.0 - more.limits[SPEED]))
     )

@@ -155,7 +155,7 @@ class Planner:
     Raises
     ------
     ValueError
-        If no solver has that name.
+        If no solver has that name, or the scenario limits the jerk.
     """
 
     def __init__(
@@ -165,6 +165,8 @@ class Planner:
         online: OnlineSettings | None = None,
         solver: str | None = None,
     ) -> None:
+        if scenario.vehicle.max_jerk is not None:
+            raise ValueError("vehicle.max_jerk: an online planner brakes at once, so the jerk cannot be limited")
         settings = settings or SETTINGS
         if solver is not None:
             settings = replace(settings, solver=solver)

@@ -45,6 +45,12 @@ class Line:
         stations: Array = self._stations[leg] + np.clip(along[every, leg], 0.0, self._lengths[leg])
         return stations
 
+    def tangent_at(self, stations: Array) -> Array:
+        """Directions of the legs at stations, (n, 2)."""
+        leg = np.searchsorted(self._stations[1:-1], stations, "right")
+        tangents: Array = self._tangents[leg]
+        return tangents
+
     def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> NDArray[np.bool_]:
         """Whether any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
         along, away = self._onto_legs(points)

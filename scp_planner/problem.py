@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.constraints.optional import EarliestArrival, OptionalLimit, SpeedLimits
+from scp_planner.constraints.rates import CurvatureRateLimit, JerkLimit
 from scp_planner.dubins import Pose, shortest_path
 from scp_planner.frames import PlanningFrame
 from scp_planner.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
@@ -37,7 +38,7 @@ INSIDE = 1e-6  # m, from the border of the goal
 REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
 AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
-PLACE_MARGIN = 2e-4  # relative, of speed limits by place, besides the margin of all limits
+OPTIONAL_MARGIN = 2.5e-4  # relative, of optional limits, besides the margin of all limits
 PROFILE_STEP = 0.02  # m, of the fastest drive along a guide with such limits
 EARLIEST_MARGIN = 5e-4  # s, by which the trip is planned to arrive later than it has to
 STANDING = 1e-5  # m/s; a stop at the goal is planned with this: speeds below 0 are refused, however small
@@ -292,6 +293,8 @@ def build_problem(
         In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
     """
     start, goal = scenario.start, scenario.goal
+    if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
+        settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
     frame = PlanningFrame.between(start.position, goal.position, start.time)
     limits = Limits.of(scenario, settings.limit_margin)
     if guide is None:
@@ -328,14 +331,14 @@ def build_problem(
             np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
         ),
         settings.samples + 1,
-        _optional_limits(scenario, space, ends, slow),
+        _optional_limits(scenario, space, ends, slow, settings.limit_margin),
         profile=profile,
     )
 
 
 def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: Settings) -> tuple[Stretch, ...]:
     """Return the speed limits by place in the planning frame, less the margins."""
-    keep = 1.0 - settings.limit_margin - PLACE_MARGIN
+    keep = 1.0 - settings.limit_margin - OPTIONAL_MARGIN
     return tuple(
         replace(
             part,
@@ -355,7 +358,7 @@ def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, 
 
 
 def _optional_limits(
-    scenario: Scenario, space: TripSpace, ends: EndConditions, slow: tuple[Stretch, ...]
+    scenario: Scenario, space: TripSpace, ends: EndConditions, slow: tuple[Stretch, ...], margin: float
 ) -> tuple[OptionalLimit, ...]:
     """Return what a scenario asks for beyond what every trip keeps.
 
@@ -368,6 +371,13 @@ def _optional_limits(
         found.append(EarliestArrival(earliest - scenario.start.time + EARLIEST_MARGIN, step_size))
     if slow:
         found.append(SpeedLimits(space, ends.free, slow))
+    vehicle, keep = scenario.vehicle, 1.0 - margin
+    if vehicle.max_jerk is not None:
+        free_size = step_size - space.acceleration_size - 1
+        found.append(JerkLimit(space, free_size, vehicle.max_jerk * (keep - OPTIONAL_MARGIN)))
+    if vehicle.max_curvature_rate is not None:
+        limit = vehicle.max_curvature_rate * (keep - OPTIONAL_MARGIN)
+        found.append(CurvatureRateLimit(space, ends.free, limit))
     return tuple(found)
 
 

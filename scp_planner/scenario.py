@@ -41,6 +41,14 @@ class Vehicle(Part):
     max_deceleration: Positive = Field(description="along the path, a positive number, m/s2")
     max_lateral_acceleration: Positive | None = Field(None, description="m/s2; null: unbounded")
     max_curvature: Positive | None = Field(None, description="1/m; null: unbounded")
+    max_jerk: Positive | None = Field(
+        None,
+        description="how fast the acceleration along the path may change, m/s3; null: it may jump",
+    )
+    max_curvature_rate: Positive | None = Field(
+        None,
+        description="how fast the curvature may change while driving, as by a steering rate, 1/(m s); null: unbounded",
+    )
 
 
 class Start(Part):

@@ -37,6 +37,8 @@ CASES = [
     # numbers
     Case("negative radius", {"vehicle.radius": -0.3}, "vehicle.radius", "-0.3", "greater than 0"),
     Case("zero speed limit", {"vehicle.max_speed": 0}, "vehicle.max_speed", "0", "greater than 0"),
+    Case("no jerk at all", {"vehicle.max_jerk": 0}, "vehicle.max_jerk", "0", "greater than 0"),
+    Case("negative rate", {"vehicle.max_curvature_rate": -1}, "vehicle.max_curvature_rate", "-1", "greater than 0"),
     Case("NaN", {"vehicle.max_acceleration": float("nan")}, "vehicle.max_acceleration", "nan", "finite"),
     Case("infinity", {"goal.position": [float("inf"), 0]}, "goal.position[0]", "inf", "finite"),
     Case("boolean for a number", {"start.heading": True}, "start.heading", "true", "number"),

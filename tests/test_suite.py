@@ -23,11 +23,13 @@ CHECKS = 2000
 SLOWEST = {  # s: a plan that is slower than this has lost something; about 1 % above what is found
     "arrive-at-a-heading-and-speed": 6.95,
     "arrive-in-a-window": 12.001,
+    "carry-a-full-tank": 8.75,
     "follow-a-convoy": 11.05,
     "out-of-a-pocket": 6.7,
     "overtake-a-truck": 13.65,
     "s-shaped-corridor": 14.65,
     "slow-past-a-school": 13.0,
+    "steer-slowly-round-a-post": 5.6,
     "stop-at-the-goal": 6.2,
     "u-turn-around-a-wall": 8.9,
     "wait-for-a-convoy": 13.9,

@@ -131,20 +131,36 @@ class SpeedLimits(OptionalLimit):
         return np.where(np.isfinite(sites.limit), (sites.speed / sites.limit) ** 2 - 1.0, -np.inf)
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
-        """Return the gradient at fixed stations, or at fixed normalised times for jumps.
-
-        At a fixed station d(v^2) = 2 v (C1 db / tau - (v - v0) rho) + 2 a (dS - C2 db - v0 sigma tau rho).
-        """
-        sites, space = self._sites(trajectory), self.space
-        tau, v0 = trajectory.travel_time, space.start_speed
-        sigma, v, scale = sites.sigma[index], sites.speed[index], 1.0 / sites.limit[index] ** 2
+        """Return the gradient at fixed stations, or at fixed normalised times for jumps."""
+        sites = self._sites(trajectory)
         fixed_time = index >= len(sites.sigma) - len(self._jumps.sigma)
-        a = np.where(fixed_time, 0.0, sites.acceleration[index])
-        table = space.time_table(sigma)
-        theta = (2.0 * a)[:, None] * trajectory.path.arc_length_gradient(sites.parameter[index])[:, self.free]
-        beta = (2.0 * tau * v)[:, None] * table.speed - (2.0 * tau * tau * a)[:, None] * table.distance
-        rho = -2.0 * (v * (v - v0) + a * v0 * tau * sigma)
-        return scale[:, None] * np.concatenate([theta, beta, rho[:, None]], axis=1)
+        gradient = squared_speed_gradient(
+            trajectory,
+            self.free,
+            sites.parameter[index],
+            sites.sigma[index],
+            sites.speed[index],
+            np.where(fixed_time, 0.0, sites.acceleration[index]),
+        )
+        first = len(self.space.tables.station_parameters)
+        gates = np.flatnonzero((index >= first) & ~fixed_time)
+        count = self.free.stop - self.free.start
+        moved = self._gate_moves(trajectory.path, index[gates] - first, sites.parameter[index[gates]])
+        gradient[gates, :count] += (2.0 * sites.acceleration[index[gates]])[:, None] * moved
+        return gradient / (sites.limit[index] ** 2)[:, None]
+
+    def _gate_moves(self, path: Path, gates: Index, parameter: Array) -> Array:
+        """How far along the path a step of the offset moves its crossings of borders, (m, K1 free) m."""
+        borders = np.array([(part.first, part.last) for part in self.stretches]).ravel()[gates]
+        lines = [self.stretches[gate // 2].line for gate in gates.tolist()]
+        tangent = np.array([line.tangent_at(np.array([at]))[0] for line, at in zip(lines, borders, strict=True)])
+        tangent = tangent.reshape(-1, 2)
+        points = path.points(parameter)
+        sideways = np.einsum("ij,ij->i", tangent, np.broadcast_to(points.normal, tangent.shape))
+        along = np.einsum("ij,ij->i", tangent, points.direction) / points.speed
+        rows = self.space.path.rows_at(points.span, points.local)[:, self.free]
+        moves: Array = -(sideways / along)[:, None] * rows
+        return moves
 
     def _sites(self, trajectory: Trajectory) -> _SpeedSites:
         space, path = self.space, trajectory.path
@@ -182,6 +198,30 @@ class SpeedLimits(OptionalLimit):
             gates.extend(_crossing(path, part.line, stations, along, border) for border in (part.first, part.last))
         sides = np.tile([-1.0, 1.0], len(self.stretches))
         return np.array(gates), sides, np.repeat([part.speed for part in self.stretches], 2)
+
+
+def squared_speed_gradient(
+    trajectory: Trajectory, free: slice, parameter: Array, sigma: Array, v: Array, a: Array
+) -> Array:
+    """Gradient of the squared speed at fixed stations with respect to a step, (m, step).
+
+    d(v^2) = 2 v (C1 db / tau - (v - v0) rho) + 2 a (dS - C2 db - v0 sigma tau rho), regular also at v = 0. At fixed
+    normalised times the second part is left out: a = 0.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    free : slice
+        The free control points of the offset.
+    parameter, sigma, v, a : (m,) arrays
+        Normalised stations and times; speeds in m/s and accelerations in m/s^2 there.
+    """
+    space, tau = trajectory.space, trajectory.travel_time
+    table, v0 = space.time_table(sigma), space.start_speed
+    theta = (2.0 * a)[:, None] * trajectory.path.arc_length_gradient(parameter)[:, free]
+    beta = (2.0 * tau * v)[:, None] * table.speed - (2.0 * tau * tau * a)[:, None] * table.distance
+    rho = -2.0 * (v * (v - v0) + a * v0 * tau * sigma)
+    return np.concatenate([theta, beta, rho[:, None]], axis=1)
 
 
 def _crossing(path: Path, line: Line, stations: Array, along: Array, border: float) -> float:
