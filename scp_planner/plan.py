@@ -9,7 +9,7 @@ from functools import cached_property
 from math import inf, isfinite
 from os import PathLike
 from pathlib import Path as FilePath
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,11 @@ from scp_planner.frames import PlanningFrame
 from scp_planner.guide import Guide, guide_from_dict
 from scp_planner.splines import clamped_knots
 from scp_planner.trajectory import Trajectory, TripPoints, TripSpace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scp_planner.scenario import Scenario
 
 Array = NDArray[np.float64]
 
@@ -272,6 +277,48 @@ class Plan:
         """
         text = json.dumps(self.to_dict(samples), allow_nan=False)
         write_text(path, text + "\n")
+
+    def table(self, times: ArrayLike | int = 200) -> dict[str, NDArray[Any]]:
+        """Sample the trip at absolute times (n,) s, or at so many equidistant ones.
+
+        Returns
+        -------
+        dict of str to (n,) array
+            Columns with their units in their names, see `scp_planner.export.plan_table`; `pandas.DataFrame` takes it.
+        """
+        from scp_planner.export import plan_table
+
+        return plan_table(self, times)
+
+    def export(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the trip for other programs: .csv, .npz, .mcap, or a bag's folder; see `scp_planner.export.export`."""
+        from scp_planner.export import export
+
+        export(self, path, **options)
+
+    def plot(self, scenario: Scenario, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
+        """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import plot_view
+
+        return plot_view(self, scenario, path, view)
+
+    def draw(self, scenario: Scenario, path: str | PathLike[str], view: str = "map") -> None:
+        """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import draw_plan
+
+        draw_plan(self, scenario, path, view)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

@@ -79,7 +79,7 @@ class ObstacleRecord:
     center : (n, 2) array
         Where it is thought to be, m; NaN while it is not known of.
     heading : (n,) array
-        Direction in which it is thought to move, rad.
+        Direction in which it moves, or is thought to move where nobody knows, rad.
     body : (k, 2) array
         Vertices of its shape about its centre, at heading 0, m.
     turns : bool
@@ -204,7 +204,8 @@ class Recording:
         pad = np.maximum(0.15 * reach - 0.5 * (high - low), 0.0) + max(1.5 * self.radius, 0.03 * reach)
         low, high = low - pad, high + pad
         if self.bounds is not None:
-            edge = 0.02 * reach
+            # A little of what waits outside is to be seen.
+            edge = 0.1 * reach
             low, high = (
                 np.maximum(low, np.subtract(self.bounds[0], edge)),
                 np.minimum(high, np.add(self.bounds[1], edge)),
@@ -327,15 +328,19 @@ def boundary_of(zone: Convex, times: Array, count: int = BOUNDARY_POINTS) -> Arr
 
 
 def body_of(shape: Shape) -> tuple[Array, bool]:
-    """Vertices of a shape at heading 0, (k, 2) m, and whether it turns with the heading."""
+    """Vertices of a shape, (k, 2) m, at heading 0 if it turns with the heading, and whether it does."""
     angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     if isinstance(shape, Disc):
         return shape.disc * circle, False
-    if isinstance(shape, Ellipse):
-        return np.array(shape.ellipse) * circle, True
-    if isinstance(shape, Rectangle):
-        return 0.5 * np.array(shape.rectangle) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]), True
+    if isinstance(shape, Ellipse | Rectangle):
+        if isinstance(shape, Ellipse):
+            points = np.array(shape.ellipse) * circle
+        else:
+            points = 0.5 * np.array(shape.rectangle) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        own = shape.heading or 0.0
+        turn = np.array([[np.cos(own), np.sin(own)], [-np.sin(own), np.cos(own)]])
+        return points @ turn, shape.heading is None
     return np.array(shape.polygon), False
 
 
@@ -399,7 +404,7 @@ def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
 def length_text(metres: float) -> str:
     """Write a length in a unit of its size."""
     for unit, size in (("\N{MICRO SIGN}m", 1e-6), ("mm", 1e-3)):
-        if abs(metres) < 1000.0 * size and abs(metres) < 0.1:
+        if abs(metres) < 999.5 * size and abs(metres) < 0.1:
             return f"{metres / size:.3g} {unit}"
     return f"{metres:.2f} m"
 

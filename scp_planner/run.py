@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
@@ -25,6 +25,8 @@ from scp_planner.shapes import Outline
 from scp_planner.zones import ThreatZone
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from scp_planner.recording import Recording
 
 Array = NDArray[np.float64]
@@ -298,11 +300,47 @@ class Run:
         except (KeyError, TypeError, IndexError) as error:
             raise PlanError(name, [Fault("", MISSING, f"not a run file: {error!r}")]) from None
 
-    def recording(self, frames_per_second: float = 12.5) -> Recording:
-        """Sample the run for the animation and the viewer."""
+    def table(self) -> dict[str, NDArray[Any]]:
+        """Give what vehicle and obstacles did, (n,) arrays with units in their names; `pandas.DataFrame` takes it."""
+        from scp_planner.export import run_table
+
+        return run_table(self)
+
+    def export(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the run for other programs: .csv, .npz, .mcap, or a bag's folder; see `scp_planner.export.export`."""
+        from scp_planner.export import export
+
+        export(self, path, **options)
+
+    def plot(self, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
+        """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import plot_run_view
+
+        return plot_run_view(self, path, view)
+
+    def draw(self, path: str | PathLike[str], view: str = "map") -> None:
+        """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import draw_run
+
+        draw_run(self, path, view)
+
+    def recording(self, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
+        """Sample the run, evenly and at times (n,) s, for pictures and the viewer."""
         from scp_planner.run_recording import record_run
 
-        return record_run(self, frames_per_second)
+        return record_run(self, frames_per_second, times)
 
 
 def _record_to_dict(record: Cycle) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.recording import (
     ObstacleRecord,
@@ -27,11 +27,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MOST_FRAMES = 1200
+STANDING = 1e-6
+"""m/s. What is slower has no direction."""
+CREEPING = 0.01
+"""Below this part of the greatest speed the curvature is not told: it is a quotient of two differences near 0."""
 PATH_POINTS = 100
 BOUNDARY_POINTS = 48
 
 
-def record_run(run: Run, frames_per_second: float = 12.5) -> Recording:
+def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
     """Sample a closed loop.
 
     Parameters
@@ -39,6 +43,8 @@ def record_run(run: Run, frames_per_second: float = 12.5) -> Recording:
     run : Run
     frames_per_second : float
         1/s; less if the run is very long.
+    times : (n,) array
+        To be sampled too, s.
 
     Returns
     -------
@@ -48,7 +54,7 @@ def record_run(run: Run, frames_per_second: float = 12.5) -> Recording:
     """
     span = float(run.time[-1] - run.time[0])
     frames = int(np.clip(math.ceil(span * frames_per_second), 2, MOST_FRAMES))
-    time = np.linspace(run.time[0], run.time[-1], frames + 1)
+    time = np.union1d(np.linspace(run.time[0], run.time[-1], frames + 1), times)
     cycle_times = np.array([cycle.time for cycle in run.records])
     cycle = np.clip(np.searchsorted(cycle_times, time + 1e-9, "right") - 1, 0, None)
     position = _interpolated(time, run.time, run.position)
@@ -105,14 +111,19 @@ def _obstacle(
         center[now] = zone.center(time[now])
         velocity = zone.center(time[now] + 1e-3) - zone.center(time[now] - 1e-3)
         heading[now] = np.arctan2(velocity[:, 1], velocity[:, 0])
-        for part, piece in enumerate(convex_pieces_of(zone)):
-            boundary[now, part] = boundary_of(piece, time[now], BOUNDARY_POINTS)
+        pieces = [boundary_of(piece, time[now], BOUNDARY_POINTS) for piece in convex_pieces_of(zone)]
+        for part in range(parts):
+            # Where a cycle knew of fewer pieces, the last is drawn again.
+            boundary[now, part] = pieces[min(part, len(pieces) - 1)]
         clearance[now] = zone.signed_distance(time[now], position[now]) - run.scenario.vehicle.radius
         radius = zone.radius
-    shapes = {obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}
+    shapes = {**run.shapes, **{obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}}
     body, turns = body_of(shapes.get(name) or Disc(disc=max(radius, 1e-6)))
     seen = [seen.position for each in run.records for seen in each.observations if seen.obstacle == name]
     truth = run.obstacles.get(name)
+    if truth is not None:
+        known = _directions(run.time, truth, time)
+        heading = np.where(np.isnan(known), heading, known)
     return ObstacleRecord(
         id=name,
         center=center,
@@ -127,11 +138,19 @@ def _obstacle(
     )
 
 
+def _directions(known: Array, centers: Array, time: Array) -> Array:
+    """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
+    velocity = np.gradient(centers, known, axis=0)
+    angle = np.where(np.hypot(*velocity.T) < STANDING, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
+    nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
+    return nearest
+
+
 def _driven(run: Run) -> tuple[Array, Array]:
     """Acceleration, m/s2, and curvature, 1/m, of what was driven; no curvature while standing."""
     acceleration = np.gradient(run.speed, run.time)
     turning = np.gradient(np.unwrap(run.heading), run.time)
-    moving = run.speed > 1e-3 * run.scenario.vehicle.max_speed
+    moving = run.speed > CREEPING * run.scenario.vehicle.max_speed
     return acceleration, np.where(moving, turning / np.where(moving, run.speed, 1.0), 0.0)
 
 

@@ -137,6 +137,34 @@ def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path,
     assert (tmp_path / f"plan{suffix}").read_bytes().startswith(begins)
 
 
+def test_plan_draws_the_view_that_is_asked_for(easy: Path, tmp_path: Path) -> None:
+    says = {"map": "x (m)", "space-time": "distance along the path (m)", "profiles": "lateral acceleration (m/s²)"}
+    for view, text in says.items():
+        result = run("plan", easy, "--plot", tmp_path / f"{view}.svg", "--view", view)
+        assert result.exit_code == 0, result.output
+        drawn = (tmp_path / f"{view}.svg").read_text(encoding="utf-8")
+        assert text in drawn
+        assert ("x (m)" in drawn) == (view == "map")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--view", "space-time"], "needs --plot"),
+        (["--view", "profiles", "--plot", "plan.html"], "--plot must end in one of .pdf, .png, .svg"),
+        (["--view", "globe", "--plot", "plan.png"], "'globe' is not one of"),
+    ],
+)
+def test_a_view_that_cannot_be_had_is_refused(
+    arguments: list[str], said: str, easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = set(tmp_path.iterdir())
+    result = run("plan", easy, *arguments)
+    assert result.exit_code == 2 and said in " ".join(result.stderr.split())
+    assert set(tmp_path.iterdir()) == before
+
+
 def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
     assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
@@ -418,7 +446,7 @@ def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytes
 
 
 def test_demo_runs_twice_into_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scp_planner.cli.pictures.animate_run", lambda run, path: path.write_text("film"))
+    monkeypatch.setattr("scp_planner.run.Run.draw", lambda run, path: path.write_text("film"))
     for _ in range(2):
         result = run("demo", "headon", "-o", tmp_path / "demo", "--quiet")
         assert (result.exit_code, result.output) == (0, "")

@@ -25,10 +25,19 @@ from PIL import Image
 
 import scp_planner as sp
 from scp_planner import builtin
-from scp_planner.plotting import animate, animate_plan, plot_plan, plot_space_time
+from scp_planner.plotting import (
+    View,
+    animate,
+    animate_plan,
+    plot_plan,
+    plot_run_space_time,
+    plot_space_time,
+)
 from scp_planner.plotting.animation import Film
-from scp_planner.plotting.style import COLOURS, style
+from scp_planner.plotting.maps import border_of
+from scp_planner.plotting.style import COLOURS, GREY, style
 from scp_planner.recording import record_plan
+from tests.scenes import disc, scene
 
 Case = tuple[sp.Plan, sp.Scenario]
 
@@ -98,15 +107,66 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
     colours = [to_hex(disc.get_facecolor()).upper() for disc in discs]
     assert colours == list(COLOURS[:2])
     shapes = [patch for patch in axes.patches if isinstance(patch, Polygon | PathPatch)]
-    assert {to_hex(shape.get_facecolor()).upper() for shape in shapes if not _is_hollow(shape)} <= set(COLOURS[:2])
-    # Every zone that is near the vehicle at one of the times is there, in that time's colour.
+    filled = {to_hex(shape.get_facecolor()).upper() for shape in shapes if not _is_hollow(shape)}
+    assert filled <= {*COLOURS[:2], GREY}
+    # Every zone that is near the vehicle at one of the times is there, in that time's colour; in grey if it stands.
     for t, colour in zip(times, COLOURS, strict=False):
         for zone in sp.zones(scenario):
             if zone.signed_distance(t, plan.position(t)) - scenario.vehicle.radius < 0.1 * 20.0:
-                zones = [s for s in shapes if to_hex(s.get_edgecolor()).upper() == colour]
+                own = GREY if zone.id == "buoy" else colour
+                zones = [s for s in shapes if to_hex(s.get_edgecolor()).upper() == own]
                 outlines = [s.get_path().vertices for s in zones if isinstance(s, PathPatch)]
                 fits = [np.abs(zone.signed_distance(np.full(len(o), t), o)).max() < 1e-6 for o in outlines]
                 assert any(fits), (zone.id, t)
+
+
+def test_what_stands_is_drawn_once(radar: Case) -> None:
+    plan, scenario = radar
+    for count in (1, 5):
+        axes = _map_of(plot_plan(plan, scenario, times=np.linspace(plan.start_time, plan.arrival_time, count)))
+        zones = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
+        assert sum(to_hex(zone.get_edgecolor()).upper() == GREY for zone in zones) == 1
+
+
+def _pocket() -> sp.Scenario:
+    """A room that is open to the left, of three convex pieces."""
+    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
+    return scene({"id": "pocket", "shape": {"polygon": walls}, "motion": {"position": [9.0, 1.0]}, "margin": 0.2})
+
+
+@pytest.fixture(scope="module")
+def pocket() -> Case:
+    return sp.plan(_pocket()), _pocket()
+
+
+def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
+    """It is all on the outside of the obstacle grown by its margin, and as long as that is."""
+    shapely = pytest.importorskip("shapely")
+    plan, scenario = pocket
+    (obstacle,) = record_plan(plan, scenario, 3).obstacles
+    assert len(obstacle.boundary[0]) > 2
+    border = border_of(obstacle, 0)
+    bits = border.vertices.reshape(-1, 2, 2)
+    room = shapely.affinity.translate(shapely.Polygon(scenario.obstacles[0].shape.polygon), 9.0, 1.0)
+    # Corners are rounded, and drawn from a few points: 60 on each piece.
+    outside = room.buffer(0.2, quad_segs=64).exterior
+    off = [outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)]
+    assert max(off) < 0.02
+    # Where pieces grown by the margin overlap, a little of it is drawn twice.
+    assert outside.length < np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() < 1.05 * outside.length
+
+
+def test_animation_of_several_pieces(pocket: Case, tmp_path: Path) -> None:
+    animate_plan(*pocket, tmp_path / "pocket.gif", frames_per_second=1.0)
+    with Image.open(tmp_path / "pocket.gif") as film:
+        assert film.n_frames == math.ceil(pocket[0].travel_time) + 1
+
+
+def test_names_do_not_lie_on_each_other() -> None:
+    twins = [disc(name, (10.0, 0.9)) for name in ("one", "other")]
+    scenario = scene(*twins, disc("third", (15.0, -0.9)))
+    names = [a.get_text() for a in _map_of(plot_plan(sp.plan(scenario), scenario)).findobj(Annotation)]
+    assert names == ["one", "third"]
 
 
 def test_map_has_equal_axes(figure: Figure) -> None:
@@ -281,6 +341,81 @@ def test_space_time_axes(radar: Case) -> None:
     offset = max(below.lines, key=lambda line: len(line.get_xdata()))
     times = np.asarray(offset.get_xdata())
     assert np.allclose(offset.get_ydata(), plan.position(times)[:, 1], atol=1e-9)  # the guide is y = 0
+
+
+# Views of plans and of closed loops
+
+
+@pytest.fixture(scope="module")
+def drive() -> sp.Run:
+    """A vehicle that waits for a convoy to pass."""
+    convoy = [disc(f"truck-{k}", (8.0, -2.0 - 3.0 * k), (0.0, 1.0), radius=1.2) for k in range(2)]
+    bounds = {"min": [-1.0, -0.6], "max": [17.0, 0.6]}
+    return sp.simulate(scene(*convoy, goal={"position": [16.0, 0.0]}, bounds=bounds), noise=0.01, rate=4.0)
+
+
+@pytest.mark.parametrize("view", View)
+def test_views_of_a_plan(radar: Case, view: View, tmp_path: Path) -> None:
+    plan, scenario = radar
+    figure = plan.plot(scenario, tmp_path / "plotted.svg", view)
+    plan.draw(scenario, tmp_path / "drawn.svg", str(view))
+    assert (tmp_path / "plotted.svg").read_bytes() == (tmp_path / "drawn.svg").read_bytes()
+    _assert_legible(figure)
+
+
+@pytest.mark.parametrize("view", View)
+def test_views_of_a_run(drive: sp.Run, view: View, tmp_path: Path) -> None:
+    figure = drive.plot(tmp_path / "plotted.svg", view)
+    drive.draw(tmp_path / "drawn.svg", str(view))
+    assert (tmp_path / "plotted.svg").read_bytes() == (tmp_path / "drawn.svg").read_bytes()
+    _assert_legible(figure)
+
+
+def test_unknown_view_is_refused(radar: Case, drive: sp.Run) -> None:
+    for draw in (lambda: radar[0].plot(radar[1], view="globe"), lambda: drive.plot(view="globe")):
+        with pytest.raises(ValueError, match="'globe' is not a valid View"):
+            draw()
+
+
+def test_profiles_of_a_plan_are_those_of_the_map(radar: Case, figure: Figure) -> None:
+    alone = radar[0].plot(radar[1], view="profiles")
+    for title in ("speed (m/s)", "acceleration (m/s²)", "lateral", "curvature", "clearance"):
+        drawn = [_panel(each, title).lines[0].get_ydata() for each in (figure, alone)]
+        assert np.ptp(drawn[1]) == pytest.approx(np.ptp(drawn[0]), rel=0.02)
+        assert _panel(alone, title).get_xlim() == _panel(figure, title).get_xlim()
+
+
+def test_map_of_a_run_shows_what_was_driven_and_planned(drive: sp.Run) -> None:
+    axes = _map_of(drive.plot())
+    discs = [patch for patch in axes.patches if isinstance(patch, Circle) and patch.radius == 0.3]
+    assert len(discs) >= 3
+    for disc_of_vehicle in discs:
+        assert np.linalg.norm(drive.position - disc_of_vehicle.center, axis=1).min() < 0.05
+    (driven,) = axes.collections
+    assert np.abs(driven.get_segments()[-1][-1] - drive.position[-1]).max() < 1e-9
+    planned = [line for line in axes.lines if line.get_linestyle() == "--" and line.get_linewidth() == 1.0]
+    assert len(planned) == len(discs)
+
+
+def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
+    (axes,) = plot_run_space_time(drive).axes
+    curve = max(axes.lines, key=lambda line: line.get_linewidth())
+    time, station = (np.asarray(part) for part in curve.get_data())
+    assert station[-1] == pytest.approx(np.linalg.norm(np.diff(drive.position, axis=0), axis=1).sum())
+    slow = drive.speed < 0.5
+    assert slow.any()
+    # While it waits, what it would meet lies ahead of it; and it meets nothing.
+    regions = _regions(axes)
+    ahead = [
+        any(region.contains_point((t, s)) for region in regions for s in np.arange(at, at + 6.0, 0.2))
+        for t, at in zip(time[slow], station[slow], strict=True)
+    ]
+    assert np.mean(ahead) > 0.9
+    recording = drive.recording()
+    points = np.stack([recording.time, np.interp(recording.time, time, station)], axis=-1)
+    met = np.any([region.contains_points(points) for region in regions], axis=0)
+    clear = np.abs(recording.clearance) > 0.05
+    assert clear.mean() > 0.5 and np.array_equal(met[clear], recording.clearance[clear] < 0.0)
 
 
 # Files

@@ -14,6 +14,7 @@ from shapely import Polygon, unary_union
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.recording import boundary_of, nearest_indices, nice_times, record_plan
+from tests.scenes import scene
 
 Array = NDArray[np.float64]
 
@@ -173,3 +174,16 @@ def test_nice_times(start: float, span: float, most: int) -> None:
 
 def test_nearest_indices() -> None:
     assert nearest_indices(np.array([0.0, 1.0, 2.0]), [1.6, -5.0, 0.4]).tolist() == [2, 0, 0]
+
+
+@pytest.mark.parametrize("heading", [None, 0.4, -2.0])
+@pytest.mark.parametrize("shape", [{"rectangle": [3.0, 1.0]}, {"ellipse": [2.0, 0.5]}])
+def test_bodies_lie_on_the_borders_of_their_zones(shape: dict[str, object], heading: float | None) -> None:
+    """Turned as the zones are: with the motion, or as they say."""
+    motion = {"position": [8.0, 4.0], "velocity": [0.3, -0.2]}
+    scenario = scene({"id": "body", "shape": {**shape, "heading": heading}, "motion": motion})
+    recording = record_plan(sp.plan(scenario), scenario, 3)
+    (zone,), (obstacle,) = sp.zones(scenario), recording.obstacles
+    for i, time in enumerate(recording.time):
+        body = obstacle.body_at(i)
+        assert np.abs(zone.signed_distance(np.full(len(body), time), body)).max() < 1e-6

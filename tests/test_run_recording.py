@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from scp_planner.run import Run
 from scp_planner.run_recording import record_run
 from scp_planner.simulation import simulate
 from scp_planner.viewer import save_recording
+from tests.scenes import scene
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +62,41 @@ def test_each_time_shows_the_zones_of_its_cycle(run: Run, recording: Recording) 
             assert np.abs(known.signed_distance(np.full(len(outline), time), outline)).max() < 1e-6
             expected = known.signed_distance(time, recording.position[i]) - recording.radius
             assert obstacle.clearance[i] == pytest.approx(expected, abs=1e-9)
+
+
+def test_zones_keep_their_shapes(tmp_path: Path) -> None:
+    """In the record, in its file, and in pictures; also what is concave, or turns."""
+    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
+    shapes = {
+        "pocket": ({"polygon": walls}, {"position": [6.0, 3.5]}),
+        "car": ({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
+        "pond": ({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
+    }
+    obstacles = [{"id": name, "shape": shape, "motion": motion} for name, (shape, motion) in shapes.items()]
+    run = simulate(scene(*obstacles, goal={"position": [6.0, 0.0]}), noise=0.01, rate=4.0)
+    run.save(tmp_path / "run.json")
+    assert Run.load(tmp_path / "run.json") == run
+    # What turns with an estimated motion is covered by a disc.
+    assert {record.id: min(len(record.outlines), 2) for record in run.records[-1].zones} == {
+        "pocket": 2,
+        "car": 0,
+        "pond": 1,
+    }
+    recording = record_run(run, frames_per_second=2.0)
+    last = len(recording.time) - 1
+    for obstacle in recording.obstacles:
+        zone = next(zone for zone in run.records[-1].zones if zone.id == obstacle.id).zone()
+        drawn = obstacle.zone_at(last)
+        if obstacle.id == "pocket":
+            assert len(drawn) == len(zone.outlines) > 1
+        for piece, outline in zip(drawn, zone.outlines or (None,), strict=True):
+            alone = zone if outline is None else replace(zone, outlines=(outline,))
+            assert np.abs(alone.signed_distance(np.full(len(piece), recording.time[last]), piece)).max() < 1e-5
+        # The true shape, somewhere in its zone.
+        center = obstacle.truth_at(last)
+        assert center is not None
+        corners = obstacle.body_at(last, center)
+        assert zone.signed_distance(np.full(len(corners), recording.time[last]), corners).max() < 0.1
 
 
 def test_truth_and_observations_are_those_of_the_run(run: Run, recording: Recording) -> None:

@@ -18,6 +18,7 @@ from scp_planner import builtin
 from scp_planner.recording import record_plan
 from scp_planner.viewer import save_recording, save_viewer, to_html
 from tests.browser import BROWSER_VARIABLE, Browser, find_browser
+from tests.scenes import scene
 
 
 @pytest.fixture(scope="module")
@@ -260,6 +261,52 @@ def test_closed_loop_shows_the_plan_of_each_cycle(
     assert browser.evaluate(shown) != first
     move_slider(browser, plan.start_time)
     assert browser.evaluate(shown) == first
+    assert browser.faults == []
+
+
+@pytest.fixture(scope="module")
+def run() -> sp.Run:
+    """A closed loop past shapes of several kinds, one of them of several convex pieces."""
+    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
+    shapes = {
+        "pocket": ({"polygon": walls}, {"position": [6.0, 2.5]}),
+        "car": ({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
+        "pond": ({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
+        "walker": ({"disc": 0.4}, {"position": [9.0, -3.0], "velocity": [0.0, 0.8]}),
+    }
+    obstacles = [{"id": name, "shape": shape, "motion": motion} for name, (shape, motion) in shapes.items()]
+    return sp.simulate(scene(*obstacles, goal={"position": [12.0, 0.0]}), noise=0.02, rate=5.0)
+
+
+def test_slider_moves_the_vehicle_through_a_run(browser: Browser, run: sp.Run, tmp_path: Path) -> None:
+    run.draw(tmp_path / "run.html")
+    browser.open((tmp_path / "run.html").as_uri())
+    assert browser.evaluate("document.querySelectorAll('.zone').length") == 4
+    assert browser.evaluate("document.querySelectorAll('.chart').length") == 5
+    plans = set()
+    for part in (0.0, 0.4, 0.7, 1.0):
+        time = float(run.time[0] + part * (run.time[-1] - run.time[0]))
+        move_slider(browser, time)
+        expected = [np.interp(time, run.time, run.position[:, axis]) for axis in (0, 1)]
+        assert shown_time(browser) == pytest.approx(time, abs=0.006)
+        # The page draws straight lines between its samples.
+        assert shown_position(browser) == pytest.approx(expected, abs=0.02)
+        plans.add(browser.evaluate("document.querySelector('path[stroke-width=\"3\"]').getAttribute('d')"))
+    assert len(plans) == 4
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+    assert browser.requests == [(tmp_path / "run.html").as_uri()]
+
+
+def test_run_plays(browser: Browser, run: sp.Run, tmp_path: Path) -> None:
+    run.draw(tmp_path / "run.html")
+    browser.open((tmp_path / "run.html").as_uri())
+    before = browser.evaluate(VEHICLE)
+    browser.evaluate("document.querySelector('#pace').value = '4'")
+    browser.press(" ")
+    browser.wait_for("Number(document.querySelector('#slider').value) > 1.0")
+    browser.press(" ")
+    assert browser.evaluate(VEHICLE)[0] > before[0] + 10.0
     assert browser.faults == []
 
 

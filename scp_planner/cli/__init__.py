@@ -23,6 +23,7 @@ add_command(
     "plan",
     trips.plan,
     "scp-planner plan crossing.yaml -o plan.json --plot plan.html",
+    "scp-planner plan builtin:headon --plot why.png --view space-time",
     "scp-planner plan builtin:crossing --json --set path_span=1 --set max_runs=12",
 )
 add_command(

@@ -79,6 +79,7 @@ def plan(
         Path | None,
         typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
     ] = None,
+    view: pictures.PictureView = pictures.View.MAP,
     method: MethodName = Method.SCP,
     solver: SolverName = None,
     assignments: Assignments = None,
@@ -100,7 +101,7 @@ def plan(
     check_solver(solver, method)
     check_time_limit(time_limit)
     check_target("--output", output, scenario_file)
-    pictures.check_picture("--plot", plot, scenario_file)
+    pictures.check_picture("--plot", plot, scenario_file, view=view)
     values = keyword_settings(assignments, solver)
     scenario = load_scenario(scenario_file)
     made = _plan(scenario, method, values, seed, time_limit)
@@ -109,7 +110,7 @@ def plan(
     if output is not None:
         made.save(output, samples=samples)
     if plot is not None:
-        pictures.draw(made, scenario, plot)
+        made.draw(scenario, plot, view)
     report(summaries.of_plan(scenario, made), as_json, quiet)
     _finish(scenario_file, made.certified, f"{made.status}: {made.reason}" if made.reason else str(made.status))
 
@@ -138,6 +139,8 @@ def simulate(
     animation: Annotated[
         Path | None, typer.Option("--animate", help="Animate the run: .gif, .mp4; .html to look at in a browser.")
     ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Draw the run: .png, .pdf or .svg.")] = None,
+    view: pictures.PictureView = pictures.View.MAP,
     noise: Annotated[
         float, typer.Option("--noise", metavar="S", help="Standard deviation of observed coordinates, m.")
     ] = 0.1,
@@ -160,11 +163,14 @@ def simulate(
     check_number("--rate", rate, SLOWEST_RATE)
     check_target("--output", output, scenario_file)
     pictures.check_picture("--animate", animation, scenario_file, pictures.MOVING_SUFFIXES)
+    pictures.check_picture("--plot", plot, scenario_file, pictures.FIGURE_SUFFIXES, view)
     run = _drive(load_scenario(scenario_file), noise, rate, seed, quiet, solver, assignments)
     if output is not None:
         run.save(output)
     if animation is not None:
-        pictures.animate_run(run, animation)
+        run.draw(animation)
+    if plot is not None:
+        run.draw(plot, view)
     report(summaries.of_run(run), as_json, quiet)
     _finish_run(scenario_file, run)
 
@@ -238,18 +244,16 @@ def _drive(
 
 def _draw_demo(scenario: Scenario, made: Plan, run: Run, folder: Path, quiet: bool) -> list[str]:
     """Draw all that can be drawn; return the names of the files."""
-    pictures.draw(made, scenario, folder / "plan.html")
-    pictures.animate_run(run, folder / "run.html")
+    made.draw(scenario, folder / "plan.html")
+    run.draw(folder / "run.html")
     if not pictures.can_plot():
         tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
         return ["plan.html", "run.html"]
-    from scp_planner.plotting import plot_space_time
-
-    pictures.draw(made, scenario, folder / "plan.png")
-    plot_space_time(made, scenario, folder / "space_time.png")
+    made.draw(scenario, folder / "plan.png")
+    made.draw(scenario, folder / "space_time.png", "space-time")
     if not quiet:
         tell("drawing the animation ...")
-    pictures.animate_run(run, folder / "run.gif")
+    run.draw(folder / "run.gif")
     return ["plan.html", "run.html", "plan.png", "space_time.png", "run.gif"]
 
 

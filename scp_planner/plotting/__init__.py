@@ -1,4 +1,4 @@
-"""Pictures and animations of plans.
+"""Pictures and animations of plans and closed loops.
 
 Colours are safe for colour-blind readers. matplotlib is imported by the functions that draw; its global state
 (pyplot, rcParams) is left alone.
@@ -7,7 +7,22 @@ Colours are safe for colour-blind readers. matplotlib is imported by the functio
 from __future__ import annotations
 
 from scp_planner.plotting.animation import animate, animate_plan
-from scp_planner.plotting.figures import plot_plan
-from scp_planner.plotting.space_time import plot_space_time
+from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
+from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
+from scp_planner.plotting.views import View, draw_plan, draw_run, plot_run_view, plot_view
 
-__all__ = ["animate", "animate_plan", "plot_plan", "plot_space_time"]
+__all__ = [
+    "View",
+    "animate",
+    "animate_plan",
+    "draw_plan",
+    "draw_run",
+    "plot_plan",
+    "plot_profiles",
+    "plot_run",
+    "plot_run_profiles",
+    "plot_run_space_time",
+    "plot_run_view",
+    "plot_space_time",
+    "plot_view",
+]

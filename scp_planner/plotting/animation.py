@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.files import replacing
-from scp_planner.plotting.maps import draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
+from scp_planner.plotting.maps import border_of, draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
 from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
 from scp_planner.recording import ObstacleRecord, Recording, Truth, record_plan
@@ -208,16 +208,18 @@ class _ObstaclePatches:
     def __init__(self, axes: Axes, obstacle: ObstacleRecord, colour: str) -> None:
         from matplotlib.patches import PathPatch, Polygon
 
-        self._zone = PathPatch(outline_of(obstacle, 0), facecolor=(colour, 0.2), edgecolor=colour)
+        self._zone = PathPatch(outline_of(obstacle, 0), facecolor=(colour, 0.2), edgecolor="none")
+        self._border = PathPatch(border_of(obstacle, 0), facecolor="none", edgecolor=colour)
         self._thought = Polygon(obstacle.body_at(0), facecolor=(colour, 0.5), edgecolor="none")
         self._true = Polygon(obstacle.body_at(0), facecolor=(colour, 0.7), edgecolor=INK)
-        self.all = (self._zone, self._thought, self._true)
+        self.all = (self._zone, self._border, self._thought, self._true)
         for patch in self.all:
             axes.add_patch(patch)
 
     def move_to(self, obstacle: ObstacleRecord, index: int) -> None:
         """Move to one of the recording's times."""
         self._zone.set_path(outline_of(obstacle, index))
+        self._border.set_path(border_of(obstacle, index))
         center = obstacle.truth_at(index)
         self._true.set_visible(center is not None)
         self._thought.set_visible(center is None)

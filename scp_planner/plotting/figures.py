@@ -1,4 +1,4 @@
-"""The figure of a plan."""
+"""The figures of a plan and of a closed loop."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
@@ -17,10 +17,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
     from scp_planner.plan import Plan
+    from scp_planner.run import Run
     from scp_planner.scenario import Scenario
+
+Array = NDArray[np.float64]
 
 SAMPLES = 300
 DPI = 150
+PROFILES_SIZE = (7.5, 8.5)
+"""inches: of a figure of the profiles alone"""
 WIDTH, PROFILES_HEIGHT, PROFILES_WIDTH = 10.0, 3.4, 4.0
 """inches: of a figure with the profiles below the map; of the profiles below and beside it"""
 NARROW = 0.9
@@ -57,22 +62,121 @@ def plot_plan(
     ValueError
         If the suffix is another one, there are too many times, or `truth` names an unknown obstacle.
     """
-    if path is not None:
-        check_suffix(path, FIGURE_SUFFIXES)
-    if times is None:
-        shown = nice_times(plan.start_time, plan.arrival_time)
-    else:
-        shown = np.clip(np.asarray(times, dtype=float), plan.start_time, plan.arrival_time)
-    if shown.ndim != 1 or not 1 <= len(shown) <= len(COLOURS):
-        raise ValueError(f"times: must be 1 to {len(COLOURS)} times, not an array of shape {shown.shape}")
+    _check(path, times)
+    shown = _shown(times, plan.start_time, plan.arrival_time)
     grid = np.linspace(plan.start_time, plan.arrival_time, SAMPLES)
     recording = record_plan(plan, scenario, np.union1d(grid, shown), truth)
+    return _plot_recording(recording, shown, path)
+
+
+def plot_run(run: Run, path: str | PathLike[str] | None = None, *, times: ArrayLike | None = None) -> Figure:
+    """Draw a closed loop: what was driven and planned, the zones as they were known, and what really was.
+
+    Parameters
+    ----------
+    run : Run
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+    times : (n,) array, optional
+        Absolute times to show on the map, s, at most 7; default: up to 6 round ones.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or there are too many times.
+    """
+    _check(path, times)
+    shown = _shown(times, float(run.time[0]), float(run.time[-1]))
+    return _plot_recording(run.recording(times=shown), shown, path)
+
+
+def plot_profiles(
+    plan: Plan, scenario: Scenario, path: str | PathLike[str] | None = None, *, truth: Truth | None = None
+) -> Figure:
+    """Draw speed, accelerations, curvature and clearance of a plan over time, against their limits.
+
+    Parameters
+    ----------
+    plan : Plan
+    scenario : Scenario
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+    truth : mapping, optional
+        What obstacles really did, see `scp_planner.recording.Truth`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or `truth` names an unknown obstacle.
+    """
+    _check(path)
+    return _plot_profiles(record_plan(plan, scenario, SAMPLES, truth), path)
+
+
+def plot_run_profiles(run: Run, path: str | PathLike[str] | None = None) -> Figure:
+    """Draw speed, accelerations, curvature and clearance of a closed loop over time, against their limits.
+
+    Parameters
+    ----------
+    run : Run
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    """
+    _check(path)
+    return _plot_profiles(run.recording(), path)
+
+
+def _check(path: str | PathLike[str] | None, times: ArrayLike | None = None) -> None:
+    if path is not None:
+        check_suffix(path, FIGURE_SUFFIXES)
+    if times is not None and (np.ndim(times) != 1 or not 1 <= np.size(times) <= len(COLOURS)):
+        raise ValueError(f"times: must be 1 to {len(COLOURS)} times, not an array of shape {np.shape(times)}")
+
+
+def _shown(times: ArrayLike | None, start: float, end: float) -> Array:
+    if times is None:
+        return nice_times(start, end)
+    return np.clip(np.asarray(times, dtype=float), start, end)
+
+
+def _plot_recording(recording: Recording, shown: Array, path: str | PathLike[str] | None) -> Figure:
     indices = nearest_indices(recording.time, shown)
     with style():
         figure, map_part, profile_part, narrow = _parts(recording)
         panels = profile_part.subplots(6, 1) if narrow else profile_part.subplots(2, 3)
         draw_map(map_part.subplots(), recording, indices, narrow=narrow)
         draw_profiles(list(panels.ravel()), recording, indices, stacked=narrow)
+        settle(figure)
+        if path is not None:
+            save(figure, path)
+    return figure
+
+
+def _plot_profiles(recording: Recording, path: str | PathLike[str] | None) -> Figure:
+    from matplotlib.figure import Figure
+
+    with style():
+        figure = Figure(figsize=PROFILES_SIZE, dpi=DPI)
+        figure.set_layout_engine("constrained", w_pad=0.06, h_pad=0.06)
+        panels = list(figure.subplots(6, 1, height_ratios=[0.9, 1, 1, 1, 1, 1]))
+        draw_profiles(panels, recording, np.array([], dtype=np.intp), stacked=True, fact_width=80)
         settle(figure)
         if path is not None:
             save(figure, path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,12 +17,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.path import Path
 
+Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 NEAR = 0.12
 """Zones no farther from the vehicle than this part of the trip's extent are filled."""
 CROWD = 12
 """With more obstacles than this only those near the vehicle are drawn."""
+LARGE, UNSURE = 0.24, 1.5
+"""Outlines of zones that are far away are left out if they are larger than this part of the trip's extent, and so
+many times as large as the obstacle: so little is known that they would only hide what matters."""
+STILL = 1e-3
+"""What moves and grows by less than this part of the trip's extent stands."""
+FINE = 0.02
+"""Borders of zones of several pieces are drawn in bits no longer than this part of their extent."""
+NAME_HEIGHT = 0.03
+"""Room that a name takes, as a part of the map's longer side."""
 NAMED = 8
 """With no more obstacles than this they are named on the map."""
 
@@ -42,15 +53,22 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
     """
     lay_out(axes, recording)
     draw_tracks(axes, recording)
+    standing = [_stands(recording, obstacle) for obstacle in recording.obstacles]
+    for obstacle in compress(recording.obstacles, standing):
+        _draw_obstacle(axes, recording, obstacle, _nearest(obstacle), GREY)
     for index, colour in zip(indices, COLOURS, strict=False):
-        for obstacle in recording.obstacles:
-            _draw_obstacle(axes, recording, obstacle, int(index), colour)
+        for obstacle, stands in zip(recording.obstacles, standing, strict=True):
+            if not stands:
+                _draw_obstacle(axes, recording, obstacle, int(index), colour)
+    if len(recording.paths) > 1:
+        _draw_plans(axes, recording, indices)
     _draw_speed(axes, recording)
     for index, colour in zip(indices, COLOURS, strict=False):
         _draw_vehicle(axes, recording, int(index), colour)
     if len(recording.obstacles) <= NAMED:
+        places: list[Array] = []
         for obstacle in recording.obstacles:
-            _name(axes, recording, obstacle, indices)
+            _name(axes, recording, obstacle, indices, places)
     draw_ends(axes, recording)
     times, symbols = _key_to_times(recording, indices), key_to_symbols(recording)
     if narrow:
@@ -101,6 +119,46 @@ def outline_of(obstacle: ObstacleRecord, index: int) -> Path:
     codes = np.full(closed.shape[:2], Path.LINETO)
     codes[:, 0], codes[:, -1] = Path.MOVETO, Path.CLOSEPOLY
     return Path(closed.reshape(-1, 2), codes.ravel())
+
+
+def border_of(obstacle: ObstacleRecord, index: int) -> Path:
+    """Give the border of an obstacle's zone at a time, without the seams between its convex pieces."""
+    from matplotlib.path import Path
+
+    pieces = obstacle.zone_at(index)
+    if len(pieces) == 1:
+        return outline_of(obstacle, index)
+    size = float(np.ptp(pieces, axis=(0, 1)).max())
+    bits = np.concatenate([_borders(piece, k, pieces, size) for k, piece in enumerate(pieces)])
+    return Path(bits.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(bits)))
+
+
+def _borders(piece: Array, own: int, pieces: Array, size: float) -> Array:
+    """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams.
+
+    A seam lies in another piece, or on its border and runs the other way.
+    """
+    ends = np.roll(piece, -1, axis=0)
+    counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (FINE * size)).astype(int)
+    parts = np.concatenate([np.arange(count) / count for count in counts if count])
+    start, side = np.repeat(piece, counts, axis=0), np.repeat(ends - piece, counts, axis=0)
+    step = side / np.repeat(counts, counts)[:, None]
+    first = start + parts[:, None] * side
+    bits, middle = np.stack([first, first + step], axis=1), first + 0.5 * step
+    seam = np.zeros(len(bits), dtype=bool)
+    for k, other in enumerate(pieces):
+        edges = np.roll(other, -1, axis=0) - other
+        known = np.linalg.norm(edges, axis=1) > 1e-9 * size
+        if k == own or not known.any():
+            continue
+        edges = edges[known]
+        normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+        beyond = np.einsum("nij,ij->ni", middle[:, None] - other[known], normals)
+        nearest = beyond.argmax(axis=1)
+        distance = beyond[np.arange(len(bits)), nearest]
+        against = np.einsum("ij,ij->i", edges[nearest], step) < 0.0
+        seam |= (distance < -1e-6 * size) | ((distance <= 1e-6 * size) & against)
+    return bits[~seam]
 
 
 def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
@@ -175,14 +233,22 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
 
     length = float(np.ptp(recording.position, axis=0).max())
     near = obstacle.clearance[index] < NEAR * length
-    large = float(np.ptp(obstacle.boundary[index], axis=(0, 1)).max()) > 2.0 * NEAR * length
+    size, own = (
+        float(np.ptp(points, axis=0).max()) for points in (obstacle.zone_at(index).reshape(-1, 2), obstacle.body)
+    )
+    large = size > LARGE * length and size > UNSURE * own
     if not near and len(recording.obstacles) > CROWD:
         return
     if near or not large:
         edge = (colour, 0.9 if near else 0.35)
         fill: Any = (colour, 0.22) if near else "none"
-        outline = outline_of(obstacle, index)
-        axes.add_patch(PathPatch(outline, facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
+        if len(obstacle.boundary[index]) == 1:
+            outline = outline_of(obstacle, index)
+            axes.add_patch(PathPatch(outline, facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))
+        else:
+            axes.add_patch(PathPatch(outline_of(obstacle, index), facecolor=fill, edgecolor="none", zorder=2))
+            border = border_of(obstacle, index)
+            axes.add_patch(PathPatch(border, facecolor="none", edgecolor=edge, linewidth=1.0, zorder=2))
     true_center = obstacle.truth_at(index)
     if true_center is not None:
         body = obstacle.body_at(index, true_center)
@@ -190,6 +256,27 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     elif obstacle.padded and near:
         body = obstacle.body_at(index)
         axes.add_patch(Polygon(body, facecolor=(colour, 0.35), edgecolor="none", zorder=2.1))
+
+
+def _stands(recording: Recording, obstacle: ObstacleRecord) -> bool:
+    """Whether an obstacle and its zone are the same all the time."""
+    length = float(np.ptp(recording.position, axis=0).max())
+    # Of what really was it is known whether it stood, whatever its zones did.
+    courses = [obstacle.center, obstacle.boundary] if obstacle.truth is None else [obstacle.truth]
+    # What is not known of at some time is NaN, and no less than anything.
+    return all(np.ptp(course, axis=0).max() < STILL * length for course in courses)
+
+
+def _nearest(obstacle: ObstacleRecord) -> int:
+    """Index of the time at which an obstacle's zone is nearest to the vehicle."""
+    return int(np.where(np.isnan(obstacle.clearance), np.inf, obstacle.clearance).argmin())
+
+
+def _draw_plans(axes: Axes, recording: Recording, indices: Index) -> None:
+    """Draw what was planned at the times that are shown."""
+    for index, colour in zip(indices, COLOURS, strict=False):
+        path = recording.paths[recording.path_index[index]]
+        axes.plot(*path.T, color=colour, linewidth=1.0, linestyle=(0, (4, 2)), zorder=2.8)
 
 
 def _draw_speed(axes: Axes, recording: Recording) -> None:
@@ -216,24 +303,34 @@ def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> 
     axes.add_patch(Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4))
 
 
-def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index) -> None:
-    """Write an obstacle's id beside its zone at the shown time at which it is nearest to the vehicle."""
+def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index, places: list[Array]) -> None:
+    """Write an obstacle's id beside its zone at the shown time at which it is nearest to the vehicle.
+
+    It is left out where it would hide one of the names that have their places already.
+    """
     from matplotlib.patheffects import withStroke
 
     low, high = recording.extent()
-    index = int(indices[obstacle.clearance[indices].argmin()])
+    clearance = obstacle.clearance[indices]
+    index = int(indices[np.where(np.isnan(clearance), np.inf, clearance).argmin()])
     zone = obstacle.zone_at(index)
-    above = bool(obstacle.center[index, 1] >= recording.position[index, 1])
+    above: bool | None = bool(obstacle.center[index, 1] >= recording.position[index, 1])
     x, y = float(obstacle.center[index, 0]), float(zone[..., 1].max() if above else zone[..., 1].min())
-    if not (low[0] < x < high[0] and low[1] < y < high[1]):
+    room = NAME_HEIGHT * float((high - low).max())
+    if not low[1] + room < y < high[1] - room:
+        y, above = float(obstacle.center[index, 1]), None
+    if not (low[0] + room < x < high[0] - room and low[1] + room < y < high[1] - room):
         return
+    if any(abs(y - other[1]) < room and abs(x - other[0]) < 4.0 * room for other in places):
+        return
+    places.append(np.array([x, y]))
     axes.annotate(
         obstacle.id,
         (x, y),
-        xytext=(0, 2 if above else -2),
+        xytext=(0, 0 if above is None else 2 if above else -2),
         textcoords="offset points",
         ha="center",
-        va="bottom" if above else "top",
+        va="center" if above is None else "bottom" if above else "top",
         fontsize=7.5,
         zorder=6,
         path_effects=[withStroke(linewidth=2.0, foreground="white")],

@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-def draw_profiles(panels: list[Axes], recording: Recording, indices: Index, *, stacked: bool) -> None:
+def draw_profiles(
+    panels: list[Axes], recording: Recording, indices: Index, *, stacked: bool, fact_width: int = 36
+) -> None:
     """Draw the facts, the profiles and the clearance, one a panel.
 
     Parameters
@@ -30,9 +32,11 @@ def draw_profiles(panels: list[Axes], recording: Recording, indices: Index, *, s
         Of times to mark, in the colours of the map.
     stacked : bool
         Whether the panels are one above the other; if not, in two rows of three.
+    fact_width : int
+        Most letters in a line of the facts.
     """
     facts, *profiles, clearance = panels
-    write_facts(facts, recording)
+    write_facts(facts, recording, fact_width)
     for axes, profile in zip(profiles, recording.profiles, strict=True):
         draw_profile(axes, recording, profile, indices)
     draw_clearance(clearance, recording, indices)
@@ -75,14 +79,14 @@ def draw_clearance(axes: Axes, recording: Recording, indices: Index) -> None:
     _finish(axes, recording, "clearance to zones (m)", bottom, top)
 
 
-def write_facts(axes: Axes, recording: Recording) -> None:
+def write_facts(axes: Axes, recording: Recording, width: int) -> None:
     """Write the scenario's name and what there is to tell of the whole."""
     axes.set_axis_off()
     axes.set_title(recording.name, loc="left", pad=3, fontweight="bold")
     for i, (name, text) in enumerate(recording.facts):
         y = 1.0 - (i + 0.6) / max(6.0, len(recording.facts))
         axes.text(0.0, y, name, transform=axes.transAxes, color=GREY, fontsize=8, va="center")
-        axes.text(0.36, y, fill(text, 36), transform=axes.transAxes, fontsize=8, va="center")
+        axes.text(0.36, y, fill(text, width), transform=axes.transAxes, fontsize=8, va="center")
 
 
 def _finish(axes: Axes, recording: Recording, title: str, low: float, high: float) -> None:

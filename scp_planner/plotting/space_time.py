@@ -29,10 +29,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from scp_planner.plan import Plan
+    from scp_planner.run import Run
     from scp_planner.scenario import Scenario
 
 Array = NDArray[np.float64]
 
+PLANS_SHOWN = 12
 GRID = 240
 """Points of the grid in time and in space; regions are drawn to about a pixel."""
 
@@ -111,11 +113,82 @@ def plot_space_time(plan: Plan, scenario: Scenario, path: str | PathLike[str] | 
         _draw_regions(above, below, grids, regions)
         _draw_vehicle(above, below, grids)
         above.set_title(f"{scenario.name}: when which part of the way is taken", loc="left", fontweight="bold")
-        _draw_key(figure, regions)
+        _draw_key(figure, [region.id for region in regions])
         settle(figure)
         if path is not None:
             save(figure, path)
     return figure
+
+
+def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Figure:
+    """Draw which part of the driven way was taken when: it shows at once why the vehicle waited.
+
+    Distance along the driven path against time; in the regions the vehicle's disc would have met a zone as it was
+    known at that time. Thin lines are what was planned on the way.
+
+    Parameters
+    ----------
+    run : Run
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    """
+    from matplotlib.figure import Figure
+
+    if path is not None:
+        check_suffix(path, FIGURE_SUFFIXES)
+    driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.position, axis=0), axis=1))])
+    time, stations = np.linspace(run.time[0], run.time[-1], GRID), np.linspace(0.0, float(driven[-1]), GRID)
+    points = np.stack([np.interp(stations, driven, run.position[:, axis]) for axis in (0, 1)], axis=-1)
+    regions = _known_regions(run, time, points, far=float(driven[-1]))
+    epoch = clock_of(time)
+    with style():
+        figure = Figure(figsize=(7.5, 4.8), dpi=150, layout="constrained")
+        axes = figure.subplots()
+        for number, (_, values) in reversed(list(enumerate(regions))):
+            _draw_region(axes, time - epoch, stations, values, number)
+        for number in np.unique(np.linspace(0, len(run.plans) - 1, PLANS_SHOWN).astype(int)):
+            plan, now = run.plans[number], run.records[number].time
+            later = np.linspace(now, max(now, plan.arrival_time), GRID)
+            ahead = plan.trip.at(later)[0].distance
+            gone = float(np.interp(now, run.time, driven))
+            axes.plot(later - epoch, gone + ahead - ahead[0], color=GREY, linewidth=0.7, alpha=0.7)
+        axes.plot(run.time - epoch, driven, color=INK, linewidth=2.0)
+        axes.set(xlim=(time[0] - epoch, time[-1] - epoch), ylim=(0.0, stations[-1]))
+        axes.set(xlabel=time_label(epoch), ylabel="distance along the driven path (m)")
+        axes.set_title(f"{run.scenario.name}: when which part of the way was taken", loc="left", fontweight="bold")
+        _draw_key(figure, [name for name, _ in regions], planned=True)
+        settle(figure)
+        if path is not None:
+            save(figure, path)
+    return figure
+
+
+def _known_regions(run: Run, time: Array, points: Array, far: float) -> list[tuple[str, Array]]:
+    """Give the clearance to each zone as it was known, (stations, times) m, nearest first; `far` where it was not."""
+    cycles = np.array([record.time for record in run.records])
+    cycle = np.clip(np.searchsorted(cycles, time + 1e-9, "right") - 1, 0, None)
+    values: dict[str, Array] = {}
+    for number in np.unique(cycle):
+        now = np.flatnonzero(cycle == number)
+        shape = (len(points), len(now))
+        for record in run.records[number].zones:
+            distance = record.zone().signed_distance(
+                np.broadcast_to(time[now], shape), np.broadcast_to(points[:, None], (*shape, 2))
+            )
+            known = values.setdefault(record.id, np.full((len(points), len(time)), far))
+            known[:, now] = distance - run.scenario.vehicle.radius
+    met = [(name, clearance) for name, clearance in values.items() if clearance.min() < 0.0]
+    # The one that reaches into most of the way and time first: it is the one that was waited for.
+    return sorted(met, key=lambda region: -int((region[1] < 0.0).sum()))
 
 
 def _grids(plan: Plan, least_reach: float) -> _Grids:
@@ -163,14 +236,16 @@ def _regions(grids: _Grids, scenario: Scenario) -> list[_Region]:
 def _draw_regions(above: Axes, below: Axes, grids: _Grids, regions: list[_Region]) -> None:
     time = grids.time - clock_of(grids.time)
     for number, region in reversed(list(enumerate(regions))):
-        colour = COLOURS[number] if number < len(COLOURS) else GREY
-        for axes, values, ordinate in (
-            (above, region.along, grids.stations),
-            (below, region.across, grids.offsets),
-        ):
-            if values.min() < 0.0:
-                axes.contourf(time, ordinate, values, levels=[-math.inf, 0.0], colors=[colour], alpha=0.3)
-                axes.contour(time, ordinate, values, levels=[0.0], colors=[colour], linewidths=1.0)
+        _draw_region(above, time, grids.stations, region.along, number)
+        _draw_region(below, time, grids.offsets, region.across, number)
+
+
+def _draw_region(axes: Axes, time: Array, ordinate: Array, clearance: Array, number: int) -> None:
+    """Draw where a clearance (ordinates, times) is negative."""
+    colour = COLOURS[number] if number < len(COLOURS) else GREY
+    if clearance.min() < 0.0:
+        axes.contourf(time, ordinate, clearance, levels=[-math.inf, 0.0], colors=[colour], alpha=0.3)
+        axes.contour(time, ordinate, clearance, levels=[0.0], colors=[colour], linewidths=1.0)
 
 
 def _draw_vehicle(above: Axes, below: Axes, grids: _Grids) -> None:
@@ -187,14 +262,19 @@ def _draw_vehicle(above: Axes, below: Axes, grids: _Grids) -> None:
     below.set_xlabel(time_label(epoch))
 
 
-def _draw_key(figure: Figure, regions: list[_Region]) -> None:
+def _draw_key(figure: Figure, names: list[str], *, planned: bool = False) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = [Line2D([], [], color=INK, linewidth=2.0)]
-    labels = ["vehicle", *(region.id for region in regions[: len(COLOURS)])]
-    handles += [Patch(facecolor=(colour, 0.3), edgecolor=colour) for colour in COLOURS[: len(labels) - 1]]
-    others = len(regions) - len(COLOURS)
+    labels = ["vehicle"]
+    if planned:
+        handles.append(Line2D([], [], color=GREY, linewidth=0.7))
+        labels.append("planned")
+    named = names[: len(COLOURS)]
+    handles += [Patch(facecolor=(colour, 0.3), edgecolor=colour) for colour, _ in zip(COLOURS, named, strict=False)]
+    labels += named
+    others = len(names) - len(COLOURS)
     if others > 0:
         handles.append(Patch(facecolor=(GREY, 0.3), edgecolor=GREY))
         labels.append(f"{others} more")

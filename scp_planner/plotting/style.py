@@ -8,6 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from scp_planner.files import replacing
 
 if TYPE_CHECKING:
@@ -82,11 +84,18 @@ def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
 
 def settle(figure: Figure) -> None:
     """Lay a figure out for good: what is moved by the first pass may ask for other margins in the second."""
+    from matplotlib.axes import Axes
+
     engine = figure.get_layout_engine()
     if engine is not None:
         for _ in range(2):
             engine.execute(figure)
     figure.set_layout_engine("none")
+    # The solver of the layout is not repeatable to the last bit, but files of the same figure are to be the same.
+    for axes in figure.findobj(Axes):
+        for which in ("original", "active"):
+            left, bottom, width, height = np.round(axes.get_position(original=which == "original").bounds, 9).tolist()
+            axes.set_position((left, bottom, width, height), which=which)
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> None:

@@ -1,0 +1,144 @@
+"""What a plan or a closed loop can be looked at as, and what the name of a file asks for."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from os import PathLike
+from typing import TYPE_CHECKING
+
+from scp_planner.plotting.animation import ANIMATION_SUFFIXES, animate, animate_plan
+from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
+from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
+from scp_planner.plotting.style import FIGURE_SUFFIXES, check_suffix
+from scp_planner.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
+    from scp_planner.scenario import Scenario
+
+PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *ANIMATION_SUFFIXES, *VIEWER_SUFFIXES)
+
+
+class View(StrEnum):
+    """What a figure shows.
+
+    ``map``: the map at several times, and profiles. ``space-time``: which part of the way is taken when.
+    ``profiles``: speed, accelerations, curvature and clearance against their limits.
+    """
+
+    MAP = "map"
+    SPACE_TIME = "space-time"
+    PROFILES = "profiles"
+
+
+def plot_view(
+    plan: Plan, scenario: Scenario, path: str | PathLike[str] | None = None, view: View | str = View.MAP
+) -> Figure:
+    """Draw a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    scenario : Scenario
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+    view : View or str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If the suffix or the view is another one.
+    """
+    match View(view):
+        case View.MAP:
+            return plot_plan(plan, scenario, path)
+        case View.SPACE_TIME:
+            return plot_space_time(plan, scenario, path)
+        case View.PROFILES:
+            return plot_profiles(plan, scenario, path)
+
+
+def plot_run_view(run: Run, path: str | PathLike[str] | None = None, view: View | str = View.MAP) -> Figure:
+    """Draw a closed loop.
+
+    Parameters
+    ----------
+    run : Run
+    path : path, optional
+        Where to save the figure: .png, .pdf or .svg.
+    view : View or str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If the suffix or the view is another one.
+    """
+    match View(view):
+        case View.MAP:
+            return plot_run(run, path)
+        case View.SPACE_TIME:
+            return plot_run_space_time(run, path)
+        case View.PROFILES:
+            return plot_run_profiles(run, path)
+
+
+def draw_plan(plan: Plan, scenario: Scenario, path: str | PathLike[str], view: View | str = View.MAP) -> None:
+    """Draw a plan into a file, as its suffix says.
+
+    Parameters
+    ----------
+    plan : Plan
+    scenario : Scenario
+    path : path
+        .png, .pdf, .svg: a figure; .gif, .mp4: an animation; .html: a page for a browser.
+    view : View or str
+        What the figure shows; animations and pages show all.
+
+    Raises
+    ------
+    ValueError
+        If the suffix or the view is another one.
+    """
+    suffix = check_suffix(path, PICTURE_SUFFIXES)
+    if suffix in VIEWER_SUFFIXES:
+        save_viewer(plan, scenario, path)
+    elif suffix in ANIMATION_SUFFIXES:
+        animate_plan(plan, scenario, path)
+    else:
+        plot_view(plan, scenario, path, view)
+
+
+def draw_run(run: Run, path: str | PathLike[str], view: View | str = View.MAP) -> None:
+    """Draw a closed loop into a file, as its suffix says.
+
+    Parameters
+    ----------
+    run : Run
+    path : path
+        .png, .pdf, .svg: a figure; .gif, .mp4: an animation; .html: a page for a browser.
+    view : View or str
+        What the figure shows; animations and pages show all.
+
+    Raises
+    ------
+    ValueError
+        If the suffix or the view is another one.
+    """
+    suffix = check_suffix(path, PICTURE_SUFFIXES)
+    if suffix in VIEWER_SUFFIXES:
+        save_recording(run.recording(), path)
+    elif suffix in ANIMATION_SUFFIXES:
+        animate(run.recording(), path)
+    else:
+        plot_run_view(run, path, view)
