@@ -1,14 +1,47 @@
-"""What MkDocs does with this project's pages besides its plugins: tables of the scenario file, from its JSON schema."""
+"""What MkDocs does with this project's pages besides its plugins.
+
+Tables of the scenario file are made from its JSON schema; roles of Sphinx in docstrings become plain code; pages that
+the navigation does not name are appended to their folder's section.
+"""
 
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 from scp_planner import Scenario
 
 TABLES = "<!-- tables of the scenario file -->"
 NAMES = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "null": "null"}
+
+
+SECTIONS = {"howto": "How-to", "explanation": "Explanation", "reference": "Reference"}
+ROLE = re.compile(r":(?:attr|class|data|func|meth|mod):(?=<code>)")
+
+
+def on_config(config: Any) -> Any:
+    """Name pages in the navigation that nobody has named there."""
+    named = set(_pages(config.nav))
+    for folder, title in SECTIONS.items():
+        section = next(entry[title] for entry in config.nav if title in entry)
+        for page in sorted((Path(config.docs_dir) / folder).glob("*.md")):
+            name = f"{folder}/{page.name}"
+            if name not in named:
+                section.append(name)
+    return config
+
+
+def _pages(nav: Any) -> list[str]:
+    if isinstance(nav, str):
+        return [nav]
+    return [page for part in (nav.values() if isinstance(nav, dict) else nav) for page in _pages(part)]
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Take the marks of roles away."""
+    return ROLE.sub("", html)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
