@@ -83,6 +83,12 @@ class TripBundle:
         """Where the points of each trip begin, and where the last ones end."""
         return [0, len(owner)] if self.single else owner.searchsorted(np.arange(self.count + 1)).tolist()
 
+    @property
+    def top_speeds(self) -> Array:
+        """Bounds of the speeds after the start, (K,) m/s: their largest control points."""
+        later = self.space.tables.speed_control[1:]
+        return self.space.start_speed + self.travel_times * (self.betas @ later.T).max(axis=1)
+
     def _place(self, index: Index, owner: Index, stride: int) -> Index:
         return index if self.single else index + stride * owner
 

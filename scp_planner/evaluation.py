@@ -156,14 +156,15 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
         np.maximum(-clearance.min(axis=1), 0.0, out=violation)
         np.maximum.at(violation, (owner, zone), -contacts.distance)
     sites = bend_sites(problem, bundle, points)
+    gaps = [box_gaps(problem, trip.path) for trip in trips]
+    optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
+    limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
     evaluations = []
     for k, (trip, its_points, its_minima) in enumerate(
         zip(trips, bundle.split_each(points), bundle.split(minima, owner), strict=True)
     ):
         mine = slice(bounds[k], bounds[k + 1])
-        gaps = box_gaps(problem, trip.path)
-        optional = tuple(limit.excess(trip) for limit in problem.optional)
         evaluations.append(
             Evaluation(
                 trip,
@@ -174,9 +175,9 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
                 contacts if count == 1 else contacts.take(mine),
                 sites[k],
                 violation[k],
-                gaps,
-                _limit_violation(problem, trip, sites[k], gaps, optional),
-                optional,
+                gaps[k],
+                limits[k],
+                optional[k],
                 0.0 if problem.given is None else problem.given.worst(trip),
             )
         )
@@ -250,19 +251,23 @@ def _closing(contacts: ZoneContacts, points: TripPoints, index: Index) -> Array:
     return rate
 
 
-def _limit_violation(
-    problem: Problem, trajectory: Trajectory, sites: BendSites, gaps: Array, optional: tuple[Array, ...]
+def _limit_violations(
+    problem: Problem,
+    bundle: TripBundle,
+    sites: Sequence[BendSites],
+    gaps: Sequence[Array],
+    optional: Sequence[tuple[Array, ...]],
 ) -> Array:
-    """Violations in the order of Limit, then of the optional limits."""
-    goal_speed = problem.ends.goal_speed
-    return np.maximum(
-        [
-            sites.worst_lateral / problem.limits.lateral_acceleration - 1.0,
-            float(np.abs(sites.curvature).max()) / problem.limits.curvature - 1.0,
-            float(trajectory.speed_control_points()[1:].max()) / problem.limits.speed - 1.0,
-            -float(gaps.min(initial=0.0)),
-            0.0 if goal_speed is None else abs(trajectory.final_speed - goal_speed),
-            *[float(excess.max(initial=-np.inf)) for excess in optional],
-        ],
-        0.0,
-    )
+    """Violations of each trip, (K, 5 + E), in the order of Limit, then of the optional limits."""
+    excess = np.zeros((bundle.count, len(Limit) + len(problem.optional)))
+    limits, goal_speed = problem.limits, problem.ends.goal_speed
+    excess[:, Limit.LATERAL_ACCELERATION] = [site.worst_lateral / limits.lateral_acceleration - 1.0 for site in sites]
+    excess[:, Limit.CURVATURE] = [site.worst_curvature / limits.curvature - 1.0 for site in sites]
+    excess[:, Limit.SPEED] = bundle.top_speeds / limits.speed - 1.0
+    if len(problem.box.offsets):
+        excess[:, Limit.WORKSPACE_BOUNDS] = [-its.min() for its in gaps]
+    if goal_speed is not None:
+        excess[:, Limit.GOAL_SPEED] = [abs(trip.final_speed - goal_speed) for trip in bundle.trips]
+    for number in range(len(problem.optional)):
+        excess[:, len(Limit) + number] = [its[number].max(initial=-np.inf) for its in optional]
+    return np.maximum(excess, 0.0, out=excess)

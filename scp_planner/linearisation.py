@@ -78,10 +78,11 @@ def linearise_trips(
     zones = problem.zones
     bundle = TripBundle([base.trajectory for base in bases])
     sites = [base.sites for base in bases]
+    points = TripPoints.joined([base.points for base in bases], problem.samples)
     rows = Rows.stack(
         [
-            clearance_rows(problem, bundle, _clearance_sites(problem, bases, near)),
-            lateral_rows(problem, bundle, sites, 1.0 - LATERAL_REACH, zones.size + Limit.LATERAL_ACCELERATION),
+            clearance_rows(problem, bundle, _clearance_sites(problem, bases, points, near)),
+            lateral_rows(problem, bundle, points, sites, 1.0 - LATERAL_REACH, zones.size + Limit.LATERAL_ACCELERATION),
             curvature_rows(problem, sites, 1.0 - CURVATURE_REACH, zones.size + Limit.CURVATURE),
             box_rows(problem, stacked([base.box_gaps for base in bases]), zones.size + Limit.WORKSPACE_BOUNDS, near),
             goal_speed_rows(problem, bundle, zones.size + Limit.GOAL_SPEED),
@@ -94,23 +95,17 @@ def linearise_trips(
     return rows.take(np.flatnonzero(_reach(problem, rows, trusts) >= rows.gap)).split(len(bases))
 
 
-def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], near: float) -> ClearanceSites:
+def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
     """Places near zones that become rows: minima of clearance, then some of the samples."""
     zones = problem.zones
     owner, sample, zone = np.nonzero(stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases]) < near)
     sample *= SAMPLE_STRIDE
     table = problem.samples
-    if len(bases) == 1:
-        points = bases[0].points.take(sample)
-        minima, contacts = bases[0].minima, bases[0].minima_contacts
-        whose, which = np.zeros(len(minima.time), dtype=np.intp), bases[0].minima_zone
-    else:
-        points = TripPoints.joined([base.points for base in bases], table)
-        points = points.part(sample + len(table.sigma) * owner, table.take(sample))
-        minima = TripPoints.joined([base.minima for base in bases])
-        contacts = ZoneContacts.joined([base.minima_contacts for base in bases])
-        whose = np.arange(len(bases)).repeat([len(base.minima_zone) for base in bases])
-        which = np.concatenate([base.minima_zone for base in bases])
+    points = samples.part(sample + len(table.sigma) * owner, table.take(sample))
+    minima = TripPoints.joined([base.minima for base in bases])
+    contacts = ZoneContacts.joined([base.minima_contacts for base in bases])
+    which = np.concatenate([base.minima_zone for base in bases])
+    whose = np.arange(len(bases)).repeat([len(base.minima_zone) for base in bases])
     at_samples = zones.contacts(zone, points.time, points.path.position)
     return ClearanceSites.of(whose, which, np.zeros_like(which), minima, contacts).joined(
         ClearanceSites.of(owner, zone, sample, points, at_samples)
@@ -138,4 +133,5 @@ def _reach(problem: Problem, rows: Rows, trusts: Sequence[TrustRegion]) -> Array
     if len(trusts) == 1:
         reach: Array = np.abs(rows.matrix) @ boxes[0]
         return reach
-    return np.einsum("ij,ij->i", np.abs(rows.matrix), boxes[rows.owner])
+    reach = (np.abs(rows.matrix) @ boxes.T)[np.arange(len(rows.owner)), rows.owner]
+    return reach

@@ -194,7 +194,10 @@ class _Tables:
     ) -> None:
         self.path = clamped_basis(path_degree, tuple(float(s) for s in np.linspace(0.0, 1.0, path_spans + 1)))
         self.acceleration: PiecewiseBasis = clamped_basis(acceleration_degree, breakpoints)
-        self._time_basis = _side_by_side(self.acceleration)
+        basis = self.acceleration
+        self._time_basis = _side_by_side(basis, basis.antiderivative, basis.antiderivative.antiderivative)
+        # The offset's basis and its first two derivatives
+        self.bending = _side_by_side(self.path, self.path.derivative, self.path.derivative.derivative)
         self.speed_control = antiderivative_control_points(acceleration_degree, breakpoints)
         self.cells = path_spans * CELLS_PER_SPAN
         nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
@@ -237,12 +240,11 @@ def _horner(coefficients: Array, x: Array) -> Array:
     return value
 
 
-def _side_by_side(basis: PiecewiseBasis) -> PiecewiseBasis:
-    """A basis, its antiderivatives and their antiderivatives as one: evaluated with one gather."""
-    parts = (basis, basis.antiderivative, basis.antiderivative.antiderivative)
-    order = parts[-1].coefficients.shape[1]
+def _side_by_side(*parts: PiecewiseBasis) -> PiecewiseBasis:
+    """Several bases over the same breakpoints as one: evaluated with one gather."""
+    order = max(part.coefficients.shape[1] for part in parts)
     padded = [np.pad(part.coefficients, ((0, 0), (0, order - part.coefficients.shape[1]), (0, 0))) for part in parts]
-    return PiecewiseBasis(basis.breakpoints, np.concatenate(padded, axis=2))
+    return PiecewiseBasis(parts[0].breakpoints, np.concatenate(padded, axis=2))
 
 
 def _leverage(degree: int, spans: int) -> Array:
@@ -694,6 +696,8 @@ class TripPoints:
     @classmethod
     def joined(cls, parts: Sequence[TripPoints], table: TimeTable | None = None) -> TripPoints:
         """Return several sets of points as one; with the table of one of them if that is given."""
+        if len(parts) == 1:
+            return parts[0]
         if table is None:
             table = TimeTable.joined([part.table for part in parts])
         return cls(

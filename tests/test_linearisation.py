@@ -132,7 +132,7 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
     np.testing.assert_allclose(rows.gap[:half], 1.0 - curvature(trip))
     np.testing.assert_allclose(rows.gap[half:], 1.0 + curvature(trip))
 
-    lateral = lateral_rows(problem, bundle, [sites], -1.0, 0)
+    lateral = lateral_rows(problem, bundle, trip.at(problem.samples), [sites], -1.0, 0)
 
     def value(other: Trajectory) -> Array:
         fixed = station_sites(TripBundle([other]), whose, problem.space.tables.station_parameters).lateral

@@ -9,7 +9,9 @@ import numpy as np
 
 from scp_planner.constraints import Rows
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, Path
+from scp_planner.trajectory import Array, Index, Path
+
+_NONE: Index = np.zeros(0, dtype=np.intp)
 
 
 def box_gaps(problem: Problem, path: Path) -> Array:
@@ -26,6 +28,8 @@ def box_gaps(problem: Problem, path: Path) -> Array:
         m, negative outside; S is 0 without a box.
     """
     box = problem.box
+    if len(box.offsets) == 0:
+        return np.zeros((len(problem.space.tables.station_parameters), 0))
     return box.offsets - path.station_positions @ box.normals.T
 
 
@@ -42,7 +46,7 @@ def box_rows(problem: Problem, gaps: Array, group: int, near: float) -> Rows:
     near : float
         Gaps above this are no rows, m.
     """
-    owner, station, side = np.nonzero(gaps < near)
+    owner, station, side = np.nonzero(gaps < near) if gaps.size else (_NONE, _NONE, _NONE)
     if len(owner) == 0:
         return Rows.none(problem.step_size)
     tables, frame = problem.space.tables, problem.space.station_frame

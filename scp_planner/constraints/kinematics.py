@@ -18,7 +18,7 @@ from scp_planner.bundle import TripBundle, stacked
 from scp_planner.constraints import Rows
 from scp_planner.constraints.clearance import join_blocks
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Array, Index, PathBend, PathPoints, Trajectory, TripPoints
+from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoints
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.linspace(-0.6, 0.6, 7)  # stations: a peak moves when it is pressed down in one place
@@ -100,24 +100,22 @@ class BendSites:
         P stations between the fixed ones, around peaks of the lateral acceleration.
     jumps : JumpSites or None
         Where the vehicle is when its acceleration jumps: the speed peaks there.
+    worst_lateral : float
+        Largest lateral acceleration at all sites, m/s^2.
+    worst_curvature : float
+        Largest curvature at the fixed stations, 1/m.
     """
 
     stations: StationSites
     peaks: StationSites
     jumps: JumpSites | None
+    worst_lateral: float
+    worst_curvature: float
 
     @property
     def curvature(self) -> Array:
         """Curvature at the fixed stations, (M,) 1/m: it peaks at breakpoints of a cubic offset or close to them."""
         return self.stations.bend.curvature
-
-    @property
-    def worst_lateral(self) -> float:
-        """Largest lateral acceleration at all sites, m/s^2."""
-        worst = float(np.abs(self.stations.lateral).max())
-        if self.jumps is not None:
-            worst = max(worst, float(np.abs(self.jumps.lateral).max(initial=0.0)))
-        return max(worst, float(np.abs(self.peaks.lateral).max())) if len(self.peaks.parameters) else worst
 
 
 @dataclass(frozen=True)
@@ -167,23 +165,18 @@ class StationSites:
 
 @dataclass(frozen=True)
 class JumpSites:
-    """A trip at fixed normalised times.
+    """A trip at those of the problem's samples that are breakpoints of the acceleration.
 
     Attributes
     ----------
-    points : TripPoints
-        Where the vehicle is then.
     bend : PathBend
         Curvature there.
+    lateral : (n,) array
+        Lateral acceleration, m/s^2, signed.
     """
 
-    points: TripPoints
     bend: PathBend
-
-    @cached_property
-    def lateral(self) -> Array:
-        """Lateral acceleration, (n,) m/s^2, signed."""
-        return self.points.speed * self.points.speed * self.bend.curvature
+    lateral: Array
 
 
 def bend_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list[BendSites]:
@@ -203,17 +196,48 @@ def bend_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list
     speed = arrivals.speed.reshape(bend.curvature.shape)
     stations = [StationSites(parameters, bend.take(k), sigma[k], speed[k]) for k in range(bundle.count)]
     lateral = np.abs(speed * speed * bend.curvature)
-    loud = lateral.max(axis=1) >= QUIET * problem.limits.lateral_acceleration
+    worst, sharpest = lateral.max(axis=1), np.abs(bend.curvature).max(axis=1).tolist()
+    loud = worst >= QUIET * problem.limits.lateral_acceleration
     if not loud.any():
-        return [BendSites(station, _NO_STATIONS, None) for station in stations]
+        quiet = zip(stations, worst.tolist(), sharpest, strict=True)
+        return [BendSites(station, _NO_STATIONS, None, most, most_bent) for station, most, most_bent in quiet]
     owner, around = _lateral_peaks(problem, lateral, loud)
     peaks = station_sites(bundle, owner, around)
-    jumps = _jump_sites(problem, bundle, points)
+    np.maximum.at(worst, owner, np.abs(peaks.lateral))
+    jump_bend, jump_lateral = _at_jumps(problem, bundle, points)
+    np.maximum(worst, np.abs(jump_lateral).max(axis=1, initial=0.0), out=worst, where=loud)
     bounds = bundle.bounds(owner)
-    return [
-        BendSites(station, peaks.take(slice(first, last)), jump) if is_loud else BendSites(station, _NO_STATIONS, None)
-        for station, jump, is_loud, (first, last) in zip(stations, jumps, loud, pairwise(bounds), strict=True)
-    ]
+    sites = []
+    for k, (first, last) in enumerate(pairwise(bounds)):
+        if loud[k]:
+            jumps = JumpSites(jump_bend.take(slice(*_part(problem, k))), jump_lateral[k])
+            sites.append(BendSites(stations[k], peaks.take(slice(first, last)), jumps, float(worst[k]), sharpest[k]))
+        else:
+            sites.append(BendSites(stations[k], _NO_STATIONS, None, float(worst[k]), sharpest[k]))
+    return sites
+
+
+def _part(problem: Problem, k: int) -> tuple[int, int]:
+    count = len(problem.jumps.sigma)
+    return k * count, (k + 1) * count
+
+
+def _at_jumps(problem: Problem, bundle: TripBundle, points: TripPoints) -> tuple[PathBend, Array]:
+    """Curvature at the jumps of the acceleration, (K J,), and lateral acceleration, (K, J)."""
+    path, index = points.path, _jump_samples(problem, bundle.count)
+    jumps = path.take(index)
+    bend = bundle.bend(bundle.owners(len(problem.jumps.sigma)), jumps)
+    speed = points.speed[index]
+    lateral = speed * speed * bend.curvature
+    return bend, lateral.reshape(bundle.count, -1)
+
+
+def _jump_samples(problem: Problem, count: int) -> Index | slice:
+    """Where the jumps are among the samples of several trips."""
+    each = len(problem.samples.sigma)
+    if count == 1:
+        return slice(problem.grid, None)
+    return (each * np.arange(count)[:, None] + np.arange(problem.grid, each)).ravel()
 
 
 def _lateral_peaks(problem: Problem, value: Array, loud: NDArray[np.bool_]) -> tuple[Index, Array]:
@@ -229,20 +253,6 @@ def _lateral_peaks(problem: Problem, value: Array, loud: NDArray[np.bool_]) -> t
     shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
     around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel() / (value.shape[1] - 1)
     return owner.repeat(len(PEAK_NEIGHBOURS)), np.minimum(np.maximum(around, 0.0), 1.0)
-
-
-def _jump_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list[JumpSites]:
-    """Return the sites of the jumps of the acceleration, given the trips at the problem's samples."""
-    table = problem.jumps
-    count, each = len(table.sigma), len(problem.samples.sigma)
-    if bundle.single:
-        jumps = points.part(slice(problem.grid, None), table)
-        return [JumpSites(jumps, bundle.bend(_NOBODY, jumps.path))]
-    index = (each * np.arange(bundle.count)[:, None] + np.arange(problem.grid, each)).ravel()
-    jumps = points.part(index, table)
-    bend = bundle.bend(bundle.owners(count), jumps.path)
-    parts = [slice(k * count, (k + 1) * count) for k in range(bundle.count)]
-    return [JumpSites(jumps.part(part, table), bend.take(part)) for part in parts]
 
 
 def station_sites(bundle: TripBundle, owner: Index, parameters: Array) -> StationSites:
@@ -265,14 +275,11 @@ class _StationBasis:
 
     @classmethod
     def at(cls, bundle: TripBundle, owner: Index, parameters: Array) -> _StationBasis:
-        basis = bundle.space.path
-        span, local = basis.locate(parameters)
-        return cls(
-            basis.rows_at(span, local),
-            basis.derivative.rows_at(span, local),
-            basis.derivative.derivative.rows_at(span, local),
-            bundle.arc_length_gradient(owner, parameters),
-        )
+        space = bundle.space
+        span, local = space.path.locate(parameters)
+        side_by_side = space.tables.bending.rows_at(span, local)
+        rows, slopes, bends = (side_by_side[:, k * space.path_size : (k + 1) * space.path_size] for k in range(3))
+        return cls(rows, slopes, bends, bundle.arc_length_gradient(owner, parameters))
 
     def joined(self, other: _StationBasis) -> _StationBasis:
         return _StationBasis(
@@ -311,7 +318,9 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, 
     return _both_sides(np.concatenate([theta, zeros], axis=1), bend.curvature / limit, group, station, owner)
 
 
-def lateral_rows(problem: Problem, bundle: TripBundle, sites: Sequence[BendSites], within: float, group: int) -> Rows:
+def lateral_rows(
+    problem: Problem, bundle: TripBundle, points: TripPoints, sites: Sequence[BendSites], within: float, group: int
+) -> Rows:
     """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
 
     At a fixed station D(sigma) = S(theta) moves sigma, and with it the speed:
@@ -324,6 +333,8 @@ def lateral_rows(problem: Problem, bundle: TripBundle, sites: Sequence[BendSites
     problem : Problem
     bundle : TripBundle
         K trips.
+    points : TripPoints
+        These trips at the problem's samples, one after the other.
     sites : sequence of BendSites
         Of these trips.
     within, group
@@ -361,7 +372,8 @@ def lateral_rows(problem: Problem, bundle: TripBundle, sites: Sequence[BendSites
         jumps = [site.jumps for site in sites if site.jumps is not None]
         count = len(problem.jumps.sigma)
         jump_owner = np.array(loud).repeat(count)
-        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, jump_owner, jumps)])
+        bend = PathBend.joined([jump.bend for jump in jumps])
+        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, points, jump_owner, bend)])
         value = np.concatenate([value, *[jump.lateral for jump in jumps]])
         keys = np.concatenate([keys, np.tile(3 * np.arange(count) + 2, len(loud))])
         owner = np.concatenate([owner, jump_owner])
@@ -395,25 +407,24 @@ def _lateral_gradient(
     return join_blocks(theta, beta, rho)
 
 
-def _jump_gradient(problem: Problem, bundle: TripBundle, owner: Index, sites: Sequence[JumpSites]) -> Array:
-    """Derivative of the lateral acceleration at fixed normalised times, (n, step)."""
+def _jump_gradient(problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, bend: PathBend) -> Array:
+    """Derivative of the lateral acceleration at the jumps of the acceleration of some trips, (n, step)."""
     space, free, table = problem.space, problem.ends.free, problem.jumps
     tau, v0 = bundle.of(bundle.travel_times, owner), space.start_speed
-    bend = PathBend.joined([site.bend for site in sites])
-    path = PathPoints.joined([site.points.path for site in sites])
-    v = np.concatenate([site.points.speed for site in sites])
-    basis = _StationBasis.at(bundle, owner, np.concatenate([site.points.parameter for site in sites]))
+    count, each = len(table.sigma), len(problem.samples.sigma)
+    trips = len(owner) // count
+    index = np.tile(np.arange(problem.grid, each), trips) + each * owner
+    path, v = points.path.take(index), points.speed[index]
+    basis = _StationBasis.at(bundle, owner, points.parameter[index])
     # per m driven, and per m/s
     driven = v * v * bundle.curvature_rate(owner, path) / path.speed
     faster = 2.0 * v * bend.curvature
     theta = (v * v)[:, None] * _bend_gradient(problem, bend, basis.rows, basis.slopes, basis.bends)
     theta -= driven[:, None] * basis.arc_length[:, free]
-    sigma, speed_rows, distance_rows = (
-        np.concatenate([rows] * len(sites)) for rows in (table.sigma, table.speed, table.distance)
-    )
-    beta = (tau * faster)[:, None] * speed_rows
-    beta += (tau * tau * driven)[:, None] * distance_rows
-    return join_blocks(theta, beta, driven * (v0 * tau) * sigma - faster * (v - v0))
+    again = np.tile(np.arange(count), trips)
+    beta = (tau * faster)[:, None] * table.speed[again]
+    beta += (tau * tau * driven)[:, None] * table.distance[again]
+    return join_blocks(theta, beta, driven * (v0 * tau) * table.sigma[again] - faster * (v - v0))
 
 
 def _bend_gradient(problem: Problem, bend: PathBend, rows: Array, slopes: Array, bends: Array) -> Array:
