@@ -16,9 +16,12 @@ from typer.testing import CliRunner, Result
 
 from scp_planner import builtin
 from scp_planner.cli import app
+from scp_planner.knobs import knobs
+from scp_planner.online_settings import OnlineSettings
 from scp_planner.plan import Plan
 from scp_planner.run import Run
 from scp_planner.scenario import Scenario
+from scp_planner.settings import Settings
 
 PLAN_KEYS = {
     "schema",
@@ -254,6 +257,51 @@ def test_an_unknown_built_in_scenario_is_refused() -> None:
     assert "'crossing'" in result.stderr
 
 
+def test_settings_are_changed_by_name(easy: Path, tmp_path: Path) -> None:
+    changes = ("--set", "acceleration_degree=2", "--set", "path_degree=5")
+    assert run("plan", easy, "-o", tmp_path / "plan.json", *changes).exit_code == 0
+    data = json.loads((tmp_path / "plan.json").read_text())
+    assert (data["acceleration"]["degree"], data["path"]["degree"]) == (2, 5)
+    simulated = run("simulate", easy, "--set", "iterations=1", "--set", "path_span=3", "-o", tmp_path / "run.json")
+    assert simulated.exit_code == 0, simulated.output
+    compared = run("compare", easy, "--starts", "1", "--set", "samples=60", "--method", "scp")
+    assert compared.exit_code == 0, compared.output
+
+
+@pytest.mark.parametrize(
+    ("command", "assignment", "said"),
+    [
+        ("plan", "path_spam=2", "path_spam = '2': there is no such setting; did you mean 'path_span'?"),
+        ("plan", "path_span=0", "path_span = 0.0: must be a number, 0.1 to 1000 m"),
+        ("plan", "iterations=2", "there is no such setting; did you mean 'max_iterations'?"),
+        ("plan", "path_span", "path_span: must be NAME=VALUE"),
+        ("compare", "path_spam=2", "did you mean 'path_span'?"),
+        ("simulate", "foresigt=2", "did you mean 'foresight'?"),
+        ("simulate", "iterations=0", "iterations = 0: must be a whole number, 1 to 1000"),
+    ],
+)
+def test_wrong_settings_are_refused(command: str, assignment: str, said: str, easy: Path, tmp_path: Path) -> None:
+    result = run(command, easy, "-o", tmp_path / "out", "--set", assignment)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_settings_are_listed(tmp_path: Path) -> None:
+    result = run("settings")
+    assert result.exit_code == 0
+    for each in (*knobs(Settings).values(), *knobs(OnlineSettings).values()):
+        if each.allowed is not None:
+            assert f"\n  {each.name} = {each.default_text}  ({each.allowed_text})\n" in result.stdout
+    one = json.loads(run("settings", "path_span", "--json").stdout)
+    assert [(entry["name"], entry["default"], entry["allowed"]) for entry in one] == [
+        ("path_span", "1.5", "a number, 0.1 to 1000 m")
+    ]
+    wrong = run("settings", "path_spam")
+    assert (wrong.exit_code, wrong.stdout) == (2, "")
+    assert "did you mean 'path_span'?" in wrong.stderr
+
+
 def test_plan_by_penalty_descent(easy: Path, tmp_path: Path) -> None:
     result = run("plan", easy, "-o", tmp_path / "plan.json", "--method", "penalty-descent")
     assert result.exit_code == 0, result.output
@@ -447,6 +495,7 @@ def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytes
 
 def test_demo_runs_twice_into_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("scp_planner.run.Run.draw", lambda run, path: path.write_text("film"))
+    monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
     for _ in range(2):
         result = run("demo", "headon", "-o", tmp_path / "demo", "--quiet")
         assert (result.exit_code, result.output) == (0, "")

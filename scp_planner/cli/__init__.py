@@ -53,7 +53,7 @@ add_command(
     "scp-planner batch scenarios --workers 4 --timings -o timed.csv",
     "scp-planner batch scenarios --dask tcp://10.0.0.1:8786 -o results.csv",
 )
-app.add_typer(study_app, name="study")
+app.add_typer(study_app)
 add_command(
     study_app,
     "consistency",

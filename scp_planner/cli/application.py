@@ -34,7 +34,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-study_app = typer.Typer(help="Measure the published claims.", no_args_is_help=True, rich_markup_mode=None)
+study_app = typer.Typer(name="study", help="Measure the published claims.", no_args_is_help=True, rich_markup_mode=None)
+
+
+EXAMPLES: dict[str, tuple[str, ...]] = {}
+"""Of every command, by its full name."""
 
 
 def main() -> None:
@@ -44,6 +48,7 @@ def main() -> None:
 
 def add_command(group: typer.Typer, name: str, command: Callable[..., Any], *examples: str) -> None:
     """Make a function a command, whose help ends with examples."""
+    EXAMPLES[name if group is app else f"{group.info.name} {name}"] = examples
     title = "Example:" if len(examples) == 1 else "Examples:"
     # Click lays out paragraphs anew, but for those that begin with this mark.
     epilog = "\b\n" + "\n".join([title, *(f"  {example}" for example in examples)])

@@ -247,7 +247,8 @@ def _draw_demo(scenario: Scenario, made: Plan, run: Run, folder: Path, quiet: bo
     made.draw(scenario, folder / "plan.html")
     run.draw(folder / "run.html")
     if not pictures.can_plot():
-        tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
+        if not quiet:
+            tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
         return ["plan.html", "run.html"]
     made.draw(scenario, folder / "plan.png")
     made.draw(scenario, folder / "space_time.png", "space-time")
