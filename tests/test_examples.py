@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,14 @@ def load(name: str) -> ModuleType:
     return module
 
 
+def run_script(name: str, figure: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), "-o", str(figure)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
 def assert_is_picture(path: Path) -> None:
     with Image.open(path) as picture:
         assert min(picture.size) > 400
@@ -31,7 +40,17 @@ def assert_is_picture(path: Path) -> None:
 
 
 def test_every_example_is_tested_here() -> None:
-    tested = {"compare_methods", "crossing", "overtaking", "own_constraint", "noisy_radar", "recorded_crowd", "watch"}
+    tested = {
+        "compare_methods",
+        "crossing",
+        "export_messages",
+        "ir_sim_planner",
+        "noisy_radar",
+        "overtaking",
+        "own_constraint",
+        "recorded_crowd",
+        "watch",
+    }
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
 
 
@@ -109,10 +128,30 @@ def test_watch(scenario: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert (tmp_path / "headon.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
+def test_export_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags", reason="needs rosbags, which is not installed")
+    assert load("export_messages").main(["-o", str(tmp_path)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("certified: ") and told.err == ""
+    assert "200 rows of 11 columns, 11 arrays, 200 poses\nthe table and the messages are 0 m apart" in told.out
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.csv", "plan.npz", "plan.mcap", "plan.png"}
+    assert_is_picture(tmp_path / "plan.png")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("irsim") is None, reason="needs ir-sim, which is not installed")
+def test_ir_sim_planner(tmp_path: Path) -> None:
+    """In a process of its own: the simulator chooses matplotlib's backend for the whole process."""
+    done = run_script("ir_sim_planner", tmp_path / "figure.png")
+    told = re.fullmatch(
+        r"arrived after (\d+\.\d) s; nearest to a moving obstacle: (\d\.\d+) m\nwrote .*\n", done.stdout
+    )
+    assert told, done.stdout + done.stderr
+    # 20 m at 2 m/s and 1.5 m/s2 take 10.7 s; and it touches nobody.
+    assert 10.6 < float(told[1]) < 14.0
+    assert float(told[2]) > 0.0
+    assert_is_picture(tmp_path / "figure.png")
+
+
 def test_example_runs_as_a_script(tmp_path: Path) -> None:
-    figure = tmp_path / "crossing.png"
-    command = [sys.executable, str(EXAMPLES / "crossing.py"), "-o", str(figure)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert figure.is_file()
+    run_script("crossing", tmp_path / "crossing.png")
+    assert (tmp_path / "crossing.png").is_file()
