@@ -175,6 +175,7 @@ def check_trip(
         *_motion_limits(data, times, positions, allowed),
         *_place_speeds(data, times, positions, allowed),
         *_workspace(data, times, positions, allowed),
+        *_corridor(data, times, positions, allowed),
         *_clearances(data, times, positions, allowed, regions or {}),
     ]
     return DenseReport(tuple(findings), arrival_time - start_time)
@@ -399,6 +400,52 @@ def _workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed:
     worst = int(np.argmin(inside))
     room = float(inside[worst]) - radius
     return [Finding("bounds", room, 0.0, -room, allowed.clearance, float(times[worst]))]
+
+
+def _corridor(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Room to the border of the union of convex polygons, which is what of their edges lies in no other one."""
+    polygons = [np.asarray(polygon, dtype=float) for polygon in data.get("corridor") or ()]
+    if not polygons:
+        return []
+    distance = np.full(len(positions), np.inf)
+    for number, polygon in enumerate(polygons):
+        others = polygons[:number] + polygons[number + 1 :]
+        for begin, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            for first, last in _left_over(begin, end, others):
+                a, b = begin + first * (end - begin), begin + last * (end - begin)
+                share = np.clip((positions - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+                distance = np.minimum(distance, np.linalg.norm(positions - a - share[:, None] * (b - a), axis=1))
+    inside = np.any([_distance_to_polygon(positions, polygon) <= 0.0 for polygon in polygons], axis=0)
+    room = np.where(inside, distance, -distance) - float(data["vehicle"]["radius"])
+    worst = int(np.argmin(room))
+    least = float(room[worst])
+    return [Finding("corridor", least, 0.0, -least, allowed.clearance, float(times[worst]))]
+
+
+def _left_over(begin: Array, end: Array, polygons: list[Array]) -> list[tuple[float, float]]:
+    """Parts of a segment, as shares of it, that lie in none of some convex polygons."""
+    parts = [(0.0, 1.0)]
+    for polygon in polygons:
+        first, last = 0.0, 1.0
+        middle = polygon.mean(axis=0)
+        for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            normal = np.array([b[1] - a[1], a[0] - b[0]]) / np.linalg.norm(b - a)
+            normal *= np.sign(normal @ (a - middle))
+            out, change = float(normal @ (begin - a)) - 1e-9, float(normal @ (end - begin))
+            if change > 0.0:
+                last = min(last, -out / change)
+            elif change < 0.0:
+                first = max(first, -out / change)
+            elif out > 0.0:
+                last = -1.0
+        if last > first:
+            parts = [
+                (low, high)
+                for one, two in parts
+                for low, high in ((one, min(two, first)), (max(one, last), two))
+                if high - low > 1e-12
+            ]
+    return parts
 
 
 def _clearances(

@@ -46,7 +46,7 @@ from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.trajectory import Trajectory
 from scp_planner.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
-from scp_planner.zones import ThreatZone
+from scp_planner.zones import ThreatZone, corridor_zones
 
 __all__ = ["OnlinePlan", "OnlineSettings", "Outcome", "Planner", "Safety"]
 
@@ -391,7 +391,7 @@ class Planner:
     def _moment(self, state: State) -> Moment:
         self._take_in()
         self._forget(state.time)
-        return Moment(state, self._scenario_at(state), self.obstacles.zones(state.time))
+        return Moment(state, self._scenario_at(state), self.obstacles.zones(state.time) + corridor_zones(self.given))
 
     def _forget(self, time: float) -> None:
         for track in list(self.obstacles.tracks.values()):

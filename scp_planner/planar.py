@@ -11,6 +11,9 @@ from itertools import pairwise
 
 Point = tuple[float, float]
 
+IN_LINE = 1e-9
+"""rad; a smaller turn is none."""
+
 
 def turned(point: Point, angle: float) -> Point:
     """Turn a point anticlockwise about the origin by an angle in rad."""
@@ -21,16 +24,27 @@ def turned(point: Point, angle: float) -> Point:
 def area(polygon: Sequence[Point]) -> float:
     """Compute the signed area of a polygon in m2, positive if its vertices run anticlockwise."""
     x0, y0 = polygon[0]  # relative to a vertex: far from the origin the products would cancel
-    return 0.5 * sum((ax - x0) * (by - y0) - (bx - x0) * (ay - y0) for (ax, ay), (bx, by) in _edges(polygon))
+    return 0.5 * sum((ax - x0) * (by - y0) - (bx - x0) * (ay - y0) for (ax, ay), (bx, by) in edges(polygon))
+
+
+def centroid(polygon: Sequence[Point]) -> Point:
+    """Compute the centre of the area of a simple polygon."""
+    x0, y0 = polygon[0]
+    sides = [((ax - x0, ay - y0), (bx - x0, by - y0)) for (ax, ay), (bx, by) in edges(polygon)]
+    weights = [a[0] * b[1] - a[1] * b[0] for a, b in sides]
+    total = 3.0 * sum(weights)
+    x = sum(w * (a[0] + b[0]) for w, (a, b) in zip(weights, sides, strict=True)) / total
+    y = sum(w * (a[1] + b[1]) for w, (a, b) in zip(weights, sides, strict=True)) / total
+    return x0 + x, y0 + y
 
 
 def first_crossing(polygon: Sequence[Point]) -> tuple[int, int] | None:
     """Find two edges that touch but are no neighbours, or that fold back; edge i leaves vertex i."""
-    edges = _edges(polygon)
-    count = len(edges)
-    for i, (a, b) in enumerate(edges):
+    sides = edges(polygon)
+    count = len(sides)
+    for i, (a, b) in enumerate(sides):
         for j in range(i + 1, count):
-            c, d = edges[j]
+            c, d = sides[j]
             if j == i + 1 or (i == 0 and j == count - 1):
                 shared, before, after = (b, a, d) if j == i + 1 else (a, b, c)
                 if _turn(before, shared, after) == 0 and _dot(shared, before, after) > 0:
@@ -44,10 +58,10 @@ def distance_to_polygon(point: Point, polygon: Sequence[Point]) -> float:
     """Compute the distance in m from a point to a filled simple polygon; 0 inside."""
     x, y = point
     inside = False
-    for (ax, ay), (bx, by) in _edges(polygon):
+    for (ax, ay), (bx, by) in edges(polygon):
         if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
             inside = not inside
-    return 0.0 if inside else min(_distance_to_segment(point, a, b) for a, b in _edges(polygon))
+    return 0.0 if inside else min(_distance_to_segment(point, a, b) for a, b in edges(polygon))
 
 
 def station(point: Point, line: Sequence[Point]) -> float:
@@ -79,7 +93,29 @@ def distance_to_ellipse(point: Point, semi_a: float, semi_b: float) -> float:
     return math.hypot(x * s / (s + semi_a**2), y * s / (s + semi_b**2))
 
 
-def _edges(polygon: Sequence[Point]) -> list[tuple[Point, Point]]:
+def anticlockwise(polygon: Sequence[Point]) -> tuple[Point, ...]:
+    """Give the vertices of a polygon anticlockwise."""
+    return tuple(polygon) if area(polygon) >= 0.0 else tuple(reversed(polygon))
+
+
+def is_convex(polygon: Sequence[Point]) -> bool:
+    """Whether a simple polygon has no corner that points inwards; rounding is forgiven."""
+    ring = anticlockwise(polygon)
+    corners = zip(ring, [*ring[1:], *ring[:1]], [*ring[2:], *ring[:2]], strict=True)
+    return all(_turn(a, b, c) >= -IN_LINE * math.dist(a, b) * math.dist(b, c) for a, b, c in corners)
+
+
+def overlap(polygon: Sequence[Point], other: Sequence[Point]) -> bool:
+    """Whether two convex polygons have an area in common: no edge of either separates them."""
+    for one, two in ((polygon, other), (other, polygon)):
+        for a, b in edges(anticlockwise(one)):
+            if all(_turn(a, b, point) <= IN_LINE * math.dist(a, b) * math.dist(a, point) for point in two):
+                return False
+    return True
+
+
+def edges(polygon: Sequence[Point]) -> list[tuple[Point, Point]]:
+    """Give the edges of a polygon, each from a vertex to the next."""
     return list(zip(polygon, [*polygon[1:], polygon[0]], strict=True))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scp_planner.constraints.optional import EarliestArrival, OptionalLimit, SpeedLimits
 from scp_planner.constraints.rates import CurvatureRateLimit, JerkLimit
+from scp_planner.corridor import way_through
 from scp_planner.dubins import Pose, shortest_path
 from scp_planner.frames import PlanningFrame
 from scp_planner.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
@@ -401,8 +402,9 @@ def path_spans(guide: Guide, settings: Settings) -> int:
 def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: Settings) -> Guide:
     """Return the guide of a scenario, in the planning frame.
 
-    It is the scenario's polyline, smoothed; without one the straight line to the goal; and where the heading at an end
-    differs from that by more than can be done by offsets, the shortest path of a curvature somewhat below the limit.
+    It is the scenario's polyline, smoothed. Without one it is the straight line to the goal, or where that leaves the
+    corridor, a polyline in it. Where the heading at an end differs from that line by more than can be done by offsets,
+    it is the shortest path of a curvature somewhat below the limit.
     """
     start, goal = scenario.start, scenario.goal
     distance = round(float(np.hypot(*np.subtract(goal.position, start.position))), DECIMALS)
@@ -421,6 +423,11 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
         None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
         for heading in (start.heading, goal.heading)
     ]
+    through = way_through(scenario.corridor, start.position, goal.position) if scenario.corridor is not None else ()
+    if through:
+        line = np.array([start.position, *through, goal.position])
+        polyline = _shortened(np.round(frame.to_frame(line), DECIMALS), short)
+        return smooth_guide(polyline, radius, piece, CELLS_PER_SPAN)
     if all(turn is None or abs(turn) <= STEEPEST for turn in turns):
         return StraightGuide(distance - short)
     shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)

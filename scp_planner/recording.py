@@ -157,6 +157,8 @@ class Recording:
         Which of the paths is the plan at each time.
     profiles : tuple of Profile
     obstacles : tuple of ObstacleRecord
+    corridor : tuple of (k, 2) arrays
+        Polygons that the vehicle stays in, m.
     """
 
     name: str
@@ -174,6 +176,7 @@ class Recording:
     path_index: Index
     profiles: tuple[Profile, ...]
     obstacles: tuple[ObstacleRecord, ...]
+    corridor: tuple[Array, ...] = ()
 
     @property
     def epoch(self) -> float:
@@ -254,7 +257,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
             zone.signed_distance(time, position) - scenario.vehicle.radius,
             _true_centers(truth.get(obstacle.id), time),
         )
-        for obstacle, zone in zip(scenario.obstacles, zones(scenario), strict=True)
+        for obstacle, zone in zip(scenario.obstacles, zones(scenario), strict=False)  # the corridor's comes last
     )
     bounds = scenario.bounds
     return Recording(
@@ -273,6 +276,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         path_index=np.zeros(len(time), dtype=np.intp),
         profiles=profiles_of(scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)),
         obstacles=obstacles,
+        corridor=tuple(np.array(polygon) for polygon in scenario.corridor or ()),
     )
 
 

@@ -85,6 +85,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             np.interp(time, run.time, curvature),
         ),
         obstacles=_obstacles(run, time, cycle, position),
+        corridor=tuple(np.array(polygon) for polygon in run.scenario.corridor or ()),
     )
 
 

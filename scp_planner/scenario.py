@@ -104,6 +104,9 @@ class SpeedLimit(Part):
     )
 
 
+Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
+
+
 class ConfidenceLevel(StrEnum):
     """What the probability is the probability of."""
 
@@ -341,6 +344,10 @@ class Scenario(Part):
         scenario_checks.guide_begins_at_start,
         scenario_checks.guide_ends_at_goal,
         scenario_checks.guide_moves_on,
+        scenario_checks.corridor_is_of_convex_polygons,
+        scenario_checks.corridor_leads_from_start_to_goal,
+        scenario_checks.ends_are_in_corridor,
+        scenario_checks.corridor_has_its_name,
         scenario_checks.stretches_begin_on_their_lines,
         scenario_checks.speeds_keep_to_places,
         scenario_checks.ids_are_unique,
@@ -360,6 +367,11 @@ class Scenario(Part):
         description="polyline [[x, y], ...] from start to goal that the path is an offset of; null: straight",
     )
     bounds: Bounds | None = Field(None, description="box that the vehicle's disc stays inside; null: none")
+    corridor: Annotated[tuple[Polygon, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="convex polygons [[[x, y], ...], ...] that overlap; the vehicle's disc stays inside their union;"
+        " null: none",
+    )
     speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by place, besides the vehicle's own")
     confidence: Confidence = Confidence()
     obstacles: tuple[Obstacle, ...] = ()

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from scp_planner import planar
+from scp_planner import corridor, planar
 from scp_planner.errors import MISSING
 from scp_planner.validation import Problem, Unknown
 
@@ -117,6 +117,62 @@ def guide_moves_on(scenario: Any) -> Iterator[Problem]:
     for i in range(1, len(guide)):
         if _same(guide[i - 1], guide[i]):
             yield Problem(("guide", i), guide[i], "must differ from the point before it")
+
+
+def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Problem]:
+    """Each polygon of the corridor is simple and convex."""
+    for i, polygon in enumerate(scenario.corridor or ()):
+        faults = [
+            Problem(("corridor", i, *problem.location[1:]), problem.value, problem.message)
+            for problem in _polygon_faults(polygon)
+        ]
+        yield from faults
+        if not faults and not planar.is_convex(polygon):
+            yield Problem(("corridor", i), polygon, "must be convex")
+
+
+def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
+    """From a polygon that holds the start one can get to one that holds the goal by those that overlap."""
+    polygons = scenario.corridor
+    if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
+        return
+    start, goal = scenario.start.position, scenario.goal.position
+    reached = {i for i, polygon in enumerate(polygons) if planar.distance_to_polygon(start, polygon) == 0.0}
+    for place, position in (("start", start), ("goal", goal)):
+        if all(planar.distance_to_polygon(position, polygon) > 0.0 for polygon in polygons):
+            yield Problem((place, "position"), position, "must be in the corridor")
+            return
+    fresh = set(reached)
+    while fresh:
+        other = set(range(len(polygons))) - reached
+        fresh = {j for j in other if any(planar.overlap(polygons[i], polygons[j]) for i in fresh)}
+        reached |= fresh
+    if all(planar.distance_to_polygon(goal, polygons[i]) > 0.0 for i in reached):
+        text = "must have polygons that overlap from the one with start.position to the one with goal.position"
+        yield Problem(("corridor",), polygons, text)
+
+
+def ends_are_in_corridor(scenario: Any) -> Iterator[Problem]:
+    """The vehicle's disc at start and goal lies in the corridor; at the goal anywhere within its radius."""
+    polygons = scenario.corridor
+    if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
+        return
+    walls, radius = corridor.outside(polygons), scenario.vehicle.radius
+    for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
+        position = getattr(scenario, place).position
+        room = min(planar.distance_to_polygon(position, wall) for wall in walls)
+        in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
+        if in_it and room < radius - reach:
+            text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"
+            yield Problem((place, "position"), position, text)
+
+
+def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
+    """No obstacle is called what the walls of the corridor are called."""
+    for i, obstacle in enumerate(scenario.obstacles if scenario.corridor is not None else ()):
+        if _known(obstacle, "id") == corridor.NAME:
+            text = f"must not be {corridor.NAME!r}, which is the corridor itself"
+            yield Problem(("obstacles", i, "id"), corridor.NAME, text)
 
 
 def stretch_is_not_empty(limit: Any) -> Iterator[Problem]:
@@ -285,7 +341,14 @@ def covariance_is_definite(observations: Any) -> Iterator[Problem]:
 
 def polygon_is_simple(shape: Any) -> Iterator[Problem]:
     """The polygon's edges bound one area and meet only at its vertices."""
-    vertices = shape.polygon
+    yield from _polygon_faults(shape.polygon)
+
+
+def _is_no_convex(polygon: Any) -> bool:
+    return any(True for _ in _polygon_faults(polygon)) or not planar.is_convex(polygon)
+
+
+def _polygon_faults(vertices: Any) -> Iterator[Problem]:
     repeated = [i for i, vertex in enumerate(vertices) if vertex == vertices[i - 1]]
     for i in repeated:
         yield Problem(("polygon", i), vertices[i], "must differ from the vertex before it")

@@ -13,11 +13,13 @@ vehicle's reference point.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import atan2, hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner import corridor
 from scp_planner.ellipse import ellipse_contact, support
 from scp_planner.frames import PlanningFrame
 from scp_planner.polynomials import PiecewisePolynomials
@@ -143,7 +145,7 @@ class ThreatZone:
 
 
 def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
-    """Return the threat zone of every obstacle of a scenario, in order.
+    """Return the threat zone of every obstacle of a scenario, in order, and of what is outside its corridor.
 
     Parameters
     ----------
@@ -160,7 +162,22 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
     estimated = sum(obstacle.observations is not None for obstacle in scenario.obstacles)
-    return tuple(_zone(obstacle, scenario, estimated) for obstacle in scenario.obstacles)
+    return (*(_zone(obstacle, scenario, estimated) for obstacle in scenario.obstacles), *corridor_zones(scenario))
+
+
+def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
+    """Return what lies outside the corridor of a scenario as the zone of one obstacle that stands; none without one."""
+    if scenario.corridor is None:
+        return ()
+    middle = np.array(scenario.start.position)
+    still = PiecewisePolynomials.single(0.0, middle[None])
+    walls = tuple(Outline.polygon(np.array(wall) - middle) for wall in _walls(scenario.corridor))
+    return (ThreatZone(corridor.NAME, 0.0, still, None, walls),)
+
+
+@lru_cache(maxsize=16)
+def _walls(polygons: tuple[corridor.Polygon, ...]) -> list[corridor.Polygon]:
+    return corridor.outside(polygons)
 
 
 def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shapely import affinity, distance, points
+from shapely import affinity, distance, points, unary_union
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
@@ -29,6 +29,7 @@ SLOWEST = {  # s: a plan that is slower than this has lost something; about 1 % 
     "overtake-a-truck": 13.65,
     "s-shaped-corridor": 14.65,
     "slow-past-a-school": 13.0,
+    "stay-in-the-corridor": 7.3,
     "steer-slowly-round-a-post": 5.6,
     "stop-at-the-goal": 6.2,
     "u-turn-around-a-wall": 8.9,
@@ -62,6 +63,10 @@ def assert_safe(scenario: sp.Scenario, plan: sp.Plan) -> None:
     assert report.ok, str(report)
     times = np.linspace(plan.start_time, plan.arrival_time, CHECKS)
     place = points(plan.position(times))
+    if scenario.corridor is not None:
+        corridor = unary_union([Polygon(polygon) for polygon in scenario.corridor])
+        assert corridor.contains(place).all()
+        assert distance(corridor.boundary, place).min() >= scenario.vehicle.radius - 2e-6
     for obstacle in scenario.obstacles:
         assert obstacle.motion is not None
         if not any((*obstacle.motion.velocity, *obstacle.motion.acceleration)):
@@ -99,6 +104,8 @@ def turned_and_moved(scenario: sp.Scenario, angle: float, shift: Array) -> sp.Sc
         end["position"] = place(end["position"])
         if end["heading"] is not None:
             end["heading"] += angle
+    if data["corridor"] is not None:
+        data["corridor"] = [[place(point) for point in polygon] for polygon in data["corridor"]]
     assert not any(limit["line"] for limit in data["speed_limits"])
     if data["guide"] is not None:
         data["guide"] = [data["start"]["position"], *map(place, data["guide"][1:-1]), data["goal"]["position"]]

@@ -82,7 +82,7 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
 
 def lay_out(axes: Axes, recording: Recording) -> None:
     """Set the axes to the extent of a recording, and draw the workspace."""
-    from matplotlib.patches import Rectangle
+    from matplotlib.patches import Polygon, Rectangle
 
     low, high = recording.extent()
     axes.set_aspect("equal")
@@ -97,6 +97,8 @@ def lay_out(axes: Axes, recording: Recording) -> None:
         corner, opposite = recording.bounds
         sides = opposite[0] - corner[0], opposite[1] - corner[1]
         axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor=GREY, linewidth=1.4, zorder=1))
+    for polygon in recording.corridor:
+        axes.add_patch(Polygon(polygon, fill=False, edgecolor=GREY, linewidth=1.0, zorder=1))
 
 
 def draw_tracks(axes: Axes, recording: Recording) -> None:
