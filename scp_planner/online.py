@@ -399,10 +399,23 @@ class Planner:
                 self.notes.append(f"{track.id}: forgotten, not seen for {self.online.forget_after:g} s")
                 del self.obstacles.tracks[track.id]
 
+    def at_goal(self, position: ArrayLike) -> bool:
+        """Whether a position, (2,) m, is the goal: within its radius, or a millimetre, and the tracking error."""
+        goal = self.given.goal
+        return math.dist(_point("position", position), goal.position) <= (
+            max(goal.radius, ARRIVED) + self.online.tracking_error
+        )
+
     def _answer(self, now: _Replan) -> OnlinePlan:
         last = self.plan if self.plan is not None and self.plan.outcome is not Outcome.BRAKING else None
-        state, goal = now.moment.state, self.given.goal
-        if math.dist(state.position, goal.position) <= max(goal.radius, ARRIVED) + self.online.tracking_error:
+        state = now.moment.state
+        if self.at_goal(state.position):
+            # Within the goal's radius the vehicle may still be coming to rest, or on its way to where it arrives.
+            kept = None
+            if last is not None and last.arrival_time > state.time and state.speed > STANDING:
+                kept = self._vetting.vet_kept(now.moment, last.trip)
+            if kept is not None:
+                return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
             return self._standing(now, "arrived")
         if last is not None and last.arrival_time - state.time < NEAR_GOAL:
             kept = self._vetting.vet_kept(now.moment, last.trip)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.braking import STANDING
 from scp_planner.online import OnlinePlan, Planner
 from scp_planner.online_settings import OnlineSettings, Outcome
 from scp_planner.run import STRANGER, Cycle, Run, ZoneRecord
@@ -368,7 +369,7 @@ class _Loop:
 
     def _arrives(self, plan: OnlinePlan, time: float) -> bool:
         if plan.outcome is Outcome.BRAKING:
-            return False
+            return self.speed <= STANDING and self.planner.at_goal(self.position)
         return plan.arrival_time <= time + NO_TIME
 
     def _write_down(self, time: float) -> None:

@@ -51,6 +51,19 @@ def test_vehicle_arrives_among_accelerating_obstacles(run: Run) -> None:
     assert all(record.reason for record in run.records)
 
 
+@pytest.mark.parametrize("rate", [10.0, 7.0, 3.0])
+@pytest.mark.parametrize("speed", [0.0, None])
+def test_vehicle_drives_on_within_the_radius_of_its_goal(speed: float | None, rate: float) -> None:
+    """It comes to rest as planned, and not at once where the goal's radius begins."""
+    run = simulate(scene(goal={"position": (5.0, 0.0), "radius": 0.4, "speed": speed}), rate=rate, time_limit=10.0)
+    assert run.arrived and run.travel_time < 6.0
+    assert math.dist(run.position[-1], (5.0, 0.0)) <= 0.4 + 1e-6
+    speeds = np.array(run.speed)
+    assert np.all(np.diff(speeds) >= -2.0 * np.diff(run.time) - 1e-3)  # the vehicle's deceleration
+    if speed == 0.0:
+        assert speeds[-1] == pytest.approx(0.0, abs=2e-3)
+
+
 def test_clearance_is_that_of_the_course(run: Run) -> None:
     """Against the true motions, sampled more finely than the run is recorded."""
     motions = {obstacle.id: obstacle.motion for obstacle in run.scenario.obstacles}
