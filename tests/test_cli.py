@@ -276,6 +276,7 @@ def test_settings_are_changed_by_name(easy: Path, tmp_path: Path) -> None:
         ("plan", "iterations=2", "there is no such setting; did you mean 'max_iterations'?"),
         ("plan", "path_span", "path_span: must be NAME=VALUE"),
         ("compare", "path_spam=2", "did you mean 'path_span'?"),
+        ("simulate", "period=1", "period: --rate gives the period"),
         ("simulate", "foresigt=2", "did you mean 'foresight'?"),
         ("simulate", "iterations=0", "iterations = 0: must be a whole number, 1 to 1000"),
     ],

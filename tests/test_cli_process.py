@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from scp_planner import builtin
 from scp_planner.cli import app
-from scp_planner.cli.application import EXAMPLES
+from scp_planner.cli.application import COMMANDS
 from scp_planner.cli.output import progress_bar
 
 PROGRAM = [sys.executable, "-m", "scp_planner"]
@@ -194,6 +194,9 @@ def test_other_shells_have_a_script(name: str, shell: Path) -> None:
 # the help
 
 
+EXAMPLES = {name: command.examples for name, command in COMMANDS.items()}
+
+
 def commands() -> dict[str, Any]:
     """All commands by their full names."""
     found = {}
@@ -217,6 +220,7 @@ def test_help_of_every_command_says_what_it_does_and_shows_an_example(name: str)
         assert example.startswith(f"scp-planner {name}")
     for option in commands()[name].params:
         assert option.help, f"{option.name} has no help"
+    assert set(commands()) == set(COMMANDS)
 
 
 @pytest.mark.parametrize("example", [example for each in EXAMPLES.values() for example in each])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any, ParamSpec, TypeVar
 
@@ -37,8 +38,23 @@ app = typer.Typer(
 study_app = typer.Typer(name="study", help="Measure the published claims.", no_args_is_help=True, rich_markup_mode=None)
 
 
-EXAMPLES: dict[str, tuple[str, ...]] = {}
-"""Of every command, by its full name."""
+@dataclass(frozen=True)
+class Command:
+    """A command as it was registered.
+
+    Attributes
+    ----------
+    function : callable
+        Its parameters are the arguments and options, its docstring the help.
+    examples : tuple of str
+    """
+
+    function: Callable[..., Any]
+    examples: tuple[str, ...]
+
+
+COMMANDS: dict[str, Command] = {}
+"""All commands, by their full names."""
 
 
 def main() -> None:
@@ -48,7 +64,7 @@ def main() -> None:
 
 def add_command(group: typer.Typer, name: str, command: Callable[..., Any], *examples: str) -> None:
     """Make a function a command, whose help ends with examples."""
-    EXAMPLES[name if group is app else f"{group.info.name} {name}"] = examples
+    COMMANDS[name if group is app else f"{group.info.name} {name}"] = Command(command, examples)
     title = "Example:" if len(examples) == 1 else "Examples:"
     # Click lays out paragraphs anew, but for those that begin with this mark.
     epilog = "\b\n" + "\n".join([title, *(f"  {example}" for example in examples)])

@@ -25,6 +25,7 @@ from scp_planner.cli.options import (
     SolverName,
     TimeLimit,
     Verbose,
+    bad_option,
     check_number,
     check_solver,
     check_target,
@@ -221,6 +222,8 @@ def _drive(
     from scp_planner.simulation import FORGET_AFTER, Follower, simulate
 
     given = parse_assignments(assignments or (), Settings, OnlineSettings)
+    if "period" in given:
+        raise bad_option("--set", "period", "--rate gives the period")
     planning = {name: value for name, value in given.items() if name in knobs(Settings)}
     driving = {name: value for name, value in given.items() if name not in planning}
     online = replace(OnlineSettings(forget_after=FORGET_AFTER), **driving)
