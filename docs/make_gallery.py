@@ -23,7 +23,7 @@ DOCS = Path(__file__).resolve().parent
 EXAMPLES = DOCS.parent / "examples"
 GALLERY = DOCS / "figures" / "gallery"
 WIDTH = 1000  # pixels
-MAKES_FOLDERS = {"watch"}
+TAKES_FOLDER = {"export_messages", "watch"}
 
 
 def main() -> None:
@@ -32,7 +32,7 @@ def main() -> None:
     for example in sorted(EXAMPLES.glob("*.py")):
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            target = folder if example.stem in MAKES_FOLDERS else folder / f"{example.stem}.png"
+            target = folder if example.stem in TAKES_FOLDER else folder / f"{example.stem}.png"
             if _run(example, "-o", str(target)) != 0:
                 logging.warning("no figure of %s", example.name)
                 continue
