@@ -49,6 +49,8 @@ NOT_RUN = (  # commands that need the network, minutes, or the checkout's own to
     r"python -m (benchmarks|docs|scp_planner\.studies)\.\w+( .*)?",
     r"python examples/\w+\.py( .*)?",  # tests/test_examples.py runs them all
     r"scp-planner (study|compare) .*",
+    r"scp-planner export \S+ -o \S+\.mcap .*",
+    r"scp-planner batch .* --dask .*",
 )
 LANGUAGES_WITHOUT_CODE = {"text", "yaml", "json"}
 
