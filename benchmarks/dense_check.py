@@ -150,8 +150,8 @@ def check_trip(
     samples : int
         Number of intervals between sampled times.
     regions : mapping of str to float, optional
-        For each observed obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q around its
-        estimate, C(t) the covariance of the estimate. Which q gives which confidence is not judged here.
+        For each observed or foretold obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q
+        around its estimate, C(t) the covariance of the estimate. Which q gives which confidence is not judged here.
 
     Raises
     ------
@@ -460,7 +460,9 @@ def _clearances(
     for obstacle in data.get("obstacles", ()):
         name = str(obstacle["id"])
         keep = radius + float(obstacle.get("margin") or 0.0)
-        if obstacle.get("motion") is None and name in regions:
+        if name in regions and obstacle.get("motion") is not None:
+            clearance = _distance_to_foretold(obstacle, times, positions, regions[name]) - keep
+        elif obstacle.get("motion") is None and name in regions:
             clearance = _distance_to_observed(obstacle, times, positions, regions[name]) - keep
         else:
             clearance = _signed_distance(obstacle, times, positions) - keep
@@ -476,6 +478,8 @@ def _signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array
     motion = obstacle.get("motion")
     if motion is None:
         raise ValueError(f"obstacle {name!r} has no exact motion: give the size of its region")
+    if "time" in motion:
+        return _distance_on_course(obstacle, times, positions)
     velocity = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
     acceleration = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
     clock = times[:, None]
@@ -494,6 +498,50 @@ def _signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array
         corners = np.array([[length, width], [-length, width], [-length, -width], [length, -width]])
         return _distance_to_polygon(offsets, corners @ axes.T)
     raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r}")
+
+
+def _on_course(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
+    """Centres and velocities (n, 2) on the natural cubic spline through positions at times, straight on outside."""
+    from scipy.interpolate import CubicSpline
+
+    clock = np.asarray(motion["time"], dtype=float)
+    spline = CubicSpline(clock, np.asarray(motion["position"], dtype=float), bc_type="natural")
+    inside = np.clip(times, clock[0], clock[-1])
+    velocities = spline(inside, 1)
+    return spline(inside) + (times - inside)[:, None] * velocities, velocities
+
+
+def _distance_on_course(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
+    motion, shape, name = obstacle["motion"], obstacle["shape"], obstacle["id"]
+    if motion.get("covariance") is not None:
+        raise ValueError(f"obstacle {name!r} is not on its course for certain: give the size of its region")
+    centres, velocities = _on_course(motion, times)
+    offsets = positions - centres
+    if "polygon" in shape:
+        return _distance_to_polygon(offsets, np.asarray(shape["polygon"], dtype=float))
+    if "disc" in shape:
+        distances: Array = np.linalg.norm(offsets, axis=1) - float(shape["disc"])
+        return distances
+    if "rectangle" in shape and shape.get("heading") is None:
+        length, width = (float(value) / 2.0 for value in shape["rectangle"])
+        ahead = velocities / np.linalg.norm(velocities, axis=1)[:, None]
+        along = np.abs((offsets * ahead).sum(axis=1)) - length
+        across = np.abs(ahead[:, 0] * offsets[:, 1] - ahead[:, 1] * offsets[:, 0]) - width
+        beyond = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
+        return beyond + np.minimum(np.maximum(along, across), 0.0)
+    raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r} on a course")
+
+
+def _distance_to_foretold(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
+    """Distance (n,) to a disc whose centre is in an ellipse about its course, of covariances linear in between."""
+    motion = obstacle["motion"]
+    if motion.get("covariance") is None or "disc" not in obstacle["shape"]:
+        raise ValueError(f"obstacle {obstacle['id']!r}: only discs on courses with covariances have a region")
+    clock = np.asarray(motion["time"], dtype=float)
+    given = np.broadcast_to(np.asarray(motion["covariance"], dtype=float), (clock.size, 2, 2)).reshape(-1, 4)
+    errors = np.stack([np.interp(times, clock, column) for column in given.T], axis=1).reshape(-1, 2, 2)
+    offsets = positions - _on_course(motion, times)[0]
+    return _distance_to_ellipses(offsets, region * errors) - float(obstacle["shape"]["disc"])
 
 
 def _distance_to_polygon(points: Array, corners: Array) -> Array:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario import Bounds as Bounds
     from scp_planner.scenario import Confidence as Confidence
     from scp_planner.scenario import ConfidenceLevel as ConfidenceLevel
+    from scp_planner.scenario import Course as Course
     from scp_planner.scenario import Disc as Disc
     from scp_planner.scenario import Ellipse as Ellipse
     from scp_planner.scenario import Goal as Goal
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario import PolygonShape as PolygonShape
     from scp_planner.scenario import Rectangle as Rectangle
     from scp_planner.scenario import Scenario as Scenario
+    from scp_planner.scenario import SpeedLimit as SpeedLimit
     from scp_planner.scenario import Start as Start
     from scp_planner.scenario import Vehicle as Vehicle
     from scp_planner.sensors import Sensor as Sensor
@@ -55,6 +57,7 @@ _MODULE_OF = {
     "Bounds": "scenario",
     "Confidence": "scenario",
     "ConfidenceLevel": "scenario",
+    "Course": "scenario",
     "Disc": "scenario",
     "Ellipse": "scenario",
     "EstimationError": "errors",
@@ -78,6 +81,7 @@ _MODULE_OF = {
     "ScpPlannerError": "errors",
     "Sensor": "sensors",
     "Settings": "settings",
+    "SpeedLimit": "scenario",
     "Start": "scenario",
     "TripVariables": "constraints.given",
     "Vehicle": "scenario",

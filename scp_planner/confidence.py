@@ -235,6 +235,28 @@ def region_scale(
     return uniform_scale(alpha, estimate.standardised_length(start, stop), estimate.errors, estimate.regressors)
 
 
+def marginal_scale(level: str, probability: float, times: int, obstacles: int) -> float:
+    """Give q for normal errors of known covariance at some times, of which no dependence is known.
+
+    Parameters
+    ----------
+    level, probability
+        As in :func:`region_scale`.
+    times : int
+        For how many times a covariance is given: at all of them at once by Sidak's inequality, see above.
+    obstacles : int
+        How many obstacles are not known exactly.
+    """
+    if level not in LEVELS:
+        raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")
+    alpha = 1.0 - _checked(probability)
+    if level == "joint":
+        alpha = shared_alpha(alpha, obstacles)
+    if level != "per_time":
+        alpha = shared_alpha(alpha, times)
+    return -2.0 * math.log(alpha)  # the quantile of chi-square with 2 degrees of freedom
+
+
 def shared_alpha(alpha: float, obstacles: int) -> float:
     """Give the alpha of each of m obstacles that makes it ``alpha`` for all of them jointly (Sidak)."""
     if obstacles < 1:

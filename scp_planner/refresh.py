@@ -35,6 +35,7 @@ from scp_planner.recursive import RecursiveEstimator
 from scp_planner.scenario import (
     Confidence,
     ConfidenceLevel,
+    Course,
     KnownMotion,
     Model,
     Observations,
@@ -121,6 +122,11 @@ class Track:
     def seen(self) -> bool:
         """Whether there is anything to say of where it is."""
         return self.fixed is not None or bool(self.times)
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether where it is is not known exactly."""
+        return self.fixed is None or (isinstance(self.fixed, Course) and self.fixed.covariance is not None)
 
     @property
     def distinct(self) -> int:
@@ -321,7 +327,7 @@ class ObstacleTracks:
     def zones(self, start: float) -> tuple[ThreatZone, ...]:
         """Zones of all obstacles that have been seen, from a time on, s."""
         tracks = [track for track in self.tracks.values() if track.seen]
-        estimated = sum(track.fixed is None for track in tracks)
+        estimated = sum(track.uncertain for track in tracks)
         made: dict[str, ThreatZone] = {}
         for order in range(3):
             group = [
@@ -333,7 +339,9 @@ class ObstacleTracks:
                 made.update(self._together(group, start, estimated))
         for track in tracks:
             if track.fixed is not None:
-                made[track.id] = known_zone(track.id, track.shape, track.margin, track.fixed)
+                made[track.id] = known_zone(
+                    track.id, track.shape, track.margin, track.fixed, self.confidence, estimated
+                )
             elif track.id not in made:
                 made[track.id] = self._alone(track, start, estimated)
         return tuple(made[track.id] for track in tracks)

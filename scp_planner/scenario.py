@@ -206,38 +206,6 @@ Shape = Annotated[
 ]
 
 
-class Motion(Part):
-    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
-
-    position: Vector = Field(description="[x, y] at t = 0, m")
-    velocity: Vector = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
-    acceleration: Vector = Field((0.0, 0.0), description="[x, y], m/s2")
-
-
-class Course(Part):
-    """A motion given by positions at times, such as another program's prediction: a cubic spline through them.
-
-    After the last time it goes straight on at the speed that it then has, and before the first one too.
-    """
-
-    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.times_increase, scenario_checks.one_position_a_time)
-
-    time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
-    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
-
-
-def _motion_case(data: Any) -> str:
-    """Tell a course from a motion by its times."""
-    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
-    return variant("course" if given else "motion")
-
-
-KnownMotion = Annotated[
-    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
-    Discriminator(_motion_case),
-]
-
-
 def _covariance_case(data: Any) -> str:
     """Tell one matrix from a list of matrices by what stands two brackets deep."""
     try:
@@ -249,6 +217,49 @@ def _covariance_case(data: Any) -> str:
 Covariance = Annotated[
     Annotated[Matrix, Tag(variant("common"))] | Annotated[tuple[Matrix, ...], Tag(variant("each"))],
     Discriminator(_covariance_case),
+]
+
+
+class Motion(Part):
+    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
+
+    position: Vector = Field(description="[x, y] at t = 0, m")
+    velocity: Vector = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
+    acceleration: Vector = Field((0.0, 0.0), description="[x, y], m/s2")
+
+
+class Course(Part):
+    """A motion given by positions at times, such as another program's prediction: a cubic spline through them.
+
+    After the last time it goes straight on at the speed that it then has, and before the first one too. With a
+    covariance the positions are those of a prediction: the obstacle keeps clear of at the level of confidence that is
+    asked for, its errors between two times in line with those there, and after the last time as large as then.
+    """
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        scenario_checks.times_increase,
+        scenario_checks.one_position_a_time,
+        scenario_checks.covariance_is_one_or_each,
+        scenario_checks.covariance_is_definite,
+    )
+
+    time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
+    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+    covariance: Covariance | None = Field(
+        None,
+        description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
+    )
+
+
+def _motion_case(data: Any) -> str:
+    """Tell a course from a motion by its times."""
+    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
+    return variant("course" if given else "motion")
+
+
+KnownMotion = Annotated[
+    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
+    Discriminator(_motion_case),
 ]
 
 

@@ -228,10 +228,13 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
     radius, start = scenario.vehicle.radius, scenario.start
     for i, obstacle in enumerate(scenario.obstacles):
         motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
-        if motion is None or shape is None or _known(motion, "time") is not None:
-            continue  # observed, or faulty, or a course, whose spline is not known here
+        if motion is None or shape is None or _known(motion, "covariance") is not None:
+            continue  # observed, or faulty, or a course that is not known exactly
         try:
-            distance = shape.distance(*_from_centre(start.position, motion, start.time))
+            if _known(motion, "time") is not None:
+                distance = shape.distance(*_from_course(start.position, motion, start.time))
+            else:
+                distance = shape.distance(*_from_centre(start.position, motion, start.time))
         except Unknown:
             continue
         if distance < radius:
@@ -412,3 +415,17 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
     if vx == vy == 0.0:
         vx, vy = motion.acceleration  # what sets off will head there
     return (x, y), math.atan2(vy, vx)
+
+
+def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.Point, float]:
+    """Express a point relative to the centre of an obstacle on a course, and give the obstacle's heading in rad."""
+    import numpy as np
+
+    from scp_planner.courses import course_polynomials
+
+    if any(True for rule in (times_increase, one_position_a_time) for _ in rule(course)):
+        raise Unknown("time")
+    centre = course_polynomials(course.time, course.position)
+    now = np.array([time])
+    (x, y), (vx, vy) = centre.grid(now)[0, 0].tolist(), centre.derivative.grid(now)[0, 0].tolist()
+    return (point[0] - x, point[1] - y), math.atan2(vy, vx)

@@ -20,10 +20,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner import corridor
+from scp_planner.courses import course_covariances, course_polynomials
 from scp_planner.ellipse import ellipse_contact, support
 from scp_planner.frames import PlanningFrame
 from scp_planner.polynomials import PiecewisePolynomials
-from scp_planner.scenario import Course, Disc, Ellipse, KnownMotion, Model, Obstacle, Rectangle, Scenario, Shape
+from scp_planner.scenario import (
+    Confidence,
+    Course,
+    Disc,
+    Ellipse,
+    KnownMotion,
+    Model,
+    Obstacle,
+    Rectangle,
+    Scenario,
+    Shape,
+)
 from scp_planner.shapes import Outline, convex_pieces
 from scp_planner.zone_batch import ZoneBatch, ZoneContacts, directions_of, turned_back
 
@@ -161,7 +173,7 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     ScenarioError
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
-    estimated = sum(obstacle.observations is not None for obstacle in scenario.obstacles)
+    estimated = sum(is_uncertain(obstacle) for obstacle in scenario.obstacles)
     return (*(_zone(obstacle, scenario, estimated) for obstacle in scenario.obstacles), *corridor_zones(scenario))
 
 
@@ -182,7 +194,8 @@ def _walls(polygons: tuple[corridor.Polygon, ...]) -> list[corridor.Polygon]:
 
 def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     if obstacle.motion is not None:
-        return known_zone(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion)
+        confidence = scenario.confidence
+        return known_zone(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, confidence, estimated)
     body = estimated_body(obstacle.shape, obstacle.model)
     from scp_planner.confidence import region_scale
     from scp_planner.estimation import estimate_obstacle
@@ -215,9 +228,35 @@ class Body:
     outlines: tuple[Outline, ...] = ()
 
 
-def known_zone(name: str, shape: Shape, margin: float, motion: KnownMotion) -> ThreatZone:
-    """Return the zone of an obstacle whose motion is known, with an extra margin in m."""
+def is_uncertain(obstacle: Obstacle) -> bool:
+    """Whether where an obstacle is is not known exactly: it has been observed, or foretold with a covariance."""
+    motion = obstacle.motion
+    return motion is None or (isinstance(motion, Course) and motion.covariance is not None)
+
+
+def known_zone(
+    name: str, shape: Shape, margin: float, motion: KnownMotion, confidence: Confidence, uncertain: int = 1
+) -> ThreatZone:
+    """Return the zone of an obstacle whose motion is given, with an extra margin in m.
+
+    Parameters
+    ----------
+    name, shape, margin, motion
+        Of the obstacle.
+    confidence : Confidence
+        Of a course with a covariance.
+    uncertain : int
+        How many obstacles are not known exactly.
+    """
     centers = motion_polynomials(motion)
+    if isinstance(motion, Course) and motion.covariance is not None:
+        from scp_planner.confidence import marginal_scale
+
+        scale = marginal_scale(str(confidence.level), confidence.probability, len(motion.time), uncertain)
+        given = np.broadcast_to(np.array(motion.covariance), (len(motion.time), 2, 2))
+        body = estimated_body(shape, Model())
+        covariances = course_covariances(motion.time, scale * given)
+        return ThreatZone(name, body.radius + margin, centers, covariances, body.outlines)
     if isinstance(shape, Disc):
         return ThreatZone(name, shape.disc + margin, centers)
     outlines = shape_outlines(shape, _fixed_heading(centers))
@@ -241,29 +280,9 @@ def estimated_body(shape: Shape, model: Model) -> Body:
 def motion_polynomials(motion: KnownMotion) -> PiecewisePolynomials:
     """The centre of a motion that is known, of absolute time."""
     if isinstance(motion, Course):
-        return _course_polynomials(motion)
+        return course_polynomials(motion.time, motion.position)
     half = (0.5 * motion.acceleration[0], 0.5 * motion.acceleration[1])
     return PiecewisePolynomials.single(0.0, np.array([motion.position, motion.velocity, half]))
-
-
-def _course_polynomials(course: Course) -> PiecewisePolynomials:
-    """The natural cubic spline through the positions of a course, straight on at both ends.
-
-    Its second derivative is zero at its ends: so the motion goes straight on there without a jump of its acceleration.
-    """
-    from scipy.interpolate import CubicSpline
-
-    times, positions = np.array(course.time), np.array(course.position)
-    spline = CubicSpline(times - times[0], positions - positions[0], bc_type="natural")
-    pieces = np.zeros((len(times) + 1, 4, 2))
-    pieces[1:-1] = spline.c[::-1].transpose(1, 0, 2)
-    pieces[1:-1, 0] += positions[0]
-    lead = 1.0  # s; the first and the last piece go on for ever
-    velocity = spline(np.array([0.0, times[-1] - times[0]]), 1)
-    pieces[0, :2] = positions[0] - lead * velocity[0], velocity[0]
-    pieces[-1, :2] = positions[-1], velocity[1]
-    breakpoints = np.concatenate([[times[0] - lead], times, [np.inf]])
-    return PiecewisePolynomials(breakpoints[None], pieces[None])
 
 
 def shape_outlines(shape: Shape, heading: float | None) -> tuple[Outline, ...]:

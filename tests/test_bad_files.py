@@ -197,6 +197,27 @@ CASES = [
         "[0.0, 0.0]",
         "from obstacles[0]; it is 0.2 m",
     ),
+    Case(
+        "start inside an obstacle on a course",
+        {"obstacles.0.motion": {"time": [-1, 1], "position": [[0.5, -2], [0.9, 2]]}},
+        "start.position",
+        "[0.0, 0.0]",
+        "from obstacles[0]; it is 0.2 m",
+    ),
+    Case(
+        "course with too few covariances",
+        {"obstacles.0.motion": {"time": [0, 1], "position": [[9, 9], [9, 8]], "covariance": [[[1, 0], [0, 1]]]}},
+        "obstacles[0].motion.covariance",
+        "[[1.0, 0.0], [0.0, 1.0]]",
+        "as many as time has entries, 2, not 1",
+    ),
+    Case(
+        "course with an impossible covariance",
+        {"obstacles.0.motion": {"time": [0, 1], "position": [[9, 9], [9, 8]], "covariance": [[1, 2], [2, 1]]}},
+        "obstacles[0].motion.covariance",
+        "[[1.0, 2.0], [2.0, 1.0]]",
+        "positive definite",
+    ),
     Case("neither", {"obstacles.0.motion": DELETE}, "obstacles[0].motion", "missing", "observations"),
     Case(
         "both",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scenes import scene
 from scipy.interpolate import CubicSpline
+from scipy.stats import chi2
 from shapely import affinity, box
 from shapely.geometry import Point
 
@@ -99,3 +100,79 @@ def test_a_course_is_saved_and_loaded(tmp_path: Any) -> None:
     scenario = scene(course({"disc": 0.5}), start=start_at(100.0))
     scenario.save(tmp_path / "course.yaml")
     assert sp.Scenario.load(tmp_path / "course.yaml") == scenario
+
+
+# courses that are foretold, with a covariance
+
+ROUND, LONG = [[0.04, 0.0], [0.0, 0.04]], [[0.09, 0.05], [0.05, 0.16]]
+
+
+def foretold(shape: dict[str, Any], covariance: Any, **more: Any) -> dict[str, Any]:
+    given = course(shape)
+    return {**given, "motion": {**given["motion"], "covariance": covariance}, **more}
+
+
+@pytest.mark.parametrize(("level", "count"), [("per_time", 1), ("per_obstacle", len(TIMES)), ("joint", 2 * len(TIMES))])
+def test_zones_of_foretold_courses_grow_with_the_covariance_and_the_level(level: str, count: int) -> None:
+    each = [ROUND, ROUND, LONG, LONG, ROUND, LONG]
+    scenario = scene(
+        foretold({"disc": 0.5}, each),
+        {**foretold({"disc": 0.5}, ROUND), "id": "another"},
+        confidence={"probability": 0.9, "level": level},
+        start=start_at(100.0),
+    )
+    scale = chi2.isf(1.0 - 0.9 ** (1.0 / count), 2)
+    one, other = sp.zones(scenario)
+    for t, expected in zip(TIMES, each, strict=True):
+        np.testing.assert_allclose(one.covariance(t), scale * np.array(expected), rtol=1e-12)
+        np.testing.assert_allclose(other.covariance(t), scale * np.array(ROUND), rtol=1e-12)
+    middle = 0.5 * (TIMES[1] + TIMES[2])
+    np.testing.assert_allclose(one.covariance(middle), scale * 0.5 * (np.array(ROUND) + np.array(LONG)), rtol=1e-12)
+    np.testing.assert_allclose(one.covariance(TIMES[-1] + 50.0), scale * np.array(LONG), rtol=1e-12)
+    np.testing.assert_allclose(one.covariance(TIMES[0] - 50.0), scale * np.array(ROUND), rtol=1e-12)
+
+
+def test_the_joint_level_holds_for_errors_that_are_linear_between_the_times() -> None:
+    rng, runs = np.random.default_rng(3), 4000
+    scenario = scene(foretold({"disc": 0.5}, LONG), confidence={"probability": 0.9}, start=start_at(100.0))
+    (zone,) = sp.zones(scenario)
+    fine = np.linspace(TIMES[0], TIMES[-1], 120)
+    shared = rng.multivariate_normal([0.0, 0.0], LONG, runs)
+    alone = rng.multivariate_normal([0.0, 0.0], LONG, (runs, len(TIMES)))
+    inverse = np.linalg.inv(zone.covariance(fine))
+    for weight in (0.0, 0.7):  # of what all times have in common
+        errors = np.sqrt(1.0 - weight) * alone + np.sqrt(weight) * shared[:, None]
+        between = np.stack([[np.interp(fine, TIMES, e[:, k]) for e in errors] for k in (0, 1)], axis=2)
+        inside = np.einsum("rti,tij,rtj->rt", between, inverse, between).max(axis=1) <= 1.0
+        assert 0.885 < inside.mean() < (0.925 if weight == 0.0 else 0.97)
+
+
+@pytest.mark.parametrize("shape", [{"disc": 0.4}, {"rectangle": [1.0, 0.6]}])
+def test_plans_keep_clear_of_foretold_courses(shape: dict[str, Any]) -> None:
+    exact = sp.plan(scene(course(shape), start=start_at(100.0)))
+    scenario = scene(foretold(shape, ROUND), start=start_at(100.0))
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    assert plan.travel_time > exact.travel_time - 1e-3
+    spline = CubicSpline(TIMES, PLACES, bc_type="natural")
+    times = np.linspace(plan.start_time, min(plan.arrival_time, 106.0), 2000)
+    gap = np.hypot(*(plan.position(times) - spline(times)).T)
+    ellipse = np.sqrt(chi2.isf(1.0 - 0.95 ** (1.0 / len(TIMES)), 2) * 0.04)
+    size = 0.4 if "disc" in shape else np.hypot(0.5, 0.3)  # a rectangle may point anywhere
+    assert gap.min() >= size + ellipse + 0.3 - 1e-6
+
+
+def test_a_planner_online_knows_courses_that_are_foretold() -> None:
+    planner = sp.Planner(scene(foretold({"disc": 0.4}, ROUND), start=start_at(100.0)))
+    plan = planner.replan(100.0, (0.0, 0.0), 0.0, 1.0)
+    assert plan.safe, plan.reason
+    (zone,) = planner.zones
+    scale = chi2.isf(1.0 - 0.95 ** (1.0 / len(TIMES)), 2)
+    np.testing.assert_allclose(zone.covariance(103.0), scale * np.array(ROUND), rtol=1e-9)
+
+
+def test_a_course_is_public() -> None:
+    made = sp.Course(time=(0.0, 1.0), position=((9.0, 9.0), (9.0, 8.0)), covariance=((1.0, 0.0), (0.0, 1.0)))
+    obstacle = sp.Obstacle(id="o", shape=sp.Disc(disc=0.5), motion=made)
+    scenario = scene(obstacle.model_dump(by_alias=True, exclude_none=True))
+    assert scenario.obstacles[0].motion == made

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from shapely import affinity, distance, points, unary_union
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
@@ -26,6 +27,7 @@ SLOWEST = {  # s: a plan that is slower than this has lost something; about 1 % 
     "carry-a-full-tank": 8.75,
     "follow-a-convoy": 11.05,
     "out-of-a-pocket": 6.7,
+    "let-a-forecast-pass": 6.65,
     "overtake-a-truck": 13.65,
     "s-shaped-corridor": 14.65,
     "slow-past-a-school": 13.0,
@@ -42,8 +44,14 @@ def drawn(obstacle: sp.scenario.Obstacle, t: float) -> BaseGeometry:
     """The obstacle at a time."""
     motion, shape = obstacle.motion, obstacle.shape
     assert motion is not None
-    position, velocity, acceleration = (np.array(v) for v in (motion.position, motion.velocity, motion.acceleration))
-    centre, going = position + velocity * t + acceleration * t**2 / 2, velocity + acceleration * t
+    if isinstance(motion, sp.Course):
+        spline = CubicSpline(motion.time, motion.position, bc_type="natural")
+        inside = np.clip(t, motion.time[0], motion.time[-1])
+        going = spline(inside, 1)
+        centre = spline(inside) + (t - inside) * going
+    else:
+        start, velocity, acceleration = (np.array(v) for v in (motion.position, motion.velocity, motion.acceleration))
+        centre, going = start + velocity * t + acceleration * t**2 / 2, velocity + acceleration * t
     if isinstance(shape, sp.Disc):
         return Point(centre).buffer(shape.disc, quad_segs=512)
     if isinstance(shape, sp.PolygonShape):
@@ -55,6 +63,25 @@ def drawn(obstacle: sp.scenario.Obstacle, t: float) -> BaseGeometry:
         figure = affinity.scale(Point(0.0, 0.0).buffer(1.0, quad_segs=2048), *shape.ellipse)
     heading = shape.heading if shape.heading is not None else np.arctan2(going[1], going[0])
     return affinity.translate(affinity.rotate(figure, heading, origin=(0, 0), use_radians=True), *centre)
+
+
+def spread(obstacle: sp.scenario.Obstacle, t: float, scenario: sp.Scenario) -> BaseGeometry:
+    """A disc on a course with a covariance, with the ellipse that holds its centre at all times of the course."""
+    motion, shape = obstacle.motion, obstacle.shape
+    assert isinstance(motion, sp.Course)
+    assert isinstance(shape, sp.Disc)
+    inside = np.clip(t, motion.time[0], motion.time[-1])
+    given = np.array(motion.covariance).reshape(-1, 4)
+    squares, axes = np.linalg.eigh(
+        [[np.interp(inside, motion.time, given[:, 2 * i + j]) for j in (0, 1)] for i in (0, 1)]
+    )
+    scale = -2.0 * np.log1p(-(scenario.confidence.probability ** (1.0 / len(motion.time))))
+    half_axes = np.sqrt(scale * squares)
+    ellipse = affinity.scale(Point(0.0, 0.0).buffer(1.0, quad_segs=512), *half_axes)
+    turned = affinity.rotate(ellipse, np.arctan2(axes[1, 0], axes[0, 0]), origin=(0, 0), use_radians=True)
+    still = obstacle.model_copy(update={"motion": motion.model_copy(update={"covariance": None})})
+    center = drawn(still, t).centroid
+    return affinity.translate(turned, center.x, center.y).buffer(shape.disc, quad_segs=128)
 
 
 def assert_safe(scenario: sp.Scenario, plan: sp.Plan) -> None:
@@ -69,7 +96,13 @@ def assert_safe(scenario: sp.Scenario, plan: sp.Plan) -> None:
         assert distance(corridor.boundary, place).min() >= scenario.vehicle.radius - 2e-6
     for obstacle in scenario.obstacles:
         assert obstacle.motion is not None
-        if not any((*obstacle.motion.velocity, *obstacle.motion.acceleration)):
+        if isinstance(obstacle.motion, sp.Course):
+            figures = [
+                drawn(obstacle, t) if obstacle.motion.covariance is None else spread(obstacle, t, scenario)
+                for t in times
+            ]
+            gaps = distance(figures, place)
+        elif not any((*obstacle.motion.velocity, *obstacle.motion.acceleration)):
             gaps = distance(drawn(obstacle, 0.0), place)
         else:
             gaps = np.array([drawn(obstacle, t).distance(p) for t, p in zip(times, place, strict=True)])
@@ -111,6 +144,11 @@ def turned_and_moved(scenario: sp.Scenario, angle: float, shift: Array) -> sp.Sc
         data["guide"] = [data["start"]["position"], *map(place, data["guide"][1:-1]), data["goal"]["position"]]
     for obstacle in data["obstacles"]:
         motion, shape = obstacle["motion"], obstacle["shape"]
+        if "time" in motion:
+            motion["position"] = [place(point) for point in motion["position"]]
+            if motion["covariance"] is not None:
+                motion["covariance"] = [(turn @ np.array(each) @ turn.T).tolist() for each in motion["covariance"]]
+            continue
         moves = any((*motion["velocity"], *motion["acceleration"]))
         motion.update(
             position=place(motion["position"]),
