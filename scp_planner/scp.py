@@ -22,6 +22,7 @@ from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.evaluation import Evaluation, Penalties, evaluate_trips
 from scp_planner.linearisation import TrustRegion, linearise_trips
 from scp_planner.problem import Problem
+from scp_planner.secant import LastStep
 from scp_planner.solvers.interface import QpSolver, Solution, SolverStatus, solver_named
 from scp_planner.subproblem import ActiveSet, Subproblem, build_subproblem
 from scp_planner.trajectory import Trajectory
@@ -37,6 +38,7 @@ LAST_PENALTY = 100.0
 FIRST_TRUST = TrustRegion(theta=1.0, beta=3.0, rho=0.3)
 LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
 SMALLEST_TRUST = 1e-5  # m
+INSIDE = 0.99  # relative to the trust region: steps shorter than this are learnt from
 ACCEPT = 0.05  # least ratio of actual to predicted decrease of an accepted step
 SHRINK_BELOW, GROW_ABOVE = 0.25, 0.7
 SHRINK, GROW = 0.3, 1.7
@@ -331,6 +333,7 @@ class ScpLoop:
         run = Run(Status.ITERATION_LIMIT, (yield from _evaluated(start)), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
         trial: _Trial | None = None
+        last: LastStep | None = None
         for number in range(1, max_iterations + 1):
             if perf_counter() > deadline:
                 run.status = Status.TIME_LIMIT
@@ -338,7 +341,9 @@ class ScpLoop:
             rows = yield from _linearised(run.evaluation, trust)
             weights = np.concatenate([penalties.zones, penalties.limits])
             trip = run.evaluation.trajectory
-            sub = build_subproblem(self.problem, self.kinematics, trip, rows, weights, trust, active)
+            if last is not None and last.end is not trip:
+                last = None
+            sub = build_subproblem(self.problem, self.kinematics, trip, rows, weights, trust, active, last)
             solution = self._solve(sub)
             if solution is None:
                 run.status = Status.SOLVER_FAILED
@@ -352,6 +357,10 @@ class ScpLoop:
             moved = self._moved(trip, solution.x)
             candidate = None if moved is None else (yield from _evaluated(moved))
             step = _Step.of(run.evaluation, candidate, penalties, sub, weights, solution.x)
+            # Steps to the border of the trust region lead too far to tell how the constraints bend here.
+            last = None
+            if moved is not None and step.size < INSIDE:
+                last = LastStep.of(self.kinematics, rows, trip, moved, sub.program, solution)
             run.status = Status.ITERATION_LIMIT
             accepted = step.acceptable if trial is None else trial.succeeds(step.evaluation, penalties)
             on_trial = trial is None and not accepted and self._worth_a_trial(step)

@@ -16,6 +16,7 @@ from scp_planner.constraints import Rows
 from scp_planner.constraints.kinematics import KinematicRows
 from scp_planner.linearisation import TrustRegion
 from scp_planner.problem import Problem
+from scp_planner.secant import LastStep
 from scp_planner.solvers.interface import QuadraticProgram, Solution, StepOrigin
 from scp_planner.trajectory import Trajectory
 
@@ -97,6 +98,7 @@ def build_subproblem(
     weights: Array,
     trust: TrustRegion,
     active: ActiveSet | None = None,
+    last: LastStep | None = None,
 ) -> Subproblem:
     """Build the quadratic program of a step from a trip.
 
@@ -112,6 +114,8 @@ def build_subproblem(
     trust : TrustRegion
     active : ActiveSet, optional
         Of the last subproblem.
+    last : LastStep, optional
+        The step that led to this trip, if the Hessian is to be corrected by it.
     """
     present = np.bincount(rows.group, minlength=len(weights)) > 0
     groups = np.flatnonzero(present)
@@ -135,6 +139,8 @@ def build_subproblem(
     diagonal[size - 1] = PROXIMAL_TIME
     diagonal[size:] = SLACK_CURVATURE
     hessian.flat[:: total + 1] += diagonal
+    if last is not None:
+        last.teach(problem, rows, hessian[:size, :size], diagonal[:size])
 
     gradient = np.zeros(total)
     gradient[size - 1] = trajectory.travel_time

@@ -87,6 +87,12 @@ class KinematicRows:
         bound[self._down] = beta - problem.lowest_accelerations
         return matrix, bound
 
+    def timing_curvature(self, prices: Array) -> float:
+        """Second derivative of the bounds b_k <= a tau^2 with respect to rho, times the multipliers of all rows."""
+        problem = self.problem
+        up, down = prices[self._up], prices[self._down]
+        return float(2.0 * (down @ problem.lowest_accelerations - up @ problem.highest_accelerations))
+
 
 @dataclass(frozen=True)
 class BendSites:
