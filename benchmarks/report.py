@@ -21,6 +21,9 @@ Row = dict[str, str]
 FIGURE_FOLDER = "figures"
 COLORS = ("#0b6e99", "#d9730d", "#448361", "#9065b0", "#c14c8a", "#787774")
 REFERENCE = "scp_planner.plan"
+ONE_RUN = "scp_planner one run"
+NLP = "casadi-ipopt"
+EQUAL = 1e-3  # relative difference of travel times that does not count
 
 
 def _value(row: Row, key: str) -> float:
@@ -37,6 +40,16 @@ def _of(rows: Sequence[Row], family: str) -> list[Row]:
 
 def _median(rows: Sequence[Row], key: str, level: float = 0.5) -> float:
     return common.quantile((_value(row, key) for row in rows), level)
+
+
+SECTIONS = {
+    "planning": ("reference scenarios", "benchmarks.planning"),
+    "scaling": ("many obstacles, most of them far away", "benchmarks.planning --scaling"),
+    "random": ("random scenarios", "benchmarks.planning --random"),
+    "peers": ("other methods", "benchmarks.peers"),
+    "peers-random": ("other methods in random scenarios", "benchmarks.peers --random"),
+}
+"""Files of results, without .csv: the titles of their sections, lower case, and the commands that write them."""
 
 
 class Figures:
@@ -205,6 +218,8 @@ def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str
         f"{1e3 * JUDGE.position:g} mm at the ends, {JUDGE.speed:g} m/s, {JUDGE.acceleration:g} m/s2, "
         f"{JUDGE.curvature:g} 1/m. The last two columns are medians of the ratios to `scp_planner.plan` on the same "
         "scenario.",
+        *speed_part(rows, starts),
+        *certified_part(rows),
     ]
     for family in [*_families(rows), "all"]:
         lines = []
@@ -239,16 +254,94 @@ def peers_part(rows: list[Row], starts: list[Row], figures: Figures) -> list[str
                 str(len(chosen)),
                 common.number(_median(chosen, "wall_ms"), 1),
                 common.number(_median(chosen, "wall_ms", 0.95), 1),
-                f"{100.0 * sum(row['certified'] == '1' for row in chosen) / len(chosen):.0f} %",
+                *(
+                    f"{100.0 * sum(row[verdict] == '1' for row in chosen) / len(chosen):.0f} %"
+                    for verdict in ("certified", "checked")
+                ),
             ]
         )
     parts += [
         "### Each start by itself",
-        common.table(["method", "starts", "wall ms a start", "wall ms 95 %", "certified"], lines),
+        common.table(["method", "starts", "wall ms a start", "wall ms 95 %", "certified", "checked"], lines),
         peers_figure(rows, pairs, plans, figures),
         "`python -m benchmarks.peers`; the peers are an optional extra, `pip install scp-planner[peers]`.",
     ]
     return parts
+
+
+def speed_part(rows: list[Row], starts: list[Row]) -> list[str]:
+    """Wall times against the nonlinear program, start by start, and of its best answer against a whole plan."""
+    parts = []
+    walls = {_start_key(row): _value(row, "wall_ms") for row in starts}
+    ratios = [
+        wall / walls[ONE_RUN, *key]
+        for (method, *key), wall in walls.items()
+        if method == NLP and (ONE_RUN, *key) in walls
+    ]
+    if ratios:
+        low, middle, high = (common.quantile(ratios, level) for level in (0.1, 0.5, 0.9))
+        parts.append(
+            f"- **A start**: `{NLP}` takes {middle:.1f} times as long as one run of scp_planner from the same start "
+            f"(median of {len(ratios)} pairs; 10 % and 90 % quantiles {low:.1f} and {high:.1f})."
+        )
+    plans = {row["scenario"]: row for row in rows if row["method"] == REFERENCE}
+    tens = [row for row in rows if row["method"] == NLP and row["start_set"] == "ten" and row["scenario"] in plans]
+    pairs = [(row, plans[row["scenario"]]) for row in tens]
+    if pairs:
+        wall = common.median(_value(row, "wall_ms") / _value(plan, "wall_ms") for row, plan in pairs)
+        both = [(row, plan) for row, plan in pairs if row["certified"] == plan["certified"] == "1"]
+        times = [_value(row, "travel_time") / _value(plan, "travel_time") for row, plan in both]
+        parts.append(
+            f"- **The best of ten starts**: `{NLP}` takes {wall:.0f} times as long as `plan()` (median of {len(pairs)} "
+            f"scenarios). Where both answers are certified, in {len(both)}, its travel time is {_median_of(times)} "
+            f"times that of `plan()` (median); it is longer by more than {100 * EQUAL:g} % in "
+            f"{sum(time > 1.0 + EQUAL for time in times)}, shorter by more than that in "
+            f"{sum(time < 1.0 - EQUAL for time in times)}."
+        )
+    return ["\n".join(parts)] if parts else []
+
+
+def _start_key(row: Row) -> tuple[str, ...]:
+    return row["method"], row["scenario"], row["bow"], row["speed_share"]
+
+
+def _median_of(ratios: Sequence[float]) -> str:
+    return common.number(common.median(ratios), 5)
+
+
+def certified_part(rows: list[Row]) -> list[str]:
+    """Rates of certified answers, family by family; and where only one of a method and the planner has one."""
+    families = _families(rows)
+    plans = {row["scenario"]: row["certified"] for row in rows if row["method"] == REFERENCE}
+    lines = []
+    for method, start_set in dict.fromkeys((row["method"], row["start_set"]) for row in rows):
+        mine = [row for row in rows if (row["method"], row["start_set"]) == (method, start_set)]
+        pairs = [(row["certified"], plans[row["scenario"]]) for row in mine if row["scenario"] in plans]
+        counts = []
+        for family in [*families, "all"]:
+            chosen = _of(mine, family)
+            counts.append(f"{sum(row['certified'] == '1' for row in chosen)}/{len(chosen)}" if chosen else None)
+        checked = f"{sum(row['checked'] == '1' for row in mine)}/{len(mine)}"
+        only = [pairs.count(pair) for pair in (("0", "1"), ("1", "0"))]
+        lines.append([method, start_set, *counts, checked, *(only if method != REFERENCE else (None, None))])
+    headings = ["method", "starts", *families, "all", "checked", "only plan()", "only this one"]
+    return [
+        "Scenarios with a certified answer; *checked*: with one that passes the check, whatever the method itself "
+        "says of it; *only plan()* and *only this one*: where one of both has a certified answer and the other none.",
+        common.table(headings, lines),
+    ]
+
+
+def random_peers_part(rows: list[Row], starts: list[Row]) -> list[str]:
+    """Section on other methods in random scenarios."""
+    count = len({row["scenario"] for row in rows})
+    return [
+        "## Other methods in random scenarios",
+        f"{count} scenarios from the generators in `benchmarks.families`, on the same terms. Some have no solution.",
+        *speed_part(rows, starts),
+        *certified_part(rows),
+        "`python -m benchmarks.peers --random N`",
+    ]
 
 
 def peers_figure(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str, Row], figures: Figures) -> str:
@@ -313,36 +406,38 @@ def page(results: Path, figures: Figures) -> str:
     FileNotFoundError
         If it holds nothing.
     """
-    parts = [
-        "# Benchmarks",
-        "<!-- Generated by `python -m benchmarks.report`: do not edit. -->",
-        "How these figures were made: [reference scenarios](#reference-scenarios) and "
-        "[random scenarios](#random-scenarios) by `benchmarks.planning`, [other methods](#other-methods) by "
-        "`benchmarks.peers`, everything on one thread. All times depend on the machine: compare ratios within one "
-        "run.",
-    ]
-    found = False
-    for name in ("planning", "scaling", "random", "peers"):
+    sections: list[str] = []
+    made_by = []
+    for name, (title, command) in SECTIONS.items():
         path = results / f"{name}.csv"
         if not path.is_file():
             continue
-        found = True
         rows = common.read_csv(path)
+        made_by.append(f"[{title}](#{title.replace(',', '').replace(' ', '-')}) by `{command}`")
         if name == "planning":
-            parts += reference_part(rows, figures)
+            sections += reference_part(rows, figures)
         elif name == "scaling":
-            parts += scaling_part(rows, figures)
+            sections += scaling_part(rows, figures)
         elif name == "random":
-            parts += random_part(rows)
+            sections += random_part(rows)
+        elif name == "peers":
+            sections += peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
         else:
-            parts += peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
-    if not found:
+            sections += random_peers_part(rows, common.read_csv(results / "peers-random-starts.csv"))
+    if not sections:
         raise FileNotFoundError(f"{results} holds no results: run benchmarks.planning or benchmarks.peers first")
-    parts.append("## Machine and versions")
-    for name in ("planning", "peers"):
+    sections.append("## Machine and versions")
+    for name in ("planning", "peers", "peers-random"):
         path = results / f"{name}-environment.csv"
         if path.is_file():
-            parts.append(f"`benchmarks.{name}`: {_environment(path)}.")
+            sections.append(f"`{name}.csv`: {_environment(path)}.")
+    parts = [
+        "# Benchmarks",
+        "<!-- Generated by `python -m benchmarks.report`: do not edit. -->",
+        f"How these figures were made: {', '.join(made_by)}; everything on one thread. All times depend on the "
+        "machine: compare ratios within one run.",
+        *sections,
+    ]
     return "\n\n".join(parts) + "\n"
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import scp_planner
-from benchmarks import common, families
+from benchmarks import common, families, report
 from benchmarks.dense_check import check_samples, check_trip
+from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
 from benchmarks.peers.slsqp import Slsqp, _length, _Model
@@ -132,3 +134,57 @@ def test_missing_scenarios_are_explained(tmp_path: Path, monkeypatch: pytest.Mon
         common.scenario_folder()
     with pytest.raises(common.MissingDataError, match=r"crossing5-\*\.json"):
         common.load_family(tmp_path, "crossing5")
+
+
+def test_peers_run_on_random_scenarios_and_the_page_says_what_they_did(tmp_path: Path) -> None:
+    """Two quick methods, two starts: the files, and the page that is made from them."""
+    results, page = tmp_path / "results", tmp_path / "docs" / "benchmarks.md"
+    methods = ["scp_planner.plan", "scp_planner one run"]
+    options = ["--random", "2", "--families", "crossing3", "--starts", "2", "--output", str(results)]
+    assert peers.main([*options, "--methods", *methods]) == 0
+    rows = common.read_csv(results / "peers-random.csv")
+    assert [(row["method"], row["start_set"]) for row in rows[:3]] == [
+        ("scp_planner.plan", "plan"),
+        ("scp_planner one run", "one"),
+        ("scp_planner one run", "first 2"),
+    ]
+    assert len({row["scenario"] for row in rows}) == 2
+    assert report.main(["--results", str(results), "--page", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    anchors = {heading.lower().replace(",", "").replace(" ", "-") for heading in re.findall(r"^#+ (.+)$", text, re.M)}
+    links = re.findall(r"\]\(#([^)]+)\)", text)
+    assert links
+    assert set(links) <= anchors
+    plan_row = next(line for line in text.splitlines() if line.startswith("| scp_planner.plan"))
+    assert [cell.strip() for cell in plan_row.strip("|").split("|")][2:4] == ["2/2", "2/2"]
+
+
+def test_random_scenarios_for_the_peers_do_not_depend_on_the_other_families() -> None:
+    def names_and_places(families: list[str]) -> dict[str, object]:
+        options = peers.parser().parse_args(["--random", "2", "--seed", "3"])
+        return {s["name"]: s["obstacles"] for family in families for s in peers.chosen_scenarios(options, family)}
+
+    both, one = names_and_places(["crossing10", "convoy"]), names_and_places(["convoy"])
+    assert one.items() <= both.items()
+    assert len(both) == 4
+
+
+def row(method: str, scenario: str, start_set: str, wall: float, time: float, certified: int) -> dict[str, str]:
+    values = {"method": method, "family": "f", "scenario": scenario, "start_set": start_set, "wall_ms": wall}
+    values |= {"travel_time": time, "certified": certified, "checked": 1, "bow": 0.0, "speed_share": 1.0}
+    return {key: str(value) for key, value in values.items()}
+
+
+def test_the_page_compares_times_and_rates_as_they_are() -> None:
+    plans = [row(report.REFERENCE, name, "plan", 10.0, 7.0, certified) for name, certified in (("a", 1), ("b", 0))]
+    tens = [row(report.NLP, name, "ten", wall, 7.7, 1) for name, wall in (("a", 200.0), ("b", 400.0))]
+    starts = [row(report.ONE_RUN, "a", "", 5.0, 7.0, 1), row(report.NLP, "a", "", 20.0, 7.0, 1)]
+    start, best = report.speed_part([*plans, *tens], starts)[0].splitlines()
+    assert "4.0 times as long as one run" in start
+    assert "30 times as long as `plan()`" in best
+    assert "in 1, its travel time is 1.10000 times" in best
+    assert "longer by more than 0.1 % in 1, shorter by more than that in 0." in best
+    lines = report.certified_part([*plans, *tens])[1].splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert cells[2] == [report.REFERENCE, "plan", "1/2", "1/2", "2/2", "-", "-"]
+    assert cells[3] == [report.NLP, "ten", "2/2", "2/2", "2/2", "0", "1"]

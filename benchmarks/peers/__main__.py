@@ -20,8 +20,12 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.families import random_scenario
 from benchmarks.peers.base import Attempt, MissingPeerError, Scenario, judge
 from benchmarks.peers.starts import TEN_STARTS, Start
+
+RANDOM_FAMILIES = ("crossing10", "crossing20", "crossing30", "headon", "convoy")
+"""Those of `benchmarks.families` whose obstacles are discs with known motions, as the peers have them."""
 
 PACKAGES = ("numpy", "scipy", "daqp", "casadi", "openscvx", "jax", "cvxpy")
 REFERENCE = "scp_planner.plan"
@@ -118,9 +122,21 @@ def summarised(rows: Sequence[dict[str, Any]], start_set: str) -> dict[str, Any]
     }
 
 
+def chosen_scenarios(options: argparse.Namespace, family: str) -> list[dict[str, Any]]:
+    """The reference scenarios of a family, or as many random ones as are asked for."""
+    if options.random is None:
+        return common.load_family(common.scenario_folder(options.data), family, options.count)
+    rng = np.random.default_rng([options.seed, *family.encode()])
+    return [random_scenario(family, rng, f"{family}-r{options.seed}.{k}") for k in range(options.random)]
+
+
+def file_stem(options: argparse.Namespace) -> str:
+    """Name of the CSV files, without what follows it."""
+    return "peers" if options.random is None else "peers-random"
+
+
 def measure(options: argparse.Namespace) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Run everything; return the rows per scenario and those per start."""
-    folder = common.scenario_folder(options.data)
     peers = []
     for name in options.methods:
         try:
@@ -131,7 +147,7 @@ def measure(options: argparse.Namespace) -> tuple[list[dict[str, Any]], list[dic
     summaries: list[dict[str, Any]] = []
     details: list[dict[str, Any]] = []
     for family in options.families:
-        scenarios = common.load_family(folder, family, options.count)
+        scenarios = chosen_scenarios(options, family)
         ready = []
         for peer in peers:
             began = perf_counter()
@@ -155,8 +171,8 @@ def measure(options: argparse.Namespace) -> tuple[list[dict[str, Any]], list[dic
                     line += f" {summary['wall_ms']:9.1f} ms, {summary['travel_time']:.4f} s,"
                     common.say(f"{line} certified {summary['certified_starts']}/{summary['starts']}")
             # Written as it goes: a long run that is interrupted leaves what it has measured.
-            common.write_csv(options.output / "peers.csv", summaries)
-            common.write_csv(options.output / "peers-starts.csv", details)
+            common.write_csv(options.output / f"{file_stem(options)}.csv", summaries)
+            common.write_csv(options.output / f"{file_stem(options)}-starts.csv", details)
     return summaries, details
 
 
@@ -220,13 +236,17 @@ def parser() -> argparse.ArgumentParser:
     """Command-line options."""
     made = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__.splitlines()[0])
     known, methods = common.REFERENCE_FAMILIES, list(makers())
-    made.add_argument("--families", nargs="+", default=known, metavar="FAMILY", help=f"of {', '.join(known)}")
+    made.add_argument("--families", nargs="+", metavar="FAMILY",
+                      help=f"of {', '.join(known)} (default: all), or of benchmarks.families")  # fmt: skip
     made.add_argument("--count", type=int, help="scenarios of each family (default: all)")
     made.add_argument("--methods", nargs="+", default=methods, choices=methods, metavar="METHOD",
                       help=f"of {', '.join(repr(name) for name in methods)} (default: all)")  # fmt: skip
     made.add_argument("--starts", type=int, default=10, choices=range(1, 11), metavar="N",
                       help="of the ten starts, the first N (default: 10)")  # fmt: skip
     made.add_argument("--repeat", type=int, default=1, help="timed calls a start, the median counts (default: 1)")
+    made.add_argument("--random", type=int, metavar="N",
+                      help="N random scenarios of each family instead of the reference scenarios")  # fmt: skip
+    made.add_argument("--seed", type=int, default=0, help="of the random scenarios (default: 0)")
     made.add_argument("--data", type=Path, help="folder of the reference scenarios")
     made.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
     return made
@@ -235,14 +255,16 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print."""
     options = parser().parse_args(arguments)
+    if options.families is None:
+        options.families = common.REFERENCE_FAMILIES if options.random is None else RANDOM_FAMILIES
     try:
         summaries, details = measure(options)
-        known = common.best_known(common.scenario_folder(options.data))
+        known = {} if options.random is not None else common.best_known(common.scenario_folder(options.data))
     except common.MissingDataError as error:
         common.say(f"benchmarks.peers: {error}")
         return 2
     facts = common.environment(PACKAGES)
-    common.write_environment(options.output / "peers-environment.csv", facts)
+    common.write_environment(options.output / f"{file_stem(options)}-environment.csv", facts)
     print(", ".join(f"{name} {value}" for name, value in facts.items()))
     print()
     print(report(summaries, details, known))
