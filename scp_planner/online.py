@@ -510,7 +510,9 @@ class Planner:
             now.lap("scp")
             evaluation, steps = run.evaluation, max(len(run.record), 1)
             way.trip, way.steps, left = Trip(problem.frame, evaluation.trajectory), way.steps + steps, left - steps
-            clear = evaluation.worst_violation <= (FEASIBILITY if first else NEARLY_CLEAR)
+            # Only a trip that keeps clear takes the place of one that is certified to the goal.
+            strict = first or (best is not None and best.certified)
+            clear = evaluation.worst_violation <= (FEASIBILITY if strict else NEARLY_CLEAR)
             faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
             ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or way.steps >= most
             if (clear and faster) or (best is None and spare is None and (ended or left <= 0)):
