@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import os
 from collections.abc import Callable, Iterable
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 BUILT_IN = "builtin:"
 """What the name of a built-in scenario follows where a file is wanted."""
+
+COMMONROAD_SUFFIX = ".xml"
+"""Of scenarios of CommonRoad."""
 
 
 class Method(StrEnum):
@@ -66,7 +70,7 @@ ScenarioFile = Annotated[
     str,
     typer.Argument(
         metavar="SCENARIO",
-        help=f"Scenario file (YAML or JSON), or {BUILT_IN}NAME.",
+        help=f"Scenario file (YAML or JSON; XML of CommonRoad), or {BUILT_IN}NAME.",
         autocompletion=_known_scenarios,
     ),
 ]
@@ -74,7 +78,7 @@ ScenarioFiles = Annotated[
     list[str],
     typer.Argument(
         metavar="SCENARIO...",
-        help=f"Scenario files (YAML or JSON), or {BUILT_IN}NAME.",
+        help=f"Scenario files (YAML or JSON; XML of CommonRoad), or {BUILT_IN}NAME.",
         autocompletion=_known_scenarios,
     ),
 ]
@@ -126,11 +130,17 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr w
 
 
 def load_scenario(source: str) -> Scenario:
-    """Load a scenario file, or a built-in scenario."""
+    """Load a scenario file, a built-in scenario, or a scenario of CommonRoad."""
     if source.startswith(BUILT_IN):
         from scp_planner import builtin
 
         return builtin.load(source.removeprefix(BUILT_IN))
+    if source.lower().endswith(COMMONROAD_SUFFIX):
+        if importlib.util.find_spec("commonroad") is None:
+            raise bad_option("SCENARIO", source, "needs commonroad-io: pip install 'scp-planner[commonroad]'")
+        from scp_planner.commonroad import load_commonroad
+
+        return load_commonroad(source)
     from scp_planner.scenario import Scenario
 
     return Scenario.load(source)

@@ -83,10 +83,14 @@ def write_facts(axes: Axes, recording: Recording, width: int) -> None:
     """Write the scenario's name and what there is to tell of the whole."""
     axes.set_axis_off()
     axes.set_title(recording.name, loc="left", pad=3, fontweight="bold")
-    for i, (name, text) in enumerate(recording.facts):
-        y = 1.0 - (i + 0.6) / max(6.0, len(recording.facts))
-        axes.text(0.0, y, name, transform=axes.transAxes, color=GREY, fontsize=8, va="center")
-        axes.text(0.36, y, fill(text, width), transform=axes.transAxes, fontsize=8, va="center")
+    texts = [fill(text, width) for _, text in recording.facts]
+    lines = [text.count("\n") + 1 for text in texts]
+    most, above = max(6, sum(lines)), 0
+    for (name, _), text, count in zip(recording.facts, texts, lines, strict=True):
+        y = 1.0 - (above + 0.15) / most
+        axes.text(0.0, y, name, transform=axes.transAxes, color=GREY, fontsize=8, va="top")
+        axes.text(0.36, y, text, transform=axes.transAxes, fontsize=8, va="top", linespacing=1.1)
+        above += count
 
 
 def _finish(axes: Axes, recording: Recording, title: str, low: float, high: float) -> None:
