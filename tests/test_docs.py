@@ -51,6 +51,7 @@ NOT_RUN = (  # commands that need the network, minutes, or the checkout's own to
     r"scp-planner (study|compare) .*",
     r"scp-planner export \S+ -o \S+\.mcap .*",
     r"scp-planner batch .* --dask .*",
+    r"scp-planner plan \S+\.xml .*",
 )
 LANGUAGES_WITHOUT_CODE = {"text", "yaml", "json"}
 
