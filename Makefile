@@ -25,10 +25,11 @@ docs: $(INSTALLED)  ## build the documentation into site/
 test: lint  ## lint, type check and run the tests
 	$(BIN)/pytest -n 2
 
-lint: $(INSTALLED)  ## ruff and mypy
+lint: $(INSTALLED)  ## ruff, mypy, and shapes, units and errors in docstrings
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python docs/check_docstrings.py
 
 format: $(INSTALLED)  ## lay out the code and mend what ruff can
 	$(BIN)/ruff format .

@@ -44,6 +44,10 @@ def stop_after(trajectory: Trajectory, lead: float, deceleration: float) -> Traj
         s, for which the trip is kept at least; more where its spans want it.
     deceleration : float
         At most, m/s2.
+
+    Returns
+    -------
+    Trajectory
     """
     space = trajectory.space
     spans = len(space.acceleration.widths)

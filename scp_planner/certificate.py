@@ -160,6 +160,10 @@ def certify_trip(
         bound that is not negative, and found sooner.
     batch : ZoneBatch, optional
         The zones in the trip's frame, inflated by the vehicle's radius, if they are at hand.
+
+    Returns
+    -------
+    Certificate
     """
     if batch is None:
         batch = ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius)

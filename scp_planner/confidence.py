@@ -278,6 +278,16 @@ def uniform_scale(alpha: float, length: float, errors: ErrorLaw, regressors: int
     regressors : int or None
         p, if the error is that of a regression on p functions of time with one covariance for all
         observations; then the largest root bounds q.
+
+    Returns
+    -------
+    float
+        q.
+
+    Raises
+    ------
+    EstimationError
+        If the length is no number of at least 0, or the span has no end where that matters.
     """
     if not length >= 0.0:
         raise EstimationError(f"standardised length: {length!r} is not a number >= 0")

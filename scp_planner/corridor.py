@@ -32,6 +32,11 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
         Convex, in either direction, m.
     wall : float
         m.
+
+    Returns
+    -------
+    list of polygons
+        Convex, m.
     """
     rings = [planar.anticlockwise(polygon) for polygon in polygons]
     xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]

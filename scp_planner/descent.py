@@ -566,6 +566,10 @@ def checked_descent(
         Not yet run.
     timings : dict, optional
         To which wall times are added, s.
+
+    Returns
+    -------
+    CheckedDescent
     """
     best: CheckedDescent | None = None
     checking = 0.0

@@ -100,6 +100,10 @@ def far_ellipse_contact(offset: Array, covariance: Array) -> Contact:
         Points relative to the ellipses' centres, m.
     covariance : (n, 3) array
         (xx, xy, yy), positive definite, m^2.
+
+    Returns
+    -------
+    Contact
     """
     axes = _PrincipalAxes.of(offset, covariance)
     u, w, gap = axes.half_major * axes.y0, axes.half_minor * axes.y1, axes.gap

@@ -124,6 +124,10 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
     trajectory : Trajectory
     near : float
         Clearances below this are looked at closely, m.
+
+    Returns
+    -------
+    Evaluation
     """
     return evaluate_trips(problem, [trajectory], near)[0]
 
@@ -138,6 +142,11 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
         At least one.
     near : float
         Clearances below this are looked at closely, m.
+
+    Returns
+    -------
+    list of Evaluation
+        One for each.
     """
     zones, count = problem.zones, len(trips)
     bundle = TripBundle(trips)

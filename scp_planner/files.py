@@ -39,6 +39,10 @@ _NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
 def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]:
     """Read the mapping that a file holds.
 
+    Parameters
+    ----------
+    path : path
+
     Returns
     -------
     data
@@ -71,6 +75,11 @@ def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]
 
 def write(path: str | PathLike[str], data: dict[str, Any]) -> None:
     """Write a mapping as YAML or JSON, whichever the suffix says; floats keep every bit.
+
+    Parameters
+    ----------
+    path : path
+    data : dict
 
     Raises
     ------

@@ -244,6 +244,10 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
         a cell.
     multiple : int
         The number of pieces is a multiple of this, and at least four times as much.
+
+    Returns
+    -------
+    Guide
     """
     corners, least = _rounded(np.asarray(points, dtype=float), radius)
     legs = np.diff(corners, axis=0)
@@ -279,6 +283,10 @@ def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:
         m.
     goal : (2,) array
         Where the guide is to end, m.
+
+    Returns
+    -------
+    CurvedGuide
     """
     return _ending_at(goal, length, headings)
 
@@ -321,6 +329,15 @@ def _rounded(points: Array, radius: float) -> tuple[Array, float]:
 
 def guide_from_dict(data: dict[str, Any]) -> Guide:
     """Return the guide of a plan file.
+
+    Parameters
+    ----------
+    data : dict
+        What the plan file has under ``path.guide``.
+
+    Returns
+    -------
+    Guide
 
     Raises
     ------

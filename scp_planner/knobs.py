@@ -184,6 +184,18 @@ class Knobs:
 def parse_assignments(assignments: Iterable[str], *classes: type[Knobs]) -> dict[str, Any]:
     """Read texts such as ``path_span=2`` as values of the settings of some classes.
 
+    Parameters
+    ----------
+    assignments : iterable of str
+        ``name=value`` each.
+    *classes : type
+        Whose settings may be named.
+
+    Returns
+    -------
+    dict of str to value
+        Not yet checked against the ranges.
+
     Raises
     ------
     SettingsError

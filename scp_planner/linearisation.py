@@ -56,6 +56,10 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
         Rows that no step inside it can violate are left out: a rigorous test of |J| times the box against the gap.
     near : float
         Samples with a clearance above this are no candidates, m.
+
+    Returns
+    -------
+    Rows
     """
     return linearise_trips(problem, [base], [trust], near)[0]
 
@@ -74,6 +78,11 @@ def linearise_trips(
         One for each.
     near : float
         Samples with a clearance above this are no candidates, m.
+
+    Returns
+    -------
+    list of Rows
+        One for each trip.
     """
     zones = problem.zones
     bundle = TripBundle([base.trajectory for base in bases])

@@ -81,6 +81,11 @@ def kinematic_bound(scenario: Scenario) -> float:
     Parameters
     ----------
     scenario : Scenario
+
+    Returns
+    -------
+    float
+        s.
     """
     time, _ = straight_travel_time(
         float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position))) - scenario.goal.radius,

@@ -450,6 +450,10 @@ def estimate_process(
         As in `scp_planner.estimation.estimate_motion`; outliers can be kept or gated, each by what was seen
         before it.
 
+    Returns
+    -------
+    ProcessEstimate
+
     Raises
     ------
     EstimationError

@@ -104,6 +104,11 @@ def check_observations(
     covariance : (2, 2) or (n, 2, 2) m^2, or None
     screening : Screening
 
+    Returns
+    -------
+    CheckedObservations
+        In order of time.
+
     Raises
     ------
     EstimationError
@@ -165,6 +170,15 @@ def usable(
         Of the latest observation so far; one that is equal to it is refused.
     in_order : bool
         Refuse observations before the latest one.
+
+    Returns
+    -------
+    (K,) array of bool
+
+    Raises
+    ------
+    EstimationError
+        If an observation that is not finite, comes twice or is late is to be refused.
     """
     finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
     wanted = np.ones(len(times), dtype=bool) if seen is None else np.asarray(seen, dtype=bool)

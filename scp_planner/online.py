@@ -151,6 +151,8 @@ class Planner:
         That it was made with: with the planner's margin.
     notes : deque of str
         What was odd about observations, the newest last.
+    solver : QpSolver
+        Of the subproblems.
 
     Raises
     ------
@@ -286,6 +288,11 @@ class Planner:
 
     def remove_obstacle(self, obstacle: str) -> None:
         """Forget an obstacle.
+
+        Parameters
+        ----------
+        obstacle : str
+            Its id.
 
         Raises
         ------

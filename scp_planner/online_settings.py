@@ -102,6 +102,13 @@ class OnlineSettings(Knobs):
 def check_number(name: str, value: float, least: float = -math.inf) -> None:
     """Refuse what is no finite number, or too small.
 
+    Parameters
+    ----------
+    name : str
+        What the message calls it.
+    value : float
+    least : float
+
     Raises
     ------
     ValueError

@@ -150,6 +150,10 @@ def fastest_profile(
         Speeds at the ends, m/s; None: free.
     acceleration, deceleration : float
         m/s^2, both positive.
+
+    Returns
+    -------
+    SpeedProfile
     """
     step = float(stations[1] - stations[0])
     squared = limits.astype(float) ** 2

@@ -281,6 +281,11 @@ class Plan:
     def table(self, times: ArrayLike | int = 200) -> dict[str, NDArray[Any]]:
         """Sample the trip at absolute times (n,) s, or at so many equidistant ones.
 
+        Parameters
+        ----------
+        times : (n,) array or int
+            Absolute times, s, or how many.
+
         Returns
         -------
         dict of str to (n,) array
@@ -299,6 +304,18 @@ class Plan:
     def plot(self, scenario: Scenario, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
         """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
 
+        Parameters
+        ----------
+        scenario : Scenario
+            What was planned.
+        path : path, optional
+            Where to save the figure.
+        view : str
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
         Raises
         ------
         ValueError
@@ -310,6 +327,14 @@ class Plan:
 
     def draw(self, scenario: Scenario, path: str | PathLike[str], view: str = "map") -> None:
         """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
+
+        Parameters
+        ----------
+        scenario : Scenario
+            What was planned.
+        path : path
+        view : str
+            Of a figure.
 
         Raises
         ------
@@ -323,6 +348,14 @@ class Plan:
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a plan file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Plan
 
         Raises
         ------
@@ -341,6 +374,16 @@ class Plan:
     @classmethod
     def from_dict(cls, data: dict[str, Any], name: str) -> Self:
         """Read the contents of a plan file; ``name`` is where they are from, for messages.
+
+        Parameters
+        ----------
+        data : dict
+            What the file holds.
+        name : str
+
+        Returns
+        -------
+        Plan
 
         Raises
         ------
@@ -430,7 +473,7 @@ class Plan:
 
     @cached_property
     def knot_times(self) -> Array:
-        """Absolute times at which the acceleration's pieces begin and end, s."""
+        """Absolute times at which the acceleration's pieces begin and end, (K + 1,) s."""
         trajectory = self.trip.trajectory
         times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
         return times

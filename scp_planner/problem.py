@@ -225,6 +225,10 @@ class Problem:
             m, taken off each side of the workspace box.
         optional : mapping of str to float
             What is added to the excess over optional limits, by name.
+
+        Returns
+        -------
+        Problem
         """
         more = optional or {}
         limits = replace(
@@ -250,7 +254,10 @@ def straight_travel_time(
     ----------
     length : float
         m.
-    start_speed, goal_speed : float
+    start_speed : float
+        m/s.
+    limits : Limits
+    goal_speed : float, optional
         m/s; None: free.
 
     Returns
@@ -292,6 +299,10 @@ def build_problem(
         Of the acceleration, in normalised time: the same ones for many problems share their tables.
     guide : Guide, optional
         In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
+
+    Returns
+    -------
+    Problem
     """
     start, goal = scenario.start, scenario.goal
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:

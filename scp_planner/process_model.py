@@ -122,6 +122,11 @@ def read_processes(data: Any, folder: Path) -> list[Fault]:
         What the scenario file holds; changed in place.
     folder
         Where it lies; names are relative to it.
+
+    Returns
+    -------
+    list of Fault
+        Of those files.
     """
     faults = []
     obstacles = data.get("obstacles") if isinstance(data, dict) else None
@@ -172,6 +177,14 @@ class ProcessModel(Part):
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a model from a YAML or JSON file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        ProcessModel
 
         Raises
         ------

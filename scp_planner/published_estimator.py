@@ -96,6 +96,11 @@ def variance_factor(times: ArrayLike, t: Any) -> Any:
         Of the observations.
     t : s
         When the centre is predicted for.
+
+    Returns
+    -------
+    (...) array
+        h at each t.
     """
     seen = np.asarray(times)
     n = len(seen)

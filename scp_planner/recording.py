@@ -234,6 +234,10 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     truth : mapping, optional
         What obstacles really did, see `Truth`.
 
+    Returns
+    -------
+    Recording
+
     Raises
     ------
     ValueError
@@ -426,6 +430,11 @@ def nice_times(start: float, end: float, most: int = 6) -> Array:
         s.
     most : int
         No more than this many, at least 2.
+
+    Returns
+    -------
+    (n,) array
+        s.
     """
     span = end - start
     power = 10.0 ** np.floor(np.log10(span / most))

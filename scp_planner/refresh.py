@@ -245,6 +245,17 @@ class ObstacleTracks:
     ) -> str | None:
         """Take in one observation.
 
+        Parameters
+        ----------
+        name : str
+            Id of the obstacle.
+        time : float
+            When it was seen, s.
+        position : (x, y)
+            m.
+        covariance : (2, 2) array or None
+            Of the observation, m2; None: that of the obstacle's others.
+
         Returns
         -------
         str or None
@@ -537,6 +548,10 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
         s.
     learning : mapping of str to Learning
         By the ids of the zones; the others keep their size.
+
+    Returns
+    -------
+    ZoneBatch
     """
     if batch.covariances is None:
         return batch

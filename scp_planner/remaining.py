@@ -149,6 +149,10 @@ def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float) -
     theta, beta : arrays
     acceleration : float
         The limit, m/s2.
+
+    Returns
+    -------
+    Trajectory
     """
     trip = space.trajectory(theta, beta)
     for _ in range(MOST_STRETCHES):

@@ -18,6 +18,10 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
     problem : Problem
     certificate : Certificate
         Of a trip that keeps all sampled constraints of the problem.
+
+    Returns
+    -------
+    Problem
     """
     inflation = np.zeros(problem.zones.size)
     missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}

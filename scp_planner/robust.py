@@ -36,6 +36,11 @@ def gated(problem: MotionProblem, seen: CheckedObservations, probability: float)
     seen : CheckedObservations
     probability : float
         Of leaving out anything if nothing is wrong, at most.
+
+    Returns
+    -------
+    PolynomialEstimate
+        Of those that are left.
     """
     fits = [fit_motion(problem, seen)]
     improbable = 0

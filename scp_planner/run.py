@@ -223,7 +223,7 @@ class Run:
 
     @property
     def wall_times(self) -> Array:
-        """What each replan took, s."""
+        """What each replan took, (n,) s."""
         return np.array([record.wall_time for record in self.records])
 
     def __eq__(self, other: object) -> bool:
@@ -265,6 +265,14 @@ class Run:
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a run file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Run
 
         Raises
         ------
@@ -315,6 +323,16 @@ class Run:
     def plot(self, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
         """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
 
+        Parameters
+        ----------
+        path : path, optional
+            Where to save the figure.
+        view : str
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
         Raises
         ------
         ValueError
@@ -326,6 +344,12 @@ class Run:
 
     def draw(self, path: str | PathLike[str], view: str = "map") -> None:
         """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
+
+        Parameters
+        ----------
+        path : path
+        view : str
+            Of a figure.
 
         Raises
         ------

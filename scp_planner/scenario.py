@@ -375,7 +375,7 @@ class Scenario(Part):
     goal: Goal
     guide: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
         None,
-        description="polyline [[x, y], ...] from start to goal that the path is an offset of; null: straight",
+        description="polyline [[x, y], ...], m, from start to goal that the path is an offset of; null: straight",
     )
     bounds: Bounds | None = Field(None, description="box that the vehicle's disc stays inside; null: none")
     corridor: Annotated[tuple[Polygon, ...], Field(min_length=1)] | None = Field(
@@ -395,6 +395,10 @@ class Scenario(Part):
         ----------
         path
             A file whose name ends in .yaml, .yml or .json.
+
+        Returns
+        -------
+        Scenario
 
         Raises
         ------

@@ -259,6 +259,10 @@ class ScpLoop:
             The first one.
         enough : int, optional
             After so many iterations a feasible trip is good enough, though not the fastest.
+
+        Returns
+        -------
+        Run
         """
         return self.run_all([start], max_iterations, cutoff, deadline, trust, enough)[0]
 

@@ -449,6 +449,10 @@ def ways(search: WaySearch, most: int) -> Iterator[Way]:
     search : WaySearch
     most : int
         Sweeps at most.
+
+    Yields
+    ------
+    Way
     """
     tree = WayTree(search, most)
     while (way := tree.next()) is not None:

@@ -79,13 +79,27 @@ class Sensor:
                 raise ValueError(f"sensor: {name} {value!r} must be {allowed}")
 
     def looks(self, after: float, until: float, start: float) -> Array:
-        """Times of its looks in (after, until], s; it looks at ``start`` and every 1 / rate before and after."""
+        """Times of its looks in (after, until], (n,) s; it looks at ``start`` and every 1 / rate before and after."""
         first = math.floor((after - start) * self.rate + 1e-9) + 1
         last = math.floor((until - start) * self.rate + 1e-9)
         return start + np.arange(first, last + 1) / self.rate
 
     def sees(self, position: Array, heading: float, target: Array) -> bool:
-        """Whether a target is in range and in the field of view."""
+        """Whether a target is in range and in the field of view.
+
+        Parameters
+        ----------
+        position : (2,) array
+            Of the vehicle, m.
+        heading : float
+            Of the vehicle, rad.
+        target : (2,) array
+            Its centre, m.
+
+        Returns
+        -------
+        bool
+        """
         dx, dy = float(target[0] - position[0]), float(target[1] - position[1])
         if math.hypot(dx, dy) > self.range:
             return False

@@ -166,6 +166,10 @@ class Outlines:
             Points relative to the outlines' origins, m.
         covariance : (n, 3) array, optional
             (xx, xy, yy) of the ellipses, positive definite, m^2.
+
+        Returns
+        -------
+        Contact
         """
         distance, normal = np.empty(len(index)), np.empty((len(index), 2))
         polygon = self.counts[index] > 0
@@ -267,6 +271,10 @@ def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
         m.
     first, second : (n, 3) arrays
         (xx, xy, yy) of each ellipse, m^2.
+
+    Returns
+    -------
+    Contact
     """
     step = 2.0 * np.pi / SUM_GRID
     grid = np.broadcast_to(step * np.arange(SUM_GRID), (len(offset), SUM_GRID))
@@ -335,6 +343,10 @@ def convex_pieces(polygon: tuple[tuple[float, float], ...]) -> tuple[Outline, ..
     ----------
     polygon : tuple of (x, y)
         Vertices in either direction, m.
+
+    Returns
+    -------
+    tuple of Outline
     """
     vertices = _tidy(np.array(polygon))
     if _convex(vertices, list(range(len(vertices)))):

@@ -149,6 +149,13 @@ def clamped_knots(degree: int, breakpoints: Array) -> Array:
 def antiderivative_control_points(degree: int, breakpoints: tuple[float, ...]) -> Array:
     """Matrix from control points of a spline on [0, 1] to those of its antiderivative that vanishes at 0.
 
+    Parameters
+    ----------
+    degree : int
+        Of the spline.
+    breakpoints : tuple of float
+        From 0 to 1.
+
     Returns
     -------
     (K + 1, K) array

@@ -20,6 +20,11 @@ def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]
     searches : int
         Sweeps of the search for ways, at most. The fastest estimate comes first; further ways pass one of the
         obstacles that the last one came closest to on its other side.
+
+    Yields
+    ------
+    (float, Trajectory)
+        Estimated travel time, s, and a start.
     """
     for delay_step in DELAY_STEPS:
         search = WaySearch(problem, delay_step)

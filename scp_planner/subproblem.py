@@ -116,6 +116,10 @@ def build_subproblem(
         Of the last subproblem.
     last : LastStep, optional
         The step that led to this trip, if the Hessian is to be corrected by it.
+
+    Returns
+    -------
+    Subproblem
     """
     present = np.bincount(rows.group, minlength=len(weights)) > 0
     groups = np.flatnonzero(present)

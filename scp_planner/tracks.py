@@ -125,6 +125,14 @@ class Tracks(Sequence[Track]):
 
         In a folder each id begins with the name of its file, as in ``eth_obsmat/12``.
 
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Tracks
+
         Raises
         ------
         TracksError
@@ -207,6 +215,10 @@ class Tracks(Sequence[Track]):
             Of the scenario.
         **others
             Further fields of the scenario, such as ``bounds``, ``confidence`` and ``guide``.
+
+        Returns
+        -------
+        Scenario
 
         Raises
         ------

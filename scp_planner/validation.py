@@ -61,6 +61,11 @@ Rule = Callable[[Any], Iterator[Problem]]
 class Part(BaseModel):
     """A frozen piece of a scenario; built from its fields, each a value, a model or a dictionary.
 
+    Parameters
+    ----------
+    **data
+        The fields.
+
     Raises
     ------
     ScenarioError

@@ -193,6 +193,10 @@ class Vetting:
             That it took.
         branch : float
             Absolute time at which the stop from the last plan leaves it, s: tried first.
+
+        Returns
+        -------
+        Vetted or Refusal
         """
         trip = Trip(problem.frame, trajectory)
         violation = math.inf if evaluation is None else evaluation.worst_violation

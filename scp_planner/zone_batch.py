@@ -231,6 +231,10 @@ class ZoneBatch:
             Planning clock, s.
         points : (n, 2) array
             Planning frame, m.
+
+        Returns
+        -------
+        ZoneContacts
         """
         offset = points - self.centers.at(index, times)
         distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
@@ -343,6 +347,11 @@ class ZoneBatch:
         index : (n,) array of int
         times, half : (n,) arrays
             Middles and half widths of the intervals, s.
+
+        Returns
+        -------
+        (n,) array
+            m/s^2.
         """
         return _magnitude_bound(self.velocities.derivative, index, times, half)
 
@@ -372,6 +381,11 @@ class ZoneBatch:
             r and r' at the middles, m and m/s.
         acceleration : (n,) array
             Bound of |r''| on the intervals, m/s^2.
+
+        Returns
+        -------
+        (n,) array
+            m/s^2.
         """
         bound = acceleration + self.acceleration_bound(index, times, half)
         growth = self.growth_bend_bound(index, times, half, normal)

@@ -293,6 +293,10 @@ def shape_outlines(shape: Shape, heading: float | None) -> tuple[Outline, ...]:
     shape : Shape
     heading : float or None
         Of the motion, rad; None where it changes: then a shape along it turns.
+
+    Returns
+    -------
+    tuple of Outline
     """
     if isinstance(shape, Disc):
         return ()

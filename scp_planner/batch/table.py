@@ -49,6 +49,11 @@ class Table:
     def add(self, row: Mapping[str, str]) -> None:
         """Add a row at the end of the file.
 
+        Parameters
+        ----------
+        row : mapping of str to str
+            By column.
+
         Raises
         ------
         OSError
@@ -89,6 +94,16 @@ class Table:
 def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
     """Open a table, and leave it sorted, whatever happens.
 
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+        The first one is the key.
+
+    Yields
+    ------
+    Table
+
     Raises
     ------
     TableError
@@ -104,6 +119,16 @@ def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
 
 def read(path: Path, columns: Sequence[str]) -> dict[str, dict[str, str]]:
     """Read the rows of a table by their keys, without a last one that was cut short.
+
+    Parameters
+    ----------
+    path : Path
+    columns : sequence of str
+
+    Returns
+    -------
+    dict of str to dict
+        The cells of each row.
 
     Raises
     ------

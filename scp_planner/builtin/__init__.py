@@ -27,6 +27,10 @@ def load(name: str) -> Scenario:
     name
         One of `names()`.
 
+    Returns
+    -------
+    Scenario
+
     Raises
     ------
     ScenarioError

@@ -45,6 +45,10 @@ def box_rows(problem: Problem, gaps: Array, group: int, near: float) -> Rows:
         Index of the violation in the merit.
     near : float
         Gaps above this are no rows, m.
+
+    Returns
+    -------
+    Rows
     """
     owner, station, side = np.nonzero(gaps < near) if gaps.size else (_NONE, _NONE, _NONE)
     if len(owner) == 0:

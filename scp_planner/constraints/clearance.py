@@ -99,6 +99,10 @@ def clearance_rows(problem: Problem, bundle: TripBundle, sites: ClearanceSites) 
     bundle : TripBundle
         The trips that the sites are of.
     sites : ClearanceSites
+
+    Returns
+    -------
+    Rows
     """
     free, v0, along = problem.ends.free, problem.space.start_speed, sites.along
     tau = bundle.of(bundle.travel_times, sites.owner)

@@ -65,6 +65,10 @@ class KinematicRows:
     def at(self, trajectory: Trajectory) -> tuple[Array, Array]:
         """Rows and bounds of the step from a trip: the first ``equalities`` rows with equality.
 
+        Parameters
+        ----------
+        trajectory : Trajectory
+
         Returns
         -------
         (matrix, bound)
@@ -195,6 +199,11 @@ def bend_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list
     points : TripPoints
         The trips at the problem's samples, one after the other. Jumps, and peaks between stations, are only looked at
         when some station comes near to the limit.
+
+    Returns
+    -------
+    list of BendSites
+        One for each trip.
     """
     parameters, bend = problem.space.tables.station_parameters, bundle.station_bend
     arrivals = bundle.arrivals_each(bundle.station_arc_lengths)
@@ -310,6 +319,10 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, 
         Stations with less than this of the limit are no rows.
     group : int
         Index of the violation in the merit.
+
+    Returns
+    -------
+    Rows
     """
     limit = problem.limits.curvature
     curvature = stacked([site.curvature for site in sites])
@@ -345,6 +358,10 @@ def lateral_rows(
         Of these trips.
     within, group
         As in :func:`curvature_rows`; all peaks and jumps are rows.
+
+    Returns
+    -------
+    Rows
     """
     limit, tables = problem.limits.lateral_acceleration, problem.space.tables
     lateral = stacked([site.stations.lateral for site in sites])
@@ -452,6 +469,10 @@ def goal_speed_rows(problem: Problem, bundle: TripBundle, group: int) -> Rows:
     bundle : TripBundle
     group : int
         Index of the violation in the merit, in m/s.
+
+    Returns
+    -------
+    Rows
     """
     space, goal = problem.space, problem.ends.goal_speed
     if goal is None:

@@ -215,6 +215,11 @@ def squared_speed_gradient(
         The free control points of the offset.
     parameter, sigma, v, a : (m,) arrays
         Normalised stations and times; speeds in m/s and accelerations in m/s^2 there.
+
+    Returns
+    -------
+    (m, step) array
+        m^2/s^2 for each unit of the step.
     """
     space, tau = trajectory.space, trajectory.travel_time
     table, v0 = space.time_table(sigma), space.start_speed

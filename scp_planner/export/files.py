@@ -61,6 +61,14 @@ def export(
 def load_plan_or_run(path: str | PathLike[str]) -> Plan | Run:
     """Read a plan file or a run file, whichever it is.
 
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Plan or Run
+
     Raises
     ------
     PlanError

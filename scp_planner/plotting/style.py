@@ -71,6 +71,16 @@ def style() -> Iterator[None]:
 def check_suffix(path: str | PathLike[str], suffixes: tuple[str, ...]) -> str:
     """Give the suffix of a file to write, in lower case, with its dot.
 
+    Parameters
+    ----------
+    path : path
+    suffixes : tuple of str
+        Those allowed.
+
+    Returns
+    -------
+    str
+
     Raises
     ------
     ValueError

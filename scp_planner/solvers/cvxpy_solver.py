@@ -88,6 +88,14 @@ class CvxpySolver:
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program.
 
+        Parameters
+        ----------
+        program : QuadraticProgram
+
+        Returns
+        -------
+        Solution
+
         Raises
         ------
         ValueError

@@ -105,6 +105,14 @@ SOLVERS = {
 def solver_named(name: str) -> QpSolver:
     """Return a new solver by its name; the package behind it is imported only now.
 
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    QpSolver
+
     Raises
     ------
     ValueError

@@ -294,6 +294,10 @@ def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None 
     results : sequence of Coverage
     path : path, optional
         Where to save the figure: .png, .pdf or .svg.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     from matplotlib.figure import Figure
 

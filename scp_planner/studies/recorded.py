@@ -104,6 +104,10 @@ def measure_recorded_coverage(
     lead_times : sequence of float, s
     probability : float
         The nominal level.
+
+    Returns
+    -------
+    list of RecordedCoverage
     """
     halves = tracks.halves()
     samples: list[_Sample] = []

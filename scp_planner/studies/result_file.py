@@ -29,6 +29,10 @@ class ResultFile:
     def load(self) -> dict[Task, list[Record]]:
         """Return the results that are there; a last line that was cut short is taken away.
 
+        Returns
+        -------
+        dict of Task to list of Record
+
         Raises
         ------
         StudyError
