@@ -246,6 +246,16 @@ def marginal_scale(level: str, probability: float, times: int, obstacles: int) -
         For how many times a covariance is given: at all of them at once by Sidak's inequality, see above.
     obstacles : int
         How many obstacles are not known exactly.
+
+    Returns
+    -------
+    float
+        q.
+
+    Raises
+    ------
+    EstimationError
+        If there is no such level, or the probability is not between 0 and 1.
     """
     if level not in LEVELS:
         raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")

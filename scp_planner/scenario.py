@@ -100,7 +100,7 @@ class SpeedLimit(Part):
     to: Positive | None = Field(None, description="where it ends, m along the line; null: with the line")
     speed: Positive = Field(description="m/s")
     line: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
-        None, description="polyline [[x, y], ...]; null: the guide, or the straight line from start to goal"
+        None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
     )
 
 

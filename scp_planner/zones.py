@@ -247,6 +247,10 @@ def known_zone(
         Of a course with a covariance.
     uncertain : int
         How many obstacles are not known exactly.
+
+    Returns
+    -------
+    ThreatZone
     """
     centers = motion_polynomials(motion)
     if isinstance(motion, Course) and motion.covariance is not None:
