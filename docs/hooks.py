@@ -1,16 +1,19 @@
 """What MkDocs does with this project's pages besides its plugins.
 
-Tables of the scenario file are made from its JSON schema; roles of Sphinx in docstrings become plain code; pages that
-the navigation does not name are appended to their folder's section.
+Tables of the scenario file are made from its JSON schema; roles of Sphinx in docstrings become plain code. Pages that
+the navigation does not name are appended to their folder's section, and public names that the reference does not name
+to a page of it.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import scp_planner
 from scp_planner import Scenario
 
 TABLES = "<!-- tables of the scenario file -->"
@@ -18,6 +21,8 @@ NAMES = {"number": "number", "integer": "whole number", "string": "text", "boole
 
 
 SECTIONS = {"howto": "How-to", "explanation": "Explanation", "reference": "Reference"}
+REFERENCE = Path(__file__).parent / "reference"
+NAMED = re.compile(r"^::: (\S+)$", re.M)
 ROLE = re.compile(r":(?:attr|class|data|func|meth|mod):(?=<code>)")
 
 
@@ -44,9 +49,26 @@ def on_page_content(html: str, **_: Any) -> str:
     return ROLE.sub("", html)
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables where a page wants them."""
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Put the tables where a page wants them, and public names that no page has where their neighbours are."""
+    if page.file.src_uri.startswith("reference/"):
+        markdown += "".join(f"\n::: {path}\n" for path in unnamed().get(page.file.name, []))
     return markdown.replace(TABLES, tables()) if TABLES in markdown else markdown
+
+
+@cache
+def unnamed() -> dict[str, list[str]]:
+    """Give the public names that no page of the reference has, by the page that has others of their module."""
+    pages = {page.stem: NAMED.findall(page.read_text(encoding="utf-8")) for page in REFERENCE.glob("*.md")}
+    known = {path: stem for stem, paths in pages.items() for path in paths}
+    home = {path.rpartition(".")[0]: stem for path, stem in known.items()}
+    found: dict[str, list[str]] = {}
+    for name in scp_planner.__all__:
+        value = getattr(scp_planner, name)
+        path = f"{getattr(value, '__module__', '')}.{name}"
+        if not name.startswith("_") and path not in known:
+            found.setdefault(home.get(path.rpartition(".")[0], "plan"), []).append(path)
+    return found
 
 
 def tables() -> str:
