@@ -189,7 +189,7 @@ class _Drive:
         while time < self.longest:
             plan = self.planner.replan(time, self.position, self.heading, self.speed, deadline=self.deadline)
             self._judge(plan, time)
-            if plan.reason == "arrived" or (plan.outcome is not Outcome.BRAKING and plan.arrival_time <= time + PERIOD):
+            if plan.arrived or (plan.outcome is not Outcome.BRAKING and plan.arrival_time <= time + PERIOD):
                 self.run.arrived = True
                 return
             number += 1

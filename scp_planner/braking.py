@@ -1,7 +1,8 @@
 """Stops: what a vehicle falls back to.
 
-A stop follows a path, keeps the accelerations of a trip for a while (none, or the time until the next replan), then
-decelerates evenly until it stands. It lives in the space of the trip, so it is certified like one.
+A stop follows a path, keeps the accelerations of a trip for a while (none, or at least until the next replan), then
+decelerates evenly until it stands. It leaves a trip where the acceleration of that changes anyway, so that up to there
+it is the trip, and it lives in the space of the trip, so it is certified like one.
 
 What a certificate of a stop says: up to the time at which the vehicle stands, no zone touches it. A vehicle that
 stands can still be hit by what moves.
@@ -25,7 +26,6 @@ Array = NDArray[np.float64]
 
 STANDING = 1e-3
 """m/s. A vehicle slower than this stands."""
-TINY = 1e-9
 SAMPLES = 25
 NEAR = 0.5
 """m. Clearances beyond this need not be exact."""
@@ -33,43 +33,36 @@ HOLD = 1.0
 """s that a plan to stand lasts; it goes on standing after that."""
 
 
-def stop_after(trajectory: Trajectory, lead: float, deceleration: float) -> Trajectory:
-    """Return the stop that keeps to a trip for a time, then decelerates, then stands until its end.
+def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Trajectory | None:
+    """Return the stop that is the trip itself for some of its spans of acceleration, then decelerates, then stands.
 
     Parameters
     ----------
     trajectory : Trajectory
-        The acceleration of its space is piecewise constant over equal spans.
-    lead : float
-        s, for which the trip is kept at least; more where its spans want it.
+        The acceleration of its space is piecewise constant.
+    spans : int
+        For which the trip is kept.
     deceleration : float
         At most, m/s2.
 
     Returns
     -------
-    Trajectory
+    Trajectory or None
+        With the same spans; None if there are too few of them to stop in.
     """
-    space = trajectory.space
-    spans = len(space.acceleration.widths)
-    if lead <= 0.0:
-        return stop_now(trajectory.path, space.start_speed, deceleration)
-    kept = int(spans * lead / (lead + _speed(trajectory, lead) / deceleration + TINY))
-    if kept >= 1:
-        width = lead / kept
-    else:
-        kept, width = 1, lead
-        while (spans - 1) * width * deceleration < _speed(trajectory, width):
-            width *= 1.1  # wider spans: the trip is kept for longer, and there is more time to stop in
-    times = width * np.arange(kept + 1)
-    speeds = np.empty(spans + 1)
-    speeds[: kept + 1] = np.maximum(trajectory.speed_at(np.minimum(times / trajectory.travel_time, 1.0)), 0.0)
-    falling = speeds[kept] - deceleration * width * np.arange(1, spans - kept + 1)
-    speeds[kept + 1 :] = np.maximum(falling, 0.0)
-    speeds[0] = space.start_speed
-    return Trajectory(trajectory.path, np.diff(speeds) / width, spans * width)
+    breaks = trajectory.space.acceleration.breakpoints * trajectory.travel_time
+    speeds = np.maximum(trajectory.speed_control_points(), 0.0)
+    speeds[spans:] = np.maximum(speeds[spans] - deceleration * (breaks[spans:] - breaks[spans]), 0.0)
+    if speeds[-1] > 0.0:
+        return None
+    beta = trajectory.beta.copy()
+    beta[spans:] = np.diff(speeds[spans:]) / np.diff(breaks[spans:])
+    return Trajectory(trajectory.path, beta, trajectory.travel_time)
 
 
-def room_to_stop(trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch) -> Array:
+def room_to_stop(
+    trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch, since: float = 0.0
+) -> Array:
     """Least clearance, sampled, of the stops that leave a trip after different times.
 
     Parameters
@@ -80,6 +73,8 @@ def room_to_stop(trajectory: Trajectory, leads: Array, deceleration: float, zone
     deceleration : float
         m/s2.
     zones : ZoneBatch
+    since : float
+        Time from which on clearances matter, s.
 
     Returns
     -------
@@ -87,7 +82,7 @@ def room_to_stop(trajectory: Trajectory, leads: Array, deceleration: float, zone
         m; -inf for a stop that needs more than what is left of the path, inf without zones.
     """
     tau, path = trajectory.travel_time, trajectory.path
-    before = np.linspace(0.0, float(leads[-1]), SAMPLES)
+    before = np.linspace(since, float(leads[-1]), SAMPLES)
     kept = trajectory.at(trajectory.space.time_table(np.concatenate([before, leads]) / tau))
     speed, distance = np.maximum(kept.speed[SAMPLES:], 0.0), kept.distance[SAMPLES:]
     braking = speed / deceleration
@@ -135,8 +130,3 @@ def fits(stop: Trajectory) -> bool:
     """Whether a stop ends before its path does."""
     distance = stop.at(stop.space.time_table(np.ones(1))).distance
     return bool(distance[0] <= stop.path.arc_length)
-
-
-def _speed(trajectory: Trajectory, time: float) -> float:
-    sigma = np.array([min(time / trajectory.travel_time, 1.0)])
-    return max(float(trajectory.speed_at(sigma)[0]), 0.0)

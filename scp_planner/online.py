@@ -22,7 +22,6 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from time import perf_counter
 from typing import Any
 
@@ -46,7 +45,7 @@ from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.trajectory import Trajectory
 from scp_planner.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
-from scp_planner.zones import ThreatZone, corridor_zones
+from scp_planner.zones import ThreatZone, ZoneBatch, corridor_zones
 
 __all__ = ["OnlinePlan", "OnlineSettings", "Outcome", "Planner", "Safety"]
 
@@ -93,11 +92,14 @@ class OnlinePlan(Plan):
         The certified stop that the vehicle can leave the plan for; the trip itself where that is a certified stop.
     branch_time : float
         Absolute time up to which the stop is driven like the plan, s.
+    arrived : bool
+        Whether the vehicle is at its goal, so that there is nothing left to drive.
     """
 
     outcome: Outcome = Outcome.IMPROVED
     stop: Trip | None = None
     branch_time: float = math.inf
+    arrived: bool = False
 
     @property
     def safe(self) -> bool:
@@ -106,11 +108,31 @@ class OnlinePlan(Plan):
 
 
 @dataclass
-class _Way:
-    """Another way round that is being looked at, and the steps of the loop that it took so far."""
+class _Look:
+    """A look at other ways round, which goes on from replan to replan.
 
-    trip: Trip
+    Attributes
+    ----------
+    starts : iterator of Trip
+        What is left to start from.
+    runs : int
+        How many more of them are to be tried.
+    trip : Trip or None
+        What has come of the one that is being tried...
+    steps : int
+        ...after so many steps of the loop.
+    """
+
+    starts: Iterator[Trip]
+    runs: int
+    trip: Trip | None = None
     steps: int = 0
+
+    def begin_next(self) -> bool:
+        """Go on to the next start, if there is one."""
+        self.trip = next(self.starts, None) if self.runs > 0 else None
+        self.runs, self.steps = self.runs - 1, 0
+        return self.trip is not None
 
 
 @dataclass
@@ -189,14 +211,15 @@ class Planner:
         self.solver: QpSolver = solver_named(settings.solver)
         self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
         self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
-        self._foresight = self.online.foresight
-        if self._foresight is None:
-            stopping = scenario.vehicle.max_speed / scenario.vehicle.max_deceleration
-            self._foresight = self.online.period + self.online.reaction_time + stopping + 0.5 * COMMITMENT
+        stopping = scenario.vehicle.max_speed / scenario.vehicle.max_deceleration
+        self._foresight = self.online.period + self.online.reaction_time + stopping + 0.5 * COMMITMENT
+        if self.online.foresight is not None:
+            self._foresight = self.online.foresight
         self._state: State | None = None
         self._cycle = 0
         self._look_time = FIRST_LOOK_TIME
-        self._others: deque[_Way] = deque()
+        self._look: _Look | None = None
+        self._improved = self._looked = 0
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
         self._busy = False
 
@@ -423,11 +446,17 @@ class Planner:
                 kept = self._vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
-            return self._standing(now, "arrived")
+            return replace(self._standing(now, "arrived"), arrived=True)
         if last is not None and last.arrival_time - state.time < NEAR_GOAL:
             kept = self._vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
+        if last is not None and self._cycle - self._improved < self.online.improve_every:
+            kept = self._vetting.vet_on(now.moment, last.trip, self._foreseen, last.branch_time, last.certified)
+            now.lap("certificate")
+            if kept is not None:
+                return self._keep(now, kept)
+        self._improved = self._cycle
         problem = self._problem(now)
         loop = ScpLoop(problem, self.solver)
         ahead = None if self.plan is None else remaining_trip(problem, self.plan.trip, state)
@@ -444,12 +473,25 @@ class Planner:
                 return self._plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
         return self._plan_of(best, now, Outcome.IMPROVED, why)
 
+    def _keep(self, now: _Replan, kept: Vetted) -> OnlinePlan:
+        """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
+        if self._look_is_due(now, kept):
+            loop = ScpLoop(self._problem(now), self.solver)
+            now.lap("problem")
+            other, _ = self._look_round(now, loop, kept)
+            if other is not None:
+                return self._plan_of(other, now, Outcome.IMPROVED, "another way round")
+        return self._plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
+
+    def _foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
+        """The zones that trips are planned among, of those on a clock that shows a time now."""
+        if self.online.safety is Safety.TRIP:
+            return batch
+        return foreseen(batch, self._foresight, self.obstacles.learning(), clock)
+
     def _problem(self, now: _Replan) -> Problem:
-        moment, foresight = now.moment, self._foresight
-        problem = build_problem(moment.scenario, (), self.settings, self._breakpoints)
-        batch = moment.batch
-        if self.online.safety is Safety.STOP and foresight is not None:
-            batch = foreseen(batch, foresight, self.obstacles.learning())
+        problem = build_problem(now.moment.scenario, (), self.settings, self._breakpoints)
+        batch = self._foreseen(now.moment.batch)
         return replace(problem, zones=batch.inflated(np.full(batch.size, self.settings.clearance_margin)))
 
     def _improve(self, now: _Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
@@ -464,23 +506,18 @@ class Planner:
                 best, why = found, "the last plan, continued"
             else:
                 refused = found.why
-        if self._look_is_due(now, best):
-            began = perf_counter()
-            other, said = self._look(now, loop, best)
-            if self.plan is not None:
-                self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
-            if other is not None:
-                best, why = other, "first plan" if self.plan is None else "another way round"
+        if best is None and self._look_is_due(now, best):
+            best, said = self._look_round(now, loop, None)
+            why = "first plan" if self.plan is None else "another way round"
             refused = refused or said
         return best, why if best is not None else refused
 
     def _look_is_due(self, now: _Replan, best: Vetted | None) -> bool:
-        every = self.online.look_every
-        if best is not None and not best.feasible:
-            every = max(every // LOOK_SOONER, 1)
+        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
         if self.plan is None:
             return True  # a plan is worth waiting for only where there is none at all
-        if best is not None and not self._others and self._cycle % every != every - 1:
+        every = self.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
+        if best is not None and self._look is None and self._cycle - self._looked < every:
             return False
         # The search for ways cannot be broken off.
         in_time = perf_counter() + self._look_time < now.deadline
@@ -488,69 +525,82 @@ class Planner:
             self._look_time *= LOOK_TIME_DECAY
         return in_time
 
-    def _look(self, now: _Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
+    def _look_round(self, now: _Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
+        began, problem, first = perf_counter(), loop.problem, self.plan is None
         cutoff = math.inf
         if best is not None:
-            tau = best.trip.trajectory.travel_time + VIOLATION_COST * best.violation
+            tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
             cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
+        if self._look is None:
+            runs = self.online.first_runs if best is None else LOOK_RUNS
+            self._look = _Look(self._starts(problem, cutoff), runs)
+        self._looked = self._cycle
+        found, said = self._try_ways(now, loop, self._look, cutoff, best is None)
+        if first or (found is not None and found.violation <= NEARLY_CLEAR):
+            self._look = None
+        if not first:
+            self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
+        return found, said
+
+    def _try_ways(
+        self, now: _Replan, loop: ScpLoop, look: _Look, cutoff: float, any_will_do: bool
+    ) -> tuple[Vetted | None, str]:
+        """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
+
+        For a first plan all ways are tried, and the fastest is returned.
+        """
         problem, first = loop.problem, self.plan is None
         most = self.settings.max_iterations if first else self.online.look_iterations
-        left = most * self.online.first_runs
-        if not self._others:
-            runs = LOOK_RUNS if math.isfinite(cutoff) else self.online.first_runs
-            self._others.extend(_Way(Trip(problem.frame, s)) for s in islice(self._starts(now, problem, cutoff), runs))
-            if best is not None:
-                return None, ""
-        if not first:
-            left = self.online.look_steps * (1 if best is not None else 2)
+        left = most * self.online.first_runs if first else self.online.look_steps * (2 if any_will_do else 1)
+        tolerance = FEASIBILITY if first else NEARLY_CLEAR
         spare: Vetted | None = None
         said = "no way round was found"
-        while self._others and left > 0 and perf_counter() <= now.deadline:
-            way = self._others[0]
-            start, trust = way.trip.trajectory, FIRST_TRUST
-            if way.trip.frame != problem.frame:
-                start, trust = remaining_trip(problem, way.trip, now.moment.state), LOOK_TRUST
-            run = loop.run(
-                start, min(left, most - way.steps), cutoff, now.deadline, trust, most if first else FEWEST_LOOK_STEPS
-            )
+        while left > 0 and perf_counter() <= now.deadline:
+            if look.trip is None:
+                more = look.begin_next()
+                now.lap("search")
+                if not more:
+                    self._look = None
+                if not more or not any_will_do:
+                    break  # the search is work enough for one replan
+            assert look.trip is not None
+            start, trust = look.trip.trajectory, FIRST_TRUST
+            if look.trip.frame != problem.frame:
+                start = remaining_trip(problem, look.trip, now.moment.state)
+                trust = LOOK_TRUST if look.steps else FIRST_TRUST
+            enough = None if first else FEWEST_LOOK_STEPS
+            run = loop.run(start, min(left, most - look.steps), cutoff, now.deadline, trust, enough)
             now.lap("scp")
             evaluation, steps = run.evaluation, max(len(run.record), 1)
-            way.trip, way.steps, left = Trip(problem.frame, evaluation.trajectory), way.steps + steps, left - steps
-            # Only a trip that keeps clear takes the place of one that is certified to the goal.
-            strict = first or (best is not None and best.certified)
-            clear = evaluation.worst_violation <= (FEASIBILITY if strict else NEARLY_CLEAR)
+            look.trip, look.steps, left = Trip(problem.frame, evaluation.trajectory), look.steps + steps, left - steps
+            clear = evaluation.worst_violation <= tolerance
             faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
-            ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or way.steps >= most
-            if (clear and faster) or (best is None and spare is None and (ended or left <= 0)):
-                vetted = self._vet(now, problem, evaluation.trajectory, evaluation, way.steps)
+            ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or look.steps >= most
+            if (clear and faster) or (any_will_do and spare is None and (ended or left <= 0)):
+                vetted = self._vet(now, problem, evaluation.trajectory, evaluation, look.steps)
                 ended = ended or clear
                 if isinstance(vetted, Refusal):
                     said = vetted.why
                 elif clear and not first:
-                    self._others.clear()
                     return vetted, ""
                 elif clear or spare is None:
                     spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
-                self._others.popleft()
-        if first:
-            self._others.clear()
+                look.trip = None
         return spare, said
 
-    def _starts(self, now: _Replan, problem: Problem, cutoff: float) -> Iterator[Trajectory]:
-        search = WaySearch(problem)
+    def _starts(self, problem: Problem, cutoff: float) -> Iterator[Trip]:
         any_way = False
+        search = WaySearch(problem)
         for way in ways(search, self.settings.searches):
             if way.travel_time >= cutoff + LOOK_GAIN_TIME:
                 break
             any_way = True
-            start = search.start(way)
-            now.lap("search")
-            yield start
-        now.lap("search")
+            yield Trip(problem.frame, search.start(way))
         if not any_way and not math.isfinite(cutoff):
-            yield from bows(problem)
+            for bow in bows(problem):
+                yield Trip(problem.frame, bow)
 
     def _vet(
         self, now: _Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0
@@ -635,7 +685,7 @@ class Planner:
         moment = now.moment
         limits = Limits.of(moment.scenario)
         trip = straight_stop(replace(moment.state, speed=0.0), limits, self.settings, self._breakpoints)
-        certificate = moment.certify(trip, until=moment.state.time, ends=Ends.START)
+        certificate = moment.certify(trip, since=moment.state.time, until=moment.state.time, ends=Ends.START)
         stop = Stop(trip, trip.frame.time) if certificate.holds else None
         return self._plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, f"{why}; the vehicle stands")
 

@@ -60,6 +60,9 @@ class OnlineSettings(Knobs):
     iterations : int
         Steps of the loop in one replan, at most; one is enough where it ends clear of all zones. More: better plans
         sooner, and longer replans.
+    improve_every : int
+        Replans from one improvement of the plan to the next. In between it is kept while it holds, with a new stop.
+        Larger: less work, and a plan that follows what is seen a little later.
     look_every : int
         Replans from one look at other ways round to the next. Smaller: other ways are found sooner, and more work.
     look_iterations : int
@@ -84,7 +87,8 @@ class OnlineSettings(Knobs):
     reaction_time: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
     safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
-    iterations: Annotated[int, Range(1, 1000)] = 3
+    iterations: Annotated[int, Range(1, 1000)] = 2
+    improve_every: Annotated[int, Range(1, 1000)] = 3
     look_every: Annotated[int, Range(1, 1_000_000)] = 10
     look_iterations: Annotated[int, Range(1, 1000)] = 16
     look_steps: Annotated[int, Range(1, 1000)] = 4

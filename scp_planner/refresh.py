@@ -537,17 +537,18 @@ class Learning:
         return growth * self.span / span
 
 
-def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning]) -> ZoneBatch:
+def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning], now: float = 0.0) -> ZoneBatch:
     """Zones that do not grow beyond the foresight, but shrink with what will be learnt; see the head of this module.
 
     Parameters
     ----------
     batch : ZoneBatch
-        On a clock that is 0 now.
     foresight : float
         s.
     learning : mapping of str to Learning
         By the ids of the zones; the others keep their size.
+    now : float
+        What the clock of the batch shows now, s.
 
     Returns
     -------
@@ -565,15 +566,15 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
             variance = known.variance(foresight, LONGER)
             factors[k] = variance / variance[0]
     every = np.arange(count)
-    size = covariances.at(every, np.full(count, foresight))
+    size = covariances.at(every, np.full(count, now + foresight))
     # Pieces that begin after the foresight are empty, and those that follow them are taken first.
-    begins = np.minimum(covariances.breakpoints[:, :-1], foresight)
+    begins = np.minimum(covariances.breakpoints[:, :-1], now + foresight)
     coefficients = np.zeros((count, pieces + len(LONGER), max(powers, 2), width))
     coefficients[:, :pieces, :powers] = covariances.coefficients
     coefficients[:, pieces:, 0] = factors[:, :, None] * size[:, None]
     slopes = np.diff(factors, axis=1) / np.diff(LONGER)
     coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
-    later = np.broadcast_to(foresight + LONGER, (count, len(LONGER)))
+    later = np.broadcast_to(now + foresight + LONGER, (count, len(LONGER)))
     end = np.full((count, 1), np.inf)
     seen = copy(batch)
     seen.covariances = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)

@@ -258,7 +258,7 @@ class ScpLoop:
         trust : TrustRegion
             The first one.
         enough : int, optional
-            After so many iterations a feasible trip is good enough, though not the fastest.
+            After so many iterations a trip without grave violations is good enough, though not the fastest.
 
         Returns
         -------
@@ -389,7 +389,7 @@ class ScpLoop:
             if ended is not None:
                 run.status = ended
                 break
-            if enough is not None and number >= enough and violation <= FEASIBILITY:
+            if enough is not None and number >= enough and violation <= GRAVE:
                 break
             trust = _resized(trust, step)
             if trust.theta < SMALLEST_TRUST:

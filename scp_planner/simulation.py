@@ -25,7 +25,7 @@ from scp_planner.braking import STANDING
 from scp_planner.online import OnlinePlan, Planner
 from scp_planner.online_settings import OnlineSettings, Outcome
 from scp_planner.run import STRANGER, Cycle, Run, ZoneRecord
-from scp_planner.scenario import Disc, Observations, Obstacle, Scenario, Shape
+from scp_planner.scenario import Disc, Model, Observations, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation, Sensor
 from scp_planner.settings import Settings
 from scp_planner.worlds import Script, VehicleState, World, as_course, drawn_course, motion_course
@@ -81,6 +81,7 @@ def simulate(
     deadline: float | None = None,
     time_limit: float | None = None,
     shapes: Mapping[str, Shape] | None = None,
+    model: Model | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Drive a scenario in a closed loop.
@@ -114,6 +115,8 @@ def simulate(
         s after which the run ends.
     shapes : mapping, optional
         Shapes of a world's obstacles that are not in the scenario.
+    model : Model, optional
+        Of the motion of these.
     progress : callable, optional
         Called after each cycle with the time driven so far, s.
 
@@ -146,6 +149,7 @@ def simulate(
         history,
         deadline,
         dict(shapes or {}),
+        model,
     )
     loop.prepare(settings, solver)
     if time_limit is None:
@@ -188,11 +192,12 @@ class _Loop:
         history: float,
         deadline: float | None,
         shapes: dict[str, Shape],
+        model: Model | None,
     ) -> None:
         self.scenario, self.seed, self.world, self.sensors = scenario, seed, world, sensors
         self.follower, self.online, self.deadline = follower, online, deadline
         self.known = {obstacle.id: obstacle for obstacle in scenario.obstacles}
-        self.shapes = shapes
+        self.shapes, self.model = shapes, model
         self.noise_rngs = [np.random.default_rng([seed, 1, k]) for k in range(len(sensors))]
         self.drift_rng = np.random.default_rng([seed, 2])
         self.clock = scenario.start.time - history
@@ -285,7 +290,7 @@ class _Loop:
         if name not in planner.obstacles.tracks:
             given = self.known.get(name)
             if given is None:
-                planner.add_obstacle(name, self.shapes.get(name, STRANGER), covariance=covariance)
+                planner.add_obstacle(name, self.shapes.get(name, STRANGER), covariance=covariance, model=self.model)
             else:
                 planner.add_obstacle(name, given.shape, covariance=covariance, model=given.model, margin=given.margin)
         planner.observe(name, one.time, one.position, covariance)
@@ -311,7 +316,7 @@ class _Loop:
             truth = tuple((name, tuple(place.tolist())) for name, place in self.centers.items())
             cycle += 1
             following = start + cycle * period
-            arrived = self._drive(plan, now, following)
+            arrived = plan.arrived or self._drive(plan, now, following)
             records.append(self._record(record, plan, heard, zones, truth, begin))
             now = following
             if progress is not None:

@@ -9,7 +9,7 @@ would have to be clear of zones that have grown for as long as it takes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,6 +37,10 @@ STOPS_TRIED = 2
 """...and so many certified, at most."""
 NEAR = 0.1
 """m. Sampled clearances beyond this need not be exact."""
+LOOKS = 48
+"""Samples of the last trip."""
+DEEP = 0.1
+"""m. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept for a while."""
 NOTHING = 1e-6
 """m."""
 TINY = 1e-9
@@ -81,6 +85,7 @@ class Moment:
         since: float | None = None,
         until: float | None = None,
         ends: Ends = Ends.BOTH,
+        batch: ZoneBatch | None = None,
     ) -> Certificate:
         """Certify a trip; see `certify_trip`."""
         return certify_trip(
@@ -91,7 +96,7 @@ class Moment:
             until=until,
             ends=ends,
             precision=math.inf,
-            batch=self.batch if trip.frame == self.frame else None,
+            batch=self.batch if batch is None and trip.frame == self.frame else batch,
         )
 
 
@@ -208,7 +213,7 @@ class Vetting:
             why = _violations(certificate)
             if not self.stops_will_do:
                 return Refusal(why)
-        found = self._stop(now, problem, trajectory, branch)
+        found = self._stop(now, trip, now.batch, problem.limits.deceleration, branch)
         if isinstance(found, Refusal):
             return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part))
         stop, certificate = found
@@ -225,39 +230,96 @@ class Vetting:
         return bool(now.batch.distances(points.time, points.path.position, NEAR).min() >= 0.0)
 
     def _stop(
-        self, now: Moment, problem: Problem, trajectory: Trajectory, branch: float
+        self, now: Moment, trip: Trip, batch: ZoneBatch, deceleration: float, branch: float
     ) -> tuple[Stop, Certificate] | Refusal:
-        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
-        deceleration = problem.limits.deceleration
+        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few.
+
+        ``batch`` holds the zones in the frame of the trip.
+        """
+        driven = now.state.time - trip.frame.time
+        since = now.state.time if driven > 0.0 else None
+        breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         why = "the goal is nearer than the distance to stop in"
-        for lead in self._leads(now, trajectory, branch, deceleration):
-            stop = stop_after(trajectory, lead, deceleration)
-            if not fits(stop):
+        for spans in self._spans(now, trip, batch, deceleration, branch):
+            stop = stop_after(trip.trajectory, spans, deceleration)
+            if stop is None or not fits(stop):
                 continue
-            made = Stop(Trip(problem.frame, stop), now.state.time + lead)
-            certificate = now.certify(made.trip, until=made.stands, ends=Ends.START)
+            made = Stop(Trip(trip.frame, stop), trip.frame.time + float(breaks[spans]))
+            certificate = now.certify(made.trip, since=since, until=made.stands, ends=Ends.START, batch=batch)
             if certificate.holds:
                 return made, certificate
             why = _violations(certificate)
         return Refusal(why)
 
-    def _leads(self, now: Moment, trajectory: Trajectory, branch: float, deceleration: float) -> Iterator[float]:
-        """Times after which a stop may leave a trip, s, the most promising first."""
-        least = self.period
-        if least <= branch - now.state.time <= least + COMMITMENT:
-            yield branch - now.state.time
-        leads = np.minimum(least + COMMITMENT * np.arange(STOPS) / (STOPS - 1), trajectory.travel_time)
-        room = room_to_stop(trajectory, leads, deceleration, now.batch)
+    def _spans(self, now: Moment, trip: Trip, batch: ZoneBatch, deceleration: float, branch: float) -> Iterator[int]:
+        """After how many spans of its acceleration a stop may leave a trip, the most promising first."""
+        breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
+        driven = now.state.time - trip.frame.time
+        first = int(np.searchsorted(breaks, driven + self.period - TINY))
+        last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
+        last = min(max(last, first), len(breaks) - 1)
+        if first > last:
+            return
+        spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
+        if breaks[first] <= branch - trip.frame.time <= breaks[last]:
+            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
+        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, batch, driven)
         for index in np.argsort(-room, kind="stable")[:STOPS_TRIED]:
             if room[index] >= 0.0:
-                yield float(leads[index])
+                yield int(spans[index])
+
+    def vet_on(
+        self, now: Moment, last: Trip, foresee: Callable[[ZoneBatch, float], ZoneBatch], branch: float, whole: bool
+    ) -> Vetted | None:
+        """The last trip as it is, with a new stop if need be, as long as it is not far inside of foreseen zones.
+
+        Parameters
+        ----------
+        now : Moment
+        last : Trip
+        foresee : callable
+            Gives the foreseen zones of a batch on a clock that shows a time now, s.
+        branch : float
+            Absolute time at which the last stop leaves the trip, s.
+        whole : bool
+            Whether it was certified to the goal.
+        """
+        if not self.is_on(now, last):
+            return None
+        driven = now.state.time - last.frame.time
+        batch = ZoneBatch(now.zones, last.frame, now.scenario.vehicle.radius)
+        sigma = np.linspace(driven / last.trajectory.travel_time, 1.0, LOOKS)
+        points = last.trajectory.at(last.trajectory.space.time_table(sigma))
+        times, position = points.time, points.path.position
+        violation = 0.0
+        if batch.size:
+            violation = -float(foresee(batch, driven).distances(times, position, NEAR).min())
+        if violation > DEEP:
+            return None
+        violation = max(violation, 0.0)
+        if whole and (batch.size == 0 or batch.distances(times, position, NEAR).min() >= 0.0):
+            certificate = now.certify(last, since=now.state.time, batch=batch)
+            if certificate.holds:
+                return Vetted(last, certificate, None, violation)
+        if not self.stops_will_do:
+            return None
+        found = self._stop(now, last, batch, now.scenario.vehicle.max_deceleration, branch)
+        if isinstance(found, Refusal):
+            return None
+        return Vetted(last, found[1], found[0], violation)
 
     def vet_kept(self, now: Moment, last: Trip) -> Vetted | None:
         """The last trip as it is, if the vehicle is where it should be and the certificate holds from now on."""
         if not self.is_on(now, last):
             return None
-        certificate = now.certify(last, since=now.state.time)
-        return Vetted(last, certificate, None) if certificate.holds else None
+        batch = ZoneBatch(now.zones, last.frame, now.scenario.vehicle.radius)
+        if batch.size:
+            sigma = np.linspace((now.state.time - last.frame.time) / last.trajectory.travel_time, 1.0, LOOKS)
+            points = last.trajectory.at(last.trajectory.space.time_table(np.minimum(sigma, 1.0)))
+            if batch.distances(points.time, points.path.position, NEAR).min() < 0.0:
+                return None
+        certificate = now.certify(last, since=now.state.time, batch=batch)
+        return Vetted(last, certificate, None, 0.0) if certificate.holds else None
 
     def vet_kept_stop(self, now: Moment, last: Trip, stop: Stop) -> Vetted | None:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""

@@ -163,8 +163,10 @@ def test_vehicle_brakes_before_what_blocks_its_way_and_goes_on_when_it_is_gone()
     assert plan.reason is not None and plan.reason.endswith("the vehicle stands")
     assert np.linalg.norm(plan.position(time + 3.0) - (post, 0.0)) >= 0.9 + scenario.vehicle.radius
     planner.remove_obstacle("post")
-    plan = follow(planner, time + 3.1)
-    assert plan.outcome is Outcome.IMPROVED and plan.certified
+    plans = [follow(planner, time + k * PERIOD) for k in range(31, 42)]
+    assert any(plan.outcome is Outcome.IMPROVED for plan in plans[:5])
+    plan = plans[-1]
+    assert plan.certified
     assert plan.position(plan.arrival_time) == pytest.approx(scenario.goal.position, abs=1e-6)
 
 
@@ -192,7 +194,7 @@ def test_stop_of_a_plan_is_one() -> None:
     assert planner.online.period <= plan.branch_time < stands
     times = np.linspace(0.0, plan.branch_time, 50)
     stop = plan.stop.frame.to_world(plan.stop.at(times)[0].path.position)
-    assert np.abs(stop - plan.position(times)).max() < 0.05
+    assert np.abs(stop - plan.position(times)).max() < 1e-9
     speeds = plan.stop.at(np.linspace(0.0, stands + 0.2, 400))[0].speed
     assert (
         speeds[-1] < 2e-3 and np.diff(speeds).min() >= -scenario.vehicle.max_deceleration * (stands + 0.2) / 399 * 1.001
@@ -215,6 +217,7 @@ def test_planner_says_so_after_arrival() -> None:
     plan = begin(planner, scenario)
     plan = planner.replan(plan.arrival_time, scenario.goal.position, 0.0, 2.0)
     assert plan.reason == "arrived; the vehicle stands" and plan.outcome is Outcome.BRAKING
+    assert plan.arrived and not begin(Planner(scenario), scenario).arrived
 
 
 def test_vehicle_that_is_blown_off_its_plan_finds_back() -> None:
@@ -295,7 +298,7 @@ def test_zones_are_those_of_all_that_was_observed() -> None:
 
 def test_observation_during_a_replan_is_in_its_certificate() -> None:
     scenario = scene(observed(seen("a", (12.0, -6.0), (0.0, 0.8), 0.1)))
-    planner = Planner(scenario)
+    planner = Planner(scenario, online=OnlineSettings(improve_every=1))
     begin(planner, scenario)
 
     def look() -> None:
@@ -426,7 +429,9 @@ class FakeClock:
 
 def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = scene(*CROSSERS)
-    planner = Planner(scenario, replace(online.SETTINGS, tolerance=1e-8), OnlineSettings(iterations=50))
+    planner = Planner(
+        scenario, replace(online.SETTINGS, tolerance=1e-8), OnlineSettings(iterations=50, improve_every=1)
+    )
     begin(planner, scenario)
     clock = FakeClock()
     monkeypatch.setattr("scp_planner.online.perf_counter", clock)
@@ -452,7 +457,7 @@ def _never_good_enough(run: Any) -> Any:
 
 def test_search_for_other_ways_is_left_out_where_there_is_no_time_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = scene(*CROSSERS)
-    planner = Planner(scenario, online=OnlineSettings(look_every=1))
+    planner = Planner(scenario, online=OnlineSettings(look_every=1, improve_every=2))
     begin(planner, scenario)
     searches: list[float] = []
     starts = Planner._starts
@@ -465,6 +470,7 @@ def test_search_for_other_ways_is_left_out_where_there_is_no_time_for_it(monkeyp
     follow(planner, 0.1, deadline=0.001)
     assert not searches
     follow(planner, 0.2)
+    follow(planner, 0.3)
     assert searches
 
 
@@ -554,17 +560,24 @@ def test_what_is_left_of_a_trip_is_on_it(guide: list[list[float]] | None) -> Non
         assert nearest.min(axis=1).max() < (0.02 if guide is None else 0.06)
 
 
-@pytest.mark.parametrize("lead", [0.1, 0.75, 1.5])
-def test_stop_after_a_while(lead: float) -> None:
+@pytest.mark.parametrize("spans", [1, 3, 7])
+def test_stop_is_the_trip_up_to_where_it_leaves_it(spans: int) -> None:
     scenario = scene(*CROSSERS)
     trajectory = sp.plan(scenario, sp.Settings(acceleration_degree=0)).trip.trajectory
-    stop = stop_after(trajectory, lead, 2.0)
+    stop = stop_after(trajectory, spans, 2.0)
+    assert stop is not None
+    breaks = trajectory.space.acceleration.breakpoints
+    kept = trajectory.space.time_table(np.linspace(0.0, breaks[spans], 50))
+    assert stop.at(kept).distance == pytest.approx(trajectory.at(kept).distance, abs=1e-12)
     speeds = stop.speed_at(np.linspace(0.0, 1.0, 401))
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9) and speeds.min() > -1e-9
     assert stop.beta.min() >= -2.0 - 1e-9
-    stands = standing_from(stop)
-    assert (
-        lead
-        < stands
-        <= lead + trajectory.speed_at(np.array([lead / trajectory.travel_time]))[0] / 2.0 + stop.travel_time / 19
-    )
+    left = breaks[spans] * trajectory.travel_time
+    (speed,) = trajectory.speed_at(breaks[spans : spans + 1])
+    width = float(np.diff(breaks).max()) * trajectory.travel_time
+    assert left + speed / 2.0 - 2e-3 <= standing_from(stop) <= left + speed / 2.0 + width
+
+
+def test_stop_needs_spans_to_stop_in() -> None:
+    trajectory = sp.plan(scene(), sp.Settings(acceleration_degree=0)).trip.trajectory
+    assert stop_after(trajectory, 19, 2.0) is None

@@ -1,0 +1,323 @@
+"""Planning while driving: how long a replan takes, and what closed loops come to.
+
+    python -m benchmarks.online replan      replans among 10 obstacles seen with noise: the distribution of their times
+    python -m benchmarks.online loops       closed loops at one level: contact, arrival, travel time against the truth
+    python -m benchmarks.online levels      the same at other levels: the price of safety
+    python -m benchmarks.online crowds      through recorded crowds, beside two simpler ways to drive
+    python -m benchmarks.online faults      solvers that fail, observations that vanish, jump, come late or twice
+
+Each writes a CSV file, a row a run, as it goes on; called again it goes on from there. ``--fresh`` begins anew.
+"""
+
+from __future__ import annotations
+
+# The first import sets one thread, before numpy is loaded.
+from benchmarks import common  # isort: skip
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import scp_planner as sp
+from benchmarks import families, online_crowds
+from benchmarks.online_faults import injected_run
+from scp_planner.online import Planner
+from scp_planner.simulation import simulate
+
+Row = dict[str, Any]
+
+LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)
+LEVEL = 0.99
+LOOP_FAMILIES = ("crossing5", "crossing10")
+NOISE = (0.05, 0.3)  # m, the range that the noise of a run is drawn from
+SAVED_EVERY = 10  # runs
+
+
+class Ledger:
+    """Rows of a CSV file that is added to.
+
+    Parameters
+    ----------
+    path : Path
+    keys : tuple of str
+        Columns that name a row.
+    fresh : bool
+        Whether to forget what is there.
+    """
+
+    def __init__(self, path: Path, keys: tuple[str, ...], fresh: bool) -> None:
+        self.path, self.keys = path, keys
+        self.rows: list[dict[str, Any]] = [] if fresh or not path.is_file() else list(common.read_csv(path))
+        self._done = {self._name(row) for row in self.rows}
+
+    def _name(self, row: Row) -> tuple[str, ...]:
+        return tuple(str(row[key]) for key in self.keys)
+
+    def fill(self, wanted: Iterable[Row], run: Callable[[Row], Row]) -> list[Row]:
+        """Run what is wanted and not there yet; return all rows that are wanted."""
+        wanted = list(wanted)
+        names = {self._name(row) for row in wanted}
+        todo = [row for row in wanted if self._name(row) not in self._done]
+        began = perf_counter()
+        for number, row in enumerate(todo, 1):
+            self.rows.append({**row, **run(row)})
+            self._done.add(self._name(row))
+            if number % SAVED_EVERY == 0 or number == len(todo):
+                common.write_csv(self.path, self.rows)
+                common.say(f"{self.path.name}: {number} of {len(todo)}, {perf_counter() - began:.0f} s")
+        return [row for row in self.rows if self._name(row) in names]
+
+
+def values(rows: Iterable[Row], key: str) -> np.ndarray:
+    """A column as numbers."""
+    return np.array([float(row[key]) for row in rows])
+
+
+# closed loops
+
+
+def true_scene(family: str, seed: int) -> tuple[sp.Scenario, float]:
+    """A random scene that has a certified plan with the truth, and the travel time of that, s."""
+    rng = np.random.default_rng([seed, 5])
+    while True:
+        scenario = families.as_scenario(families.random_scenario(family, rng, f"{family}-{seed}"))
+        plan = sp.plan(scenario)
+        if plan.certified:
+            return scenario, plan.travel_time
+
+
+def loop(row: Row) -> Row:
+    """One closed loop."""
+    scenario, truth = true_scene(row["family"], int(row["seed"]))
+    confidence = sp.Confidence(probability=float(row["level"]), level="joint")
+    noise = float(np.random.default_rng([int(row["seed"]), 7]).uniform(*NOISE))
+    run = simulate(scenario.model_copy(update={"confidence": confidence}), noise, 10.0, int(row["seed"]))
+    wall = 1e3 * run.wall_times[1:]
+    return {
+        "noise": round(noise, 4),
+        "arrived": int(run.arrived),
+        "contact": int(run.contact),
+        "contact_standing": int(run.contact_standing),
+        "travel_time": run.travel_time,
+        "truth_time": truth,
+        "least_clearance": run.least_clearance,
+        "cycles": len(run.records),
+        **run.outcomes,
+        "unsafe": sum(not record.safe for record in run.records),
+        "median_ms": float(np.median(wall)),
+        "longest_ms": float(wall.max()),
+    }
+
+
+def loops(options: argparse.Namespace) -> int:
+    """Closed loops at the level that is asked for."""
+    ledger = Ledger(options.output / "online-loops.csv", ("family", "seed", "level"), options.fresh)
+    wanted = [
+        {"family": LOOP_FAMILIES[seed % 2], "seed": seed, "level": LEVEL}
+        for seed in range(options.seed, options.seed + options.count)
+    ]
+    rows = ledger.fill(wanted, loop)
+    say_table(["family", *LOOP_HEADINGS], [[name, *loop_cells(some)] for name, some in by(rows, "family")])
+    return 0
+
+
+def levels(options: argparse.Namespace) -> int:
+    """The same scenes at other levels."""
+    ledger = Ledger(options.output / "online-loops.csv", ("family", "seed", "level"), options.fresh)
+    wanted = [
+        {"family": LOOP_FAMILIES[seed % 2], "seed": seed, "level": level}
+        for level in LEVELS
+        for seed in range(options.seed, options.seed + options.count)
+    ]
+    rows = ledger.fill(wanted, loop)
+    say_table(["level", *LOOP_HEADINGS], [[name, *loop_cells(some)] for name, some in by(rows, "level")[:-1]])
+    return 0
+
+
+LOOP_HEADINGS = (
+    "runs",
+    "contact, %",
+    "touched standing, %",
+    "arrived, %",
+    "travel time / truth",
+    "braking cycles, %",
+    "not safe, %",
+)
+
+
+def loop_cells(rows: Sequence[Row]) -> list[object]:
+    arrived = [row for row in rows if int(row["arrived"])]
+    cycles = values(rows, "cycles").sum()
+    ratio = values(arrived, "travel_time").mean() / values(arrived, "truth_time").mean() if arrived else np.nan
+    return [
+        len(rows),
+        common.number(100.0 * values(rows, "contact").mean(), 1),
+        common.number(100.0 * values(rows, "contact_standing").mean(), 1),
+        common.number(100.0 * values(rows, "arrived").mean(), 1),
+        common.number(float(ratio), 3),
+        common.number(100.0 * values(rows, "braking").sum() / cycles, 2),
+        common.number(100.0 * values(rows, "unsafe").sum() / cycles, 2),
+    ]
+
+
+def by(rows: Sequence[Row], key: str) -> list[tuple[str, list[Row]]]:
+    """Rows by the values of a column, and all of them."""
+    names = list(dict.fromkeys(str(row[key]) for row in rows))
+    return [*((name, [row for row in rows if str(row[key]) == name]) for name in names), ("all", list(rows))]
+
+
+def say_table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    sys.stdout.write(common.table(headings, rows) + "\n")
+
+
+# replans
+
+
+def replan(options: argparse.Namespace) -> int:
+    """Times of single replans in the reference scenarios, the first plans apart."""
+    folder = common.scenario_folder(options.data)
+    scenarios = [families.as_scenario(data) for data in common.load_family(folder, options.family)]
+    simulate(scenarios[0], seed=options.seed, time_limit=1.0)  # imports, caches
+    rows: list[Row] = []
+    stages: dict[str, list[float]] = {}
+    measured = Planner.replan
+
+    def timed(self: Planner, *arguments: Any, **choices: Any) -> Any:
+        first, clock, processor = self.plan is None, perf_counter(), _processor_time()
+        plan = measured(self, *arguments, **choices)
+        if not first:
+            rows.append(
+                {
+                    "wall_ms": 1e3 * (perf_counter() - clock),
+                    "processor_ms": 1e3 * (_processor_time() - processor),
+                    "outcome": str(plan.outcome),
+                    "iterations": plan.iterations,
+                    "reason": plan.reason,
+                }
+            )
+            for stage in STAGES:
+                stages.setdefault(stage, []).append(1e3 * plan.timings.get(stage, 0.0))
+        return plan
+
+    Planner.replan = timed  # type: ignore[method-assign]
+    try:
+        seed = options.seed
+        while len(rows) < options.count:
+            for scenario in scenarios:
+                simulate(scenario, options.noise, 10.0, seed, deadline=options.deadline)
+            seed += 1
+            common.say(f"replan: {len(rows)} cycles")
+    finally:
+        Planner.replan = measured  # type: ignore[method-assign]
+    common.write_csv(options.output / "online-replan.csv", rows[: options.count])
+    common.write_environment(options.output / "online-environment.csv", common.environment())
+    table = [
+        ["all", *_distribution(values(rows, "wall_ms"))],
+        ["all, processor time", *_distribution(values(rows, "processor_ms"))],
+    ]
+    table += [[name, *_distribution(np.array(times))] for name, times in stages.items()]
+    say_table(["stage", "median, ms", "90 %", "99 %", "longest"], table)
+    return 0
+
+
+STAGES = ("zones", "problem", "scp", "certificate", "search")
+
+
+def _processor_time() -> float:
+    from time import thread_time
+
+    return thread_time()
+
+
+def _distribution(times: np.ndarray) -> list[str]:
+    return [common.number(float(q), 2) for q in (*np.quantile(times, (0.5, 0.9, 0.99)), times.max())]
+
+
+# faults
+
+
+def faults(options: argparse.Namespace) -> int:
+    """Runs with faults."""
+    ledger = Ledger(options.output / "online-faults.csv", ("seed",), options.fresh)
+
+    def run(row: Row) -> Row:
+        done = injected_run(int(row["seed"]))
+        if not done.faultless:
+            common.say(f"seed {done.seed}: {done.error or done.refused or done.unsaid}")
+        return {
+            "kinds": " ".join(done.kinds),
+            "cycles": done.cycles,
+            "checked": done.checked,
+            "raised": int(bool(done.error)),
+            "refused": len(done.refused),
+            "unsaid": done.unsaid,
+            "arrived": int(done.arrived),
+            **{name: done.outcomes.get(name, 0) for name in ("improved", "kept", "repaired", "braking")},
+            "says": done.error.splitlines()[-1] if done.error else "; ".join(done.refused),
+        }
+
+    rows = ledger.fill([{"seed": seed} for seed in range(options.seed, options.seed + options.count)], run)
+    headings = ["fault", "runs", "replans", "checked", "raised", "refused", "unsaid", "arrived, %", "braking, %"]
+    table = []
+    for kind in ("solver", "vanish", "jump", "late", "doubled", "appears", "all"):
+        some = [row for row in rows if kind == "all" or kind in str(row["kinds"]).split()]
+        sums = [int(values(some, key).sum()) for key in ("cycles", "checked", "raised", "refused", "unsaid")]
+        rates = values(some, "arrived").mean(), values(some, "braking").sum() / max(sums[0], 1)
+        table.append([kind, len(some), *sums, *(common.number(100.0 * rate, 1) for rate in rates)])
+    say_table(headings, table)
+    return int(any(int(row["raised"]) or int(row["refused"]) or int(row["unsaid"]) for row in rows))
+
+
+def crowds(options: argparse.Namespace) -> int:
+    """Through recorded crowds."""
+    tracks = online_crowds.recordings(options.tracks)
+    ledger = Ledger(options.output / "online-crowds.csv", ("place", "number", "way"), options.fresh)
+    wanted = [
+        {"place": name, "number": number, "way": way}
+        for number in range(options.count)
+        for name in [tuple(tracks)[number % len(tracks)]]
+        for way in online_crowds.WAYS
+    ]
+    rows = ledger.fill(wanted, lambda row: online_crowds.drive(tracks[row["place"]], row))
+    headings = ["place", "how", "runs", "contact, %", "touched standing, %", "arrived, %", "mean time, s", "median ms"]
+    table = [
+        [place, way, *online_crowds.cells(chosen)]
+        for place, some in by(rows, "place")
+        for way, chosen in by(some, "way")[:-1]
+    ]
+    say_table(headings, table)
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, faults: 500}
+    for command, count in counts.items():
+        sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0])
+        sub.set_defaults(run=command)
+        sub.add_argument("--count", type=int, default=count, help=f"replans or runs; default: {count}")
+        sub.add_argument("--seed", type=int, default=0, help="of the first run")
+        sub.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
+        sub.add_argument("--fresh", action="store_true", help="forget what an earlier call wrote")
+    replans = commands.choices["replan"]
+    replans.add_argument("--data", help="folder of the reference scenarios")
+    replans.add_argument("--family", default="crossing10")
+    replans.add_argument("--noise", type=float, default=0.1, help="m")
+    replans.add_argument("--deadline", type=float, help="of each replan, s; default: none")
+    commands.choices["crowds"].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    options = parser.parse_args(argv)
+    try:
+        return int(options.run(options))
+    except common.MissingDataError as error:
+        common.say(str(error))
+        return 2
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
