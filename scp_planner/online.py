@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.braking import STANDING, fits, stop_now, straight_stop
 from scp_planner.certificate import Certificate, Ends
+from scp_planner.evaluation import Evaluation
 from scp_planner.linearisation import TrustRegion
 from scp_planner.online_settings import OnlineSettings, Outcome, Safety, check_number
 from scp_planner.places import anchored
@@ -73,6 +74,8 @@ LOOK_RUNS = 2
 """Ways that are looked at in turn while there is a plan."""
 FEWEST_LOOK_STEPS = 2
 """Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way."""
+HOPELESS = 0.05
+"""Relative excess over a limit, or m outside of the workspace, from which on no way is begun."""
 NEARLY_CLEAR = 5e-3
 """m. Another way that enters foreseen zones by less than this, which change with each observation, may be driven."""
 SLOWER = 5e-3
@@ -577,7 +580,10 @@ class Planner:
             clear = evaluation.worst_violation <= tolerance
             faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
             ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or look.steps >= most
-            if (clear and faster) or (any_will_do and spare is None and (ended or left <= 0)):
+            hopeful = (
+                any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
+            )
+            if (clear and faster) or hopeful:
                 vetted = self._vet(now, problem, evaluation.trajectory, evaluation, look.steps)
                 ended = ended or clear
                 if isinstance(vetted, Refusal):
@@ -589,6 +595,14 @@ class Planner:
             if ended:
                 look.trip = None
         return spare, said
+
+    @staticmethod
+    def _is_hopeful(now: _Replan, evaluation: Evaluation) -> bool:
+        """Whether a way that is not clear may become so: others move on, limits do not.
+
+        A vehicle that stands waits for a clear way rather than creep into a dead end.
+        """
+        return now.moment.state.speed > STANDING and float(evaluation.limit_violation.max()) <= HOPELESS
 
     def _starts(self, problem: Problem, cutoff: float) -> Iterator[Trip]:
         any_way = False
