@@ -539,7 +539,10 @@ class Planner:
             runs = self.online.first_runs if best is None else LOOK_RUNS
             self._look = _Look(self._starts(problem, cutoff), runs)
         self._looked = self._cycle
-        found, said = self._try_ways(now, loop, self._look, cutoff, best is None)
+        # Only a trip that keeps clear takes the place of one that is certified to the goal.
+        strict = first or (best is not None and best.certified)
+        tolerance = FEASIBILITY if strict else NEARLY_CLEAR
+        found, said = self._try_ways(now, loop, self._look, cutoff, tolerance, best is None)
         if first or (found is not None and found.violation <= NEARLY_CLEAR):
             self._look = None
         if not first:
@@ -547,7 +550,7 @@ class Planner:
         return found, said
 
     def _try_ways(
-        self, now: _Replan, loop: ScpLoop, look: _Look, cutoff: float, any_will_do: bool
+        self, now: _Replan, loop: ScpLoop, look: _Look, cutoff: float, tolerance: float, any_will_do: bool
     ) -> tuple[Vetted | None, str]:
         """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
 
@@ -556,7 +559,6 @@ class Planner:
         problem, first = loop.problem, self.plan is None
         most = self.settings.max_iterations if first else self.online.look_iterations
         left = most * self.online.first_runs if first else self.online.look_steps * (2 if any_will_do else 1)
-        tolerance = FEASIBILITY if first else NEARLY_CLEAR
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:
