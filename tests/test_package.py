@@ -61,16 +61,6 @@ def test_import_takes_less_than_a_fifth_of_a_second() -> None:
     assert min(float(in_a_new_interpreter(code)) for _ in range(3)) < 0.2
 
 
-def test_planning_imports_neither_cvxpy_nor_matplotlib() -> None:
-    code = """
-import sys
-import scp_planner as sp
-sp.plan, sp.Scenario, sp.certify, sp.estimate_motion, sp.zones
-print([name for name in ("cvxpy", "matplotlib") if name in sys.modules])
-"""
-    assert in_a_new_interpreter(code).strip() == "[]"
-
-
 def test_no_module_prints_but_the_command_line() -> None:
     """Results go to the caller, messages to logging."""
     printing = []
