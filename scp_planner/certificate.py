@@ -17,6 +17,7 @@ intervals get too short.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Flag, auto
 from functools import lru_cache
@@ -31,7 +32,7 @@ from scp_planner.problem import Limits
 from scp_planner.relevance import FEW_ZONES, LOOKS, Looks, least_clearances
 from scp_planner.scenario import Scenario
 from scp_planner.trajectory import Trajectory, TripPoints
-from scp_planner.zones import ThreatZone, ZoneBatch, zones
+from scp_planner.zones import ThreatZone, ZoneBatch, ZonesOf
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -105,21 +106,21 @@ class Certificate:
         return bool(self.violations) and all(violation.what == LATEST for violation in self.violations)
 
 
-def certify(scenario: Scenario, plan: Plan, threat_zones: tuple[ThreatZone, ...] | None = None) -> Certificate:
+def certify(scenario: Scenario, plan: Plan, threat_zones: Sequence[ThreatZone] | None = None) -> Certificate:
     """Check a plan against a scenario in continuous time, whoever made it.
 
     Parameters
     ----------
     scenario : Scenario
     plan : Plan
-    threat_zones : tuple of ThreatZone, optional
+    threat_zones : sequence of ThreatZone, optional
         The scenario's zones, if they are at hand.
 
     Returns
     -------
     Certificate
     """
-    return certify_trip(scenario, plan.trip, zones(scenario) if threat_zones is None else threat_zones)
+    return certify_trip(scenario, plan.trip, ZonesOf(scenario) if threat_zones is None else threat_zones)
 
 
 class Ends(Flag):
@@ -133,7 +134,7 @@ class Ends(Flag):
 def certify_trip(
     scenario: Scenario,
     trip: Trip,
-    threat_zones: tuple[ThreatZone, ...],
+    threat_zones: Sequence[ThreatZone],
     *,
     since: float | None = None,
     until: float | None = None,
@@ -147,7 +148,7 @@ def certify_trip(
     ----------
     scenario : Scenario
     trip : Trip
-    threat_zones : tuple of ThreatZone
+    threat_zones : sequence of ThreatZone
     since : float, optional
         Absolute time, s, from which on clearance, curvature, lateral acceleration and the workspace box are checked:
         what has been driven is driven. Speed and acceleration are checked all along, and the start not at all.
@@ -485,16 +486,17 @@ class _Check:
         batch, trajectory = self.batch, self.trajectory
         if batch.size <= MANY_ZONES:
             return batch
-        half = 0.5 / LOOKS
-        middle = np.linspace(half, 1.0 - half, LOOKS)
-        points = trajectory.at(trajectory.space.time_table(middle))
-        half *= trajectory.travel_time
-        reach = half * max(float(trajectory.speed_control_points().max()), 0.0)
-        position = points.path.position
-        bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
-        # The nearest zone comes at least as near as any zone is seen to be.
-        seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
-        return batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
+        top = max(float(trajectory.speed_control_points().max()), 0.0)
+        for count in LOOKS:
+            half = 0.5 / count
+            points = trajectory.at(trajectory.space.time_table(np.linspace(half, 1.0 - half, count)))
+            half *= trajectory.travel_time
+            reach, position = half * top, points.path.position
+            bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
+            # The nearest zone comes at least as near as any zone is seen to be.
+            seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
+            batch = batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
+        return batch
 
     def _clearance(self, pieces: _Pieces, enclosure: _Enclosure) -> Clearance:
         batch = self.batch = self._near_batch()

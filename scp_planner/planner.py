@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -30,7 +30,7 @@ from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.starts import DELAY_STEPS
 from scp_planner.trajectory import Path, Trajectory
-from scp_planner.zones import ThreatZone, zones
+from scp_planner.zones import ThreatZone, ZonesOf
 
 if TYPE_CHECKING:
     from scp_planner.constraints.given import UserConstraints
@@ -91,7 +91,7 @@ def plan(
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
     deadline = np.inf if time_limit is None else began + time_limit
-    search = _Planning(scenario, zones(scenario), settings, deadline, own_solver=solver, constraints=constraints)
+    search = _Planning(scenario, ZonesOf(scenario), settings, deadline, own_solver=solver, constraints=constraints)
     run, certificate = search.best()
     if constraints is None:  # those are written in stations of the guide
         run, certificate = _over_better_guides(search, run, certificate)
@@ -181,7 +181,7 @@ class _Planning:
     """The state of one call of :func:`plan`."""
 
     scenario: Scenario
-    threat_zones: tuple[ThreatZone, ...]
+    threat_zones: Sequence[ThreatZone]
     settings: Settings
     deadline: float
     timings: dict[str, float] = field(

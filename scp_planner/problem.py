@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi, remainder, sqrt, tan
@@ -282,7 +282,7 @@ def straight_travel_time(
 
 def build_problem(
     scenario: Scenario,
-    zones: tuple[ThreatZone, ...],
+    zones: Sequence[ThreatZone],
     settings: Settings,
     breakpoints: tuple[float, ...] | None = None,
     guide: Guide | None = None,
@@ -292,7 +292,7 @@ def build_problem(
     Parameters
     ----------
     scenario : Scenario
-    zones : tuple of ThreatZone
+    zones : sequence of ThreatZone
         One an obstacle.
     settings : Settings
     breakpoints : tuple of float, optional

@@ -15,9 +15,10 @@ from scp_planner.problem import Problem
 from scp_planner.zone_batch import ZoneBatch
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 FEW_ZONES = 8  # up to this many zones are all looked at
-LOOKS = 32  # intervals of time
+LOOKS = (4, 32)  # intervals of time: few first, more only for the zones that are not far then
 GUIDE_LOOKS = 33
 BEYOND = 1.0  # m, beyond the largest offset
 LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
@@ -73,14 +74,17 @@ def without_far_zones(problem: Problem, longest: float) -> Problem:
     guide = problem.space.guide
     line = guide.frame(np.linspace(0.0, guide.length, GUIDE_LOOKS)).position
     reach = problem.settings.max_offset + BEYOND
-    half = 0.5 * longest / LOOKS
-    looks = Looks(
-        np.linspace(half, longest - half, LOOKS),
-        half,
-        np.broadcast_to(line.min(axis=0) - reach, (LOOKS, 2)),
-        np.broadcast_to(line.max(axis=0) + reach, (LOOKS, 2)),
-    )
-    near = np.flatnonzero(least_clearances(problem.zones, looks) < 0.0)
+    near: Index = np.arange(problem.zones.size)
+    for count in LOOKS:
+        half = 0.5 * longest / count
+        looks = Looks(
+            np.linspace(half, longest - half, count),
+            half,
+            np.broadcast_to(line.min(axis=0) - reach, (count, 2)),
+            np.broadcast_to(line.max(axis=0) + reach, (count, 2)),
+        )
+        some = problem.zones if len(near) == problem.zones.size else problem.zones.subset(near)
+        near = near[least_clearances(some, looks) < 0.0]
     return problem if len(near) == problem.zones.size else replace(problem, zones=problem.zones.subset(near))
 
 

@@ -64,6 +64,33 @@ class ZoneContacts:
         )
 
 
+@dataclass(frozen=True)
+class KnownDiscs:
+    """Discs whose motion is one polynomial, as numbers.
+
+    Attributes
+    ----------
+    index : (k,) array of int
+        Which of all zones they are, increasing.
+    ids : list of str
+    radius : (k,) array
+        m.
+    coefficients : (k, 3, 2) array
+        Of the centres, m: ascending powers of absolute time in s.
+    """
+
+    index: Index
+    ids: list[str]
+    radius: Array
+    coefficients: Array
+
+    @property
+    def centers(self) -> PiecewisePolynomials:
+        """The motions."""
+        breakpoints = np.broadcast_to([0.0, np.inf], (len(self.index), 2))
+        return PiecewisePolynomials(breakpoints, self.coefficients[:, None])
+
+
 class ZoneBatch:
     """All zones of a plan, in the planning frame, for evaluation at many times at once.
 
@@ -77,13 +104,33 @@ class ZoneBatch:
     """
 
     def __init__(self, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> None:
-        parts = [_Part.of(zone, outline) for zone in zones for outline in (zone.outlines or (None,))]
-        self.ids = tuple(part.id for part in parts)
-        self.size = len(parts)
-        self.radius = np.array([part.radius for part in parts]) + inflation
-        self.centers = frame.points_batch([part.centers for part in parts])
+        discs = getattr(zones, "discs", None)
+        others = range(len(zones)) if discs is None else zones.others  # type: ignore[attr-defined]
+        numbered = [(k, _Part.of(zones[k], some)) for k in others for some in (zones[k].outlines or (None,))]
+        parts = [part for _, part in numbered]
+        ids = [part.id for part in parts]
+        radius, centers = np.array([part.radius for part in parts]), [part.centers for part in parts]
+        place: Index = np.arange(len(parts))
+        if discs is not None and len(discs.index):
+            # Discs first, then all in the order of the zones
+            still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
+            order = np.argsort(still_to_sort, kind="stable")
+            place = np.empty(len(order), dtype=np.intp)
+            place[order] = np.arange(len(order))
+            place = place[len(discs.index) :]
+            ids = [*discs.ids, *ids]
+            ids = [ids[k] for k in order] if parts else ids
+            radius = np.concatenate([discs.radius, radius])[order]
+            self.centers = frame.points_batch([discs.centers, *centers])
+            if parts:
+                self.centers = self.centers.take(order)
+        else:
+            self.centers = frame.points_batch(centers)
+        self.ids = tuple(ids)
+        self.size = len(ids)
+        self.radius = radius + inflation
         self.velocities = self.centers.derivative
-        uncertain = [index for index, part in enumerate(parts) if part.covariances is not None]
+        uncertain = [k for k, part in zip(place, parts, strict=True) if part.covariances is not None]
         self.uncertain: Index = np.array(uncertain, dtype=np.intp)
         self.slot = _slots(self.uncertain, self.size)
         self.covariances: PiecewisePolynomials | None = None
@@ -91,7 +138,7 @@ class ZoneBatch:
             self.covariances = frame.covariances_batch(
                 [part.covariances for part in parts if part.covariances is not None]
             )
-        shaped = [index for index, part in enumerate(parts) if part.outline is not None]
+        shaped = [k for k, part in zip(place, parts, strict=True) if part.outline is not None]
         still = np.zeros(2)
         self._shape(
             np.array(shaped, dtype=np.intp),

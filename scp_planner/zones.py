@@ -12,9 +12,11 @@ vehicle's reference point.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atan2, hypot
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +33,16 @@ from scp_planner.scenario import (
     Ellipse,
     KnownMotion,
     Model,
+    Motion,
     Obstacle,
     Rectangle,
     Scenario,
     Shape,
 )
 from scp_planner.shapes import Outline, convex_pieces
-from scp_planner.zone_batch import ZoneBatch, ZoneContacts, directions_of, turned_back
+from scp_planner.zone_batch import KnownDiscs, ZoneBatch, ZoneContacts, directions_of, turned_back
 
-__all__ = ["ThreatZone", "ZoneBatch", "ZoneContacts", "zones"]
+__all__ = ["ThreatZone", "ZoneBatch", "ZoneContacts", "ZonesOf", "zones"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -173,8 +176,77 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     ScenarioError
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
-    estimated = sum(is_uncertain(obstacle) for obstacle in scenario.obstacles)
-    return (*(_zone(obstacle, scenario, estimated) for obstacle in scenario.obstacles), *corridor_zones(scenario))
+    return tuple(ZonesOf(scenario))
+
+
+class ZonesOf(Sequence[ThreatZone]):
+    """The zones of a scenario, each made when it is asked for.
+
+    Most of a thousand obstacles are far away, and their zones are never asked for: a batch takes discs whose motion is
+    a polynomial as the numbers that they are.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Raises
+    ------
+    ScenarioError
+        As in :func:`zones`.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.discs, others = _sorted_out(scenario.obstacles)
+        self._obstacles = scenario.obstacles
+        self._confidence = scenario.confidence
+        uncertain = sum(is_uncertain(scenario.obstacles[k]) for k in others)
+        self._made = {k: _zone(scenario.obstacles[k], scenario, uncertain) for k in others}
+        self.others = tuple(sorted(self._made))
+        walls = corridor_zones(scenario)
+        for number, wall in enumerate(walls, start=len(scenario.obstacles)):
+            self._made[number] = wall
+            self.others = (*self.others, number)
+        self._size = len(scenario.obstacles) + len(walls)
+
+    def __len__(self) -> int:
+        return self._size
+
+    @overload
+    def __getitem__(self, index: int) -> ThreatZone: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ThreatZone, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> ThreatZone | tuple[ThreatZone, ...]:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(self._size)))
+        if not -self._size <= index < self._size:
+            raise IndexError(f"there are {self._size} zones, and none has the index {index}")
+        index %= self._size
+        if index not in self._made:
+            obstacle = self._obstacles[index]
+            assert obstacle.motion is not None
+            self._made[index] = known_zone(
+                obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, self._confidence
+            )
+        return self._made[index]
+
+
+def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
+    """Discs whose motion is a polynomial, and the indices of all other obstacles."""
+    found, rows, others = [], [], []
+    for number, obstacle in enumerate(obstacles):
+        motion, shape = obstacle.motion, obstacle.shape
+        if type(motion) is Motion and type(shape) is Disc:
+            found.append(number)
+            rows.append((*motion.position, *motion.velocity, *motion.acceleration, shape.disc + obstacle.margin))
+        else:
+            others.append(number)
+    table = np.array(rows).reshape(len(rows), 7)
+    coefficients = table[:, :6].reshape(-1, 3, 2)
+    coefficients[:, 2] *= 0.5
+    ids = [obstacles[k].id for k in found]
+    return KnownDiscs(np.array(found, dtype=np.intp), ids, table[:, 6], coefficients), others
 
 
 def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:

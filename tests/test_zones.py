@@ -10,7 +10,7 @@ import scp_planner as sp
 from scp_planner.ellipse import ellipse_contact, support
 from scp_planner.estimation import estimate_obstacle
 from scp_planner.frames import PlanningFrame
-from scp_planner.zones import ThreatZone, ZoneBatch
+from scp_planner.zones import ThreatZone, ZoneBatch, ZonesOf, zones
 
 
 def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, object]:
@@ -195,3 +195,42 @@ def test_a_zone_covers_what_its_polynomials_miss_of_the_estimate() -> None:
     error = estimate.polynomials(0.0, 120.0).center_error
     assert error > 0.0
     assert zone.radius == pytest.approx(0.4 + error, rel=1e-12)
+
+
+def test_zones_that_are_made_when_asked_for_are_those_of_the_list() -> None:
+    """Discs go into a batch as numbers, whatever stands between them, and a batch has the zones in their order."""
+    wall = {"id": "wall", "shape": {"polygon": [[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]]}}
+    scenario = scene(
+        disc("first", (5.0, 3.0), (0.1, -0.4), (0.0, 0.1)),
+        observed("seen", 1),
+        wall | {"motion": {"position": [12.0, 3.0]}},
+        disc("second", (15.0, -3.0), (0.0, 0.5)),
+        {"id": "car", "shape": {"rectangle": [3.0, 1.5]}, "motion": {"position": [9.0, -4.0], "velocity": [0.2, 0.6]}},
+        disc("third", (25.0, 9.0)),
+        start={"time": 1.5},
+    )
+    made, listed = ZonesOf(scenario), zones(scenario)
+    assert [zone.id for zone in made] == [zone.id for zone in listed] == [o.id for o in scenario.obstacles]
+    assert made[-1].id == "third" and [zone.id for zone in made[1:3]] == ["seen", "wall"]
+    with pytest.raises(IndexError, match="6 zones"):
+        _ = made[6]
+    frame = PlanningFrame.between((1.0, 2.0), (19.0, -3.0), 1.5)
+    quick, slow = ZoneBatch(ZonesOf(scenario), frame, 0.3), ZoneBatch(listed, frame, 0.3)
+    assert quick.ids == slow.ids and quick.size > len(listed)
+    rng = np.random.default_rng(0)
+    times, points = rng.uniform(0.0, 6.0, 200), rng.uniform(-5.0, 20.0, (200, 2))
+    np.testing.assert_allclose(quick.distances(times, points), slow.distances(times, points), atol=1e-12)
+    index = rng.integers(quick.size, size=200)
+    for name in ("distance", "normal", "rate"):
+        expected = getattr(slow.contacts(index, times, points), name)
+        np.testing.assert_allclose(getattr(quick.contacts(index, times, points), name), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("known", [0, 1, 3])
+def test_batches_of_only_discs_or_none(known: int) -> None:
+    scenario = scene(*(disc(f"d{k}", (5.0 + 4.0 * k, 3.0), (0.0, -0.3)) for k in range(known)))
+    frame = PlanningFrame.between((0.0, 0.0), (20.0, 0.0), 0.0)
+    quick, slow = ZoneBatch(ZonesOf(scenario), frame, 0.3), ZoneBatch(zones(scenario), frame, 0.3)
+    times, points = np.linspace(0.0, 5.0, 20), np.linspace([0.0, -1.0], [20.0, 1.0], 20)
+    assert quick.size == slow.size == known
+    np.testing.assert_allclose(quick.distances(times, points), slow.distances(times, points), atol=1e-12)
