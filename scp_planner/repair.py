@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from scp_planner.certificate import Certificate
@@ -24,7 +26,7 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
     Problem
     """
     inflation = np.zeros(problem.zones.size)
-    missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "workspace bounds": 0.0}
+    missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "speed": 0.0, "workspace bounds": 0.0}
     optional = {limit.name: 0.0 for limit in problem.optional}
     for violation in certificate.violations:
         if violation.obstacle is not None:
@@ -32,10 +34,11 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
             inflation[parts] = -1.5 * violation.value + 1e-3
         elif violation.what == "workspace bounds":
             missing[violation.what] = -1.5 * violation.value + 1e-3
-        elif violation.what in missing:
+        elif violation.what in missing and violation.allowed > 0.0:  # not driving backwards
             missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
         elif (kind := violation.what.partition("[")[0]) in optional:
             optional[kind] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
-    return problem.tightened(
+    asked = problem.tightened(
         inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )
+    return replace(asked, limits=replace(asked.limits, speed=asked.limits.speed * (1.0 - missing["speed"])))
