@@ -73,7 +73,8 @@ def _parameters(command: Command) -> Iterator[str]:
 def _words(info: Any, kind: Any) -> list[str]:
     """Give the ways to write a parameter: the name in capitals of an argument, an option with its value."""
     if isinstance(info, ArgumentInfo):
-        return [info.metavar or "NAME"]
+        several = "..." if str(kind).startswith(("list", "typing.List")) or "list[" in str(kind) else ""
+        return [f"{info.metavar}{several}"]
     declared = [
         info.default,
         *(info.param_decls or ()),

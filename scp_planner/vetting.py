@@ -283,6 +283,10 @@ class Vetting:
             Absolute time at which the last stop leaves the trip, s.
         whole : bool
             Whether it was certified to the goal.
+
+        Returns
+        -------
+        Vetted or None
         """
         if not self.is_on(now, last):
             return None

@@ -302,6 +302,14 @@ def test_work_that_came_to_nothing_is_done_again_only_if_that_is_asked_for(folde
     assert len(table.read_text().splitlines()) == 5
 
 
+def test_what_is_no_scenario_at_all_has_a_short_reason(tmp_path: Path) -> None:
+    folder = tmp_path / "plans"
+    folder.mkdir()
+    (folder / "plan.json").write_text(json.dumps({f"key{number}": number for number in range(50)}))
+    (only,) = run_batch(scenario_files(folder), tmp_path / "t.csv", Here()).rows
+    assert only["reason"].endswith("and 48 more faults") and len(only["reason"]) < 1000
+
+
 def test_plans_that_are_asked_for_later_are_made(folder: Path, tmp_path: Path) -> None:
     table, files, again = tmp_path / "t.csv", scenario_files(folder), Here()
     run_batch(files, table, Here())

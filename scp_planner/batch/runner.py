@@ -18,6 +18,8 @@ from scp_planner.scenario import Scenario
 
 SCENARIO_SUFFIXES = (*YAML_SUFFIXES, JSON_SUFFIX)
 PLAN_SUFFIX = ".plan.json"
+MOST_FAULTS = 5
+"""Faults of a scenario that its row names: what is no scenario at all has dozens."""
 NOTHING_CAME = (Fate.ERROR.value, Fate.LOST.value)
 """Statuses of work that came to nothing, for no fault of the scenario."""
 
@@ -212,7 +214,9 @@ class _Batch:
 
 def _in_a_line(error: ScenarioError | OSError) -> str:
     if isinstance(error, ScenarioError):
-        return "; ".join(str(fault) for fault in error.faults)
+        shown = [str(fault) for fault in error.faults[:MOST_FAULTS]]
+        more = len(error.faults) - len(shown)
+        return "; ".join([*shown, *([f"and {more} more faults"] if more else [])])
     return error.strerror or str(error)
 
 

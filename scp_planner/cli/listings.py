@@ -21,7 +21,7 @@ def schema() -> None:
 
 
 def settings(
-    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="Only these.")] = None,
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="Only these.")] = None,
     as_json: Json = False,
 ) -> None:
     """List the settings that --set changes.

@@ -77,12 +77,12 @@ ScenarioFile = Annotated[
 ScenarioFiles = Annotated[
     list[str],
     typer.Argument(
-        metavar="SCENARIO...",
+        metavar="SCENARIO",
         help=f"Scenario files (YAML or JSON; XML of CommonRoad), or {BUILT_IN}NAME.",
         autocompletion=_known_scenarios,
     ),
 ]
-DemoName = Annotated[str, typer.Argument(help="A built-in scenario.", autocompletion=_known_demos)]
+DemoName = Annotated[str, typer.Argument(metavar="NAME", help="A built-in scenario.", autocompletion=_known_demos)]
 MethodName = Annotated[Method, typer.Option("--method", help="How to plan.")]
 SolverName = Annotated[
     str | None,

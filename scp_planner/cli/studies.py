@@ -78,7 +78,7 @@ def consistency(
 def coverage(
     tracks: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[TRACKS]...", help="Recorded tracks to measure too: half fitted, half tested."),
+        typer.Argument(metavar="TRACKS", help="Recorded tracks to measure too: half fitted, half tested."),
     ] = None,
     runs: Annotated[
         int, typer.Option("--runs", metavar="N", callback=at_least(1), help="Simulated runs of each case.")
