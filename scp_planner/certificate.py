@@ -261,8 +261,11 @@ class _Check:
         for number, part in enumerate(stretches(self.scenario)):
             name = f"speed_limits[{number}]"
             limits[name] = self._speed_limit(name, part, pieces, enclosure)
-        clearance = self._clearance(pieces, enclosure)
-        self._inside_bounds(pieces, enclosure)
+        self.batch = self._near_batch()
+        discs = self.scenario.vehicle.discs
+        clearance = min((self._clearance(pieces, enclosure, disc) for disc in discs), key=lambda found: found.minimum)
+        for disc in discs:
+            self._inside_bounds(pieces, enclosure, disc)
         return Certificate(not self.violations, clearance, limits, tuple(self.violations))
 
     def _absolute(self, sigma: float) -> float:
@@ -487,25 +490,27 @@ class _Check:
         if batch.size <= MANY_ZONES:
             return batch
         top = max(float(trajectory.speed_control_points().max()), 0.0)
+        ahead = max(map(abs, self.scenario.vehicle.discs))
         for count in LOOKS:
             half = 0.5 / count
             points = trajectory.at(trajectory.space.time_table(np.linspace(half, 1.0 - half, count)))
             half *= trajectory.travel_time
-            reach, position = half * top, points.path.position
+            reach, position = half * top + ahead, points.path.position
             bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
             # The nearest zone comes at least as near as any zone is seen to be.
             seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
             batch = batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
         return batch
 
-    def _clearance(self, pieces: _Pieces, enclosure: _Enclosure) -> Clearance:
-        batch = self.batch = self._near_batch()
+    def _clearance(self, pieces: _Pieces, enclosure: _Enclosure, disc: float) -> Clearance:
+        batch = self.batch
         if batch.size == 0:
             return Clearance(float("inf"))
         points = enclosure.points
-        nearer = self._nearer(enclosure)
+        moving = _DiscMotion.of(enclosure, disc)
+        nearer = self._nearer(enclosure, moving)
         exact = np.inf if np.isfinite(self.precision) else float(nearer.max())
-        distance = batch.distances(points.time, points.path.position, exact)
+        distance = batch.distances(points.time, moving.position, exact)
         least = float(distance.min())
         at = np.unravel_index(np.argmin(distance), distance.shape)
         where = (float(pieces.middle[at[0]]), int(at[1]))
@@ -516,7 +521,7 @@ class _Check:
         for _ in range(MAX_HALVINGS if len(interval) else 1):
             if not len(interval):
                 break
-            bound = self._clearance_bound(pieces, enclosure, interval, zone)
+            bound = self._clearance_bound(enclosure, disc, interval, zone)
             value = bound.value
             worst = int(np.argmin(value))
             if value[worst] < least:
@@ -545,28 +550,25 @@ class _Check:
             return Clearance(least, batch.ids[index], self._absolute(sigma))
         return Clearance(max(certified, 0.0), batch.ids[index], self._absolute(sigma))
 
-    def _nearer(self, enclosure: _Enclosure) -> Array:
+    def _nearer(self, enclosure: _Enclosure, moving: _DiscMotion) -> Array:
         """How much nearer each zone can come on each interval than in its middle, crudely, (n, L) m."""
         points, half = enclosure.points, enclosure.half
-        own = points.speed + enclosure.acceleration_bound * half
         first, last = float(np.min(points.time - half)), float(np.max(points.time + half))
-        return self.batch.approach_bound(first, last, half, own)
+        return self.batch.approach_bound(first, last, half, moving.speed_bound)
 
-    def _clearance_bound(self, pieces: _Pieces, enclosure: _Enclosure, interval: Index, zone: Index) -> _Bound:
-        batch, points = self.batch, enclosure.points
-        times = points.time[interval]
-        contacts = batch.contacts(zone, times, points.path.position[interval])
-        unit = points.path.direction / points.path.speed[:, None]
-        velocity = (points.speed[:, None] * unit)[interval]
+    def _clearance_bound(self, enclosure: _Enclosure, disc: float, interval: Index, zone: Index) -> _Bound:
+        batch, times = self.batch, enclosure.points.time[interval]
+        moving = _DiscMotion.of(enclosure, disc)
+        position, velocity = moving.position[interval], moving.velocity[interval]
+        contacts = batch.contacts(zone, times, position)
         half = enclosure.half[interval]
         slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
-        own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)[interval]
-        position = points.path.position[interval]
+        own = moving.acceleration_bound[interval]
         bend = batch.bend_bound(zone, times, half, contacts.normal, position, velocity, own)
         return _Bound(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
 
-    def _inside_bounds(self, pieces: _Pieces, enclosure: _Enclosure) -> None:
-        """The vehicle's disc stays inside the workspace box, by the same bound as for clearance."""
+    def _inside_bounds(self, pieces: _Pieces, enclosure: _Enclosure, disc: float) -> None:
+        """A disc of the vehicle stays inside the workspace box, by the same bound as for clearance."""
         box = self.scenario.bounds
         if box is None:
             return
@@ -575,12 +577,10 @@ class _Check:
         normals = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
         for _ in range(MAX_HALVINGS):
-            points = enclosure.points
-            position = frame.to_world(points.path.position)
-            unit = frame.vectors_to_world(points.path.direction / points.path.speed[:, None])
-            inside = position @ normals.T - offsets
-            slope = np.abs((points.speed[:, None] * unit) @ normals.T)
-            own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)[:, None]
+            moving = _DiscMotion.of(enclosure, disc)
+            inside = frame.to_world(moving.position) @ normals.T - offsets
+            slope = np.abs(frame.vectors_to_world(moving.velocity) @ normals.T)
+            own = moving.acceleration_bound[:, None]
             half = enclosure.half[:, None]
             lower = inside - slope * half - 0.5 * own * half * half
             worst = np.unravel_index(np.argmin(inside), inside.shape)
@@ -593,6 +593,48 @@ class _Check:
             pieces = pieces.halves(undecided)
             enclosure = self._enclose(pieces)
         self._note("workspace bounds", float(inside[worst]), 0.0, float(pieces.middle[0]), True)
+
+
+@dataclass(frozen=True)
+class _DiscMotion:
+    """The centre of a disc on the vehicle's axis in the middles of intervals, and bounds on the whole intervals.
+
+    It is at q = r + o T, o ahead of the reference point, with q' = v T + o w N and w = v kappa the rate of the heading,
+    so that |q'| <= v (1 + |o kappa|) and |q''| <= |r''| + |o| |(w', w^2)|, w' = v dkappa/dt + a kappa.
+
+    Attributes
+    ----------
+    position, velocity : (n, 2) arrays
+        m, m/s.
+    speed_bound, acceleration_bound : (n,) arrays
+        m/s, m/s^2.
+    """
+
+    position: Array
+    velocity: Array
+    speed_bound: Array
+    acceleration_bound: Array
+
+    @classmethod
+    def of(cls, enclosure: _Enclosure, offset: float) -> _DiscMotion:
+        """Return the motion of a disc that is so far ahead of the reference point, m."""
+        points = enclosure.points
+        unit = points.path.direction / points.path.speed[:, None]
+        fastest = points.speed + enclosure.acceleration_bound * enclosure.half
+        own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)
+        velocity = points.speed[:, None] * unit
+        if offset == 0.0:
+            return cls(points.path.position, velocity, fastest, own)
+        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        turning = fastest * enclosure.curvature_bound
+        change = fastest * enclosure.curvature_rate.magnitude()
+        change = change + enclosure.acceleration_bound * enclosure.curvature_bound
+        return cls(
+            points.path.position + offset * unit,
+            velocity + (offset * points.speed * enclosure.curvature)[:, None] * across,
+            fastest * (1.0 + abs(offset) * enclosure.curvature_bound),
+            own + abs(offset) * np.hypot(change, turning**2),
+        )
 
 
 @dataclass(frozen=True)

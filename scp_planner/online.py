@@ -495,7 +495,7 @@ class Planner:
     def _problem(self, now: _Replan) -> Problem:
         problem = build_problem(now.moment.scenario, (), self.settings, self._breakpoints)
         batch = self._foreseen(now.moment.batch)
-        return replace(problem, zones=batch.inflated(np.full(batch.size, self.settings.clearance_margin)))
+        return problem.among(batch.inflated(np.full(batch.size, self.settings.clearance_margin)))
 
     def _improve(self, now: _Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
         """Continue the last plan and, where that is due, look at other ways round."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.constraints.discs import DiscBox, DiscClearance
 from scp_planner.constraints.optional import EarliestArrival, OptionalLimit, SpeedLimits
 from scp_planner.constraints.rates import CurvatureRateLimit, JerkLimit
 from scp_planner.corridor import way_through
@@ -231,6 +232,7 @@ class Problem:
         Problem
         """
         more = optional or {}
+        zones = self.zones.inflated(zone_inflation)
         limits = replace(
             self.limits,
             lateral_acceleration=self.limits.lateral_acceleration * (1.0 - lateral),
@@ -239,10 +241,14 @@ class Problem:
         return replace(
             self,
             limits=limits,
-            zones=self.zones.inflated(zone_inflation),
+            zones=zones,
             box=replace(self.box, offsets=self.box.offsets - box),
-            optional=tuple(limit.tightened(more.get(limit.name, 0.0)) for limit in self.optional),
+            optional=tuple(limit.tightened(more.get(limit.name, 0.0)).among(zones) for limit in self.optional),
         )
+
+    def among(self, zones: ZoneBatch) -> Problem:
+        """Return the same problem with other zones."""
+        return replace(self, zones=zones, optional=tuple(limit.among(zones) for limit in self.optional))
 
 
 def straight_travel_time(
@@ -330,6 +336,18 @@ def build_problem(
     )
     inflation = scenario.vehicle.radius + settings.clearance_margin
     ends = _end_conditions(scenario, frame, space, settings.max_offset)
+    batch = ZoneBatch(zones, frame, inflation).rounded()
+    box = Box.of(scenario, frame, settings.box_margin)
+    samples = space.time_table(
+        np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
+    )
+    optional = _optional_limits(scenario, space, ends, slow, settings.limit_margin)
+    for offset in scenario.vehicle.discs:
+        if offset != 0.0:
+            optional += (DiscClearance(offset, ends.free, samples, batch),)
+            if len(box.offsets):
+                step_size = ends.free.stop - ends.free.start + space.acceleration_size + 1
+                optional += (DiscBox(offset, ends.free, step_size, box.normals, box.offsets),)
     return Problem(
         scenario,
         settings,
@@ -337,13 +355,11 @@ def build_problem(
         space,
         ends,
         limits,
-        ZoneBatch(zones, frame, inflation).rounded(),
-        Box.of(scenario, frame, settings.box_margin),
-        space.time_table(
-            np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
-        ),
+        batch,
+        box,
+        samples,
         settings.samples + 1,
-        _optional_limits(scenario, space, ends, slow, settings.limit_margin),
+        optional,
         profile=profile,
     )
 

@@ -159,6 +159,8 @@ class Recording:
     obstacles : tuple of ObstacleRecord
     corridor : tuple of (k, 2) arrays
         Polygons that the vehicle stays in, m.
+    discs : tuple of float
+        Where the vehicle's discs are on its axis, m ahead of the position.
     """
 
     name: str
@@ -177,6 +179,7 @@ class Recording:
     profiles: tuple[Profile, ...]
     obstacles: tuple[ObstacleRecord, ...]
     corridor: tuple[Array, ...] = ()
+    discs: tuple[float, ...] = (0.0,)
 
     @property
     def epoch(self) -> float:
@@ -252,13 +255,14 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     unknown = sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles})
     if unknown:
         raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
-    position = plan.position(time)
+    position, heading, vehicle = plan.position(time), plan.heading(time), scenario.vehicle
     obstacles = tuple(
         _record_obstacle(
             obstacle,
             zone,
             time,
-            zone.signed_distance(time, position) - scenario.vehicle.radius,
+            np.min([zone.signed_distance(time, disc) for disc in discs_at(position, heading, vehicle.discs)], axis=0)
+            - vehicle.radius,
             _true_centers(truth.get(obstacle.id), time),
         )
         for obstacle, zone in zip(scenario.obstacles, zones(scenario), strict=False)  # the corridor's comes last
@@ -269,10 +273,10 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         facts=_facts(plan),
         time=time,
         position=position,
-        heading=plan.heading(time),
+        heading=heading,
         speed=plan.speed(time),
-        radius=scenario.vehicle.radius,
-        max_speed=scenario.vehicle.max_speed,
+        radius=vehicle.radius,
+        max_speed=vehicle.max_speed,
         goal=scenario.goal.position,
         goal_radius=scenario.goal.radius,
         bounds=None if bounds is None else (bounds.min, bounds.max),
@@ -281,7 +285,14 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         profiles=profiles_of(scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)),
         obstacles=obstacles,
         corridor=tuple(np.array(polygon) for polygon in scenario.corridor or ()),
+        discs=vehicle.discs,
     )
+
+
+def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[Array]:
+    """Centres of the discs of a vehicle, (n, 2) m each, at positions (n, 2) m and headings (n,) rad."""
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    return [position + offset * ahead if offset else position for offset in offsets]
 
 
 def profiles_of(vehicle: Vehicle, speed: Array, acceleration: Array, curvature: Array) -> tuple[Profile, ...]:

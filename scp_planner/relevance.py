@@ -6,7 +6,7 @@ c(m), since its motion is a polynomial there. So far zones are told from near on
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def without_far_zones(problem: Problem, longest: float) -> Problem:
         return problem
     guide = problem.space.guide
     line = guide.frame(np.linspace(0.0, guide.length, GUIDE_LOOKS)).position
-    reach = problem.settings.max_offset + BEYOND
+    reach = problem.settings.max_offset + BEYOND + max(map(abs, problem.scenario.vehicle.discs))
     near: Index = np.arange(problem.zones.size)
     for count in LOOKS:
         half = 0.5 * longest / count
@@ -85,7 +85,7 @@ def without_far_zones(problem: Problem, longest: float) -> Problem:
         )
         some = problem.zones if len(near) == problem.zones.size else problem.zones.subset(near)
         near = near[least_clearances(some, looks) < 0.0]
-    return problem if len(near) == problem.zones.size else replace(problem, zones=problem.zones.subset(near))
+    return problem if len(near) == problem.zones.size else problem.among(problem.zones.subset(near))
 
 
 def _distance_to_boxes(points: Array, looks: Looks) -> Array:

@@ -34,6 +34,7 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
             inflation[parts] = -1.5 * violation.value + 1e-3
         elif violation.what == "workspace bounds":
             missing[violation.what] = -1.5 * violation.value + 1e-3
+            optional[violation.what] = missing[violation.what]  # of further discs
         elif violation.what in missing and violation.allowed > 0.0:  # not driving backwards
             missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
         elif (kind := violation.what.partition("[")[0]) in optional:

@@ -14,6 +14,7 @@ from scp_planner.recording import (
     body_of,
     boundary_of,
     convex_pieces_of,
+    discs_at,
     length_text,
     profiles_of,
 )
@@ -61,12 +62,13 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
     speed = np.interp(time, run.time, run.speed)
     acceleration, curvature = _driven(run)
     vehicle, bounds = run.scenario.vehicle, run.scenario.bounds
+    own_heading = np.interp(time, run.time, np.unwrap(run.heading))
     return Recording(
         name=run.scenario.name,
         facts=_facts(run),
         time=time,
         position=position,
-        heading=np.interp(time, run.time, np.unwrap(run.heading)),
+        heading=own_heading,
         speed=speed,
         radius=vehicle.radius,
         max_speed=vehicle.max_speed,
@@ -84,19 +86,20 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             np.interp(time, run.time, acceleration),
             np.interp(time, run.time, curvature),
         ),
-        obstacles=_obstacles(run, time, cycle, position),
+        obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
         corridor=tuple(np.array(polygon) for polygon in run.scenario.corridor or ()),
+        discs=vehicle.discs,
     )
 
 
-def _obstacles(run: Run, time: Array, cycle: Index, position: Array) -> tuple[ObstacleRecord, ...]:
+def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
     zones = [{record.id: record.zone() for record in each.zones} for each in run.records]
     names = dict.fromkeys([*(name for each in zones for name in each), *run.obstacles])
-    return tuple(_obstacle(name, run, time, cycle, position, zones) for name in names)
+    return tuple(_obstacle(name, run, time, cycle, discs, zones) for name in names)
 
 
 def _obstacle(
-    name: str, run: Run, time: Array, cycle: Index, position: Array, zones: list[dict[str, ThreatZone]]
+    name: str, run: Run, time: Array, cycle: Index, discs: list[Array], zones: list[dict[str, ThreatZone]]
 ) -> ObstacleRecord:
     """Put together what the cycles knew of one obstacle."""
     count = len(time)
@@ -116,7 +119,8 @@ def _obstacle(
         for part in range(parts):
             # Where a cycle knew of fewer pieces, the last is drawn again.
             boundary[now, part] = pieces[min(part, len(pieces) - 1)]
-        clearance[now] = zone.signed_distance(time[now], position[now]) - run.scenario.vehicle.radius
+        distance = np.min([zone.signed_distance(time[now], disc[now]) for disc in discs], axis=0)
+        clearance[now] = distance - run.scenario.vehicle.radius
         radius = zone.radius
     shapes = {**run.shapes, **{obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}}
     body, turns = body_of(shapes.get(name) or Disc(disc=max(radius, 1e-6)))

@@ -35,7 +35,9 @@ Matrix = tuple[Vector, Vector]
 class Vehicle(Part):
     """What the vehicle covers and can do."""
 
-    radius: Positive = Field(description="disc that covers the vehicle, m")
+    rules: ClassVar[tuple[Rule, ...]] = (scenario_checks.discs_have_a_reference,)
+
+    radius: Positive = Field(description="disc that covers the vehicle, or one of several that do, m")
     max_speed: Positive = Field(description="m/s")
     max_acceleration: Positive = Field(description="along the path, m/s2")
     max_deceleration: Positive = Field(description="along the path, a positive number, m/s2")
@@ -48,6 +50,11 @@ class Vehicle(Part):
     max_curvature_rate: Positive | None = Field(
         None,
         description="how fast the curvature may change while driving, as by a steering rate, 1/(m s); null: unbounded",
+    )
+    discs: Annotated[tuple[Number, ...], Field(min_length=1)] = Field(
+        (0.0,),
+        description="where the centres of the discs that cover a long vehicle are on its axis, m ahead of the reference"
+        " point, which follows the path; one of them at 0",
     )
 
 

@@ -56,6 +56,15 @@ def goal_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
         yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
 
 
+def discs_have_a_reference(vehicle: Any) -> Iterator[Problem]:
+    """One disc is where the point is that follows the path, and none is given twice."""
+    if 0.0 not in vehicle.discs:
+        yield Problem(("discs",), vehicle.discs, "must have one entry that is 0, the point that follows the path")
+    for i, offset in enumerate(vehicle.discs):
+        if offset in vehicle.discs[:i]:
+            yield Problem(("discs", i), offset, "must differ from the entries before it")
+
+
 def arrival_is_possible(goal: Any) -> Iterator[Problem]:
     """The latest arrival is not before the earliest one."""
     earliest, latest = goal.earliest_arrival, goal.latest_arrival
@@ -160,7 +169,8 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Problem]:
     walls, radius = corridor.outside(polygons), scenario.vehicle.radius
     for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
         position = getattr(scenario, place).position
-        room = min(planar.distance_to_polygon(position, wall) for wall in walls)
+        discs = _disc_centres(getattr(scenario, place), scenario)
+        room = min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in discs)
         in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
         if in_it and room < radius - reach:
             text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"
@@ -224,17 +234,16 @@ def ids_are_unique(scenario: Any) -> Iterator[Problem]:
 
 
 def start_is_free(scenario: Any) -> Iterator[Problem]:
-    """At the start's time the vehicle's disc does not touch an obstacle whose place then is known exactly."""
+    """At the start's time no disc of the vehicle touches an obstacle whose place then is known exactly."""
     radius, start = scenario.vehicle.radius, scenario.start
+    discs = _disc_centres(start, scenario)
     for i, obstacle in enumerate(scenario.obstacles):
         motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
         if motion is None or shape is None or _known(motion, "covariance") is not None:
             continue  # observed, or faulty, or a course that is not known exactly
         try:
-            if _known(motion, "time") is not None:
-                distance = shape.distance(*_from_course(start.position, motion, start.time))
-            else:
-                distance = shape.distance(*_from_centre(start.position, motion, start.time))
+            seen_from = _from_centre if _known(motion, "time") is None else _from_course
+            distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
         except Unknown:
             continue
         if distance < radius:
@@ -374,12 +383,22 @@ def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
     if scenario.bounds is None:
         return
     position, radius = getattr(scenario, place).position, scenario.vehicle.radius
+    discs = _disc_centres(getattr(scenario, place), scenario)
     for i, axis in enumerate(AXES):
-        low, high = scenario.bounds.min[i] + radius, scenario.bounds.max[i] - radius
+        low = scenario.bounds.min[i] + radius - min(centre[i] - position[i] for centre in discs)
+        high = scenario.bounds.max[i] - radius - max(centre[i] - position[i] for centre in discs)
         is_box = scenario.bounds.min[i] < scenario.bounds.max[i]  # else that is the fault
         if is_box and not low <= position[i] <= high:
             text = f"must have its {axis} in [{low:g}, {high:g}]: the vehicle's disc stays inside the bounds"
             yield Problem((place, "position"), position, text)
+
+
+def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
+    """Where the centres of the vehicle's discs are at the start or the goal, as far as the heading there is known."""
+    if end.heading is None:
+        return [end.position]
+    c, s = math.cos(end.heading), math.sin(end.heading)
+    return [(end.position[0] + offset * c, end.position[1] + offset * s) for offset in scenario.vehicle.discs]
 
 
 def _is_list_of_matrices(covariance: Any) -> bool:

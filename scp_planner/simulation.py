@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scp_planner.braking import STANDING
 from scp_planner.online import OnlinePlan, Planner
 from scp_planner.online_settings import OnlineSettings, Outcome
+from scp_planner.recording import discs_at
 from scp_planner.run import STRANGER, Cycle, Run, ZoneRecord
 from scp_planner.scenario import Disc, Model, Observations, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation, Sensor
@@ -398,7 +399,11 @@ class _Loop:
 
     def _clearances(self, first: int, last: int) -> Array:
         """Least distances to the true obstacles between fine times, (last - first,) m; inf without any."""
-        own = np.array(self.positions[first : last + 1])
+        reference, heading = np.array(self.positions[first : last + 1]), np.array(self.headings[first : last + 1])
+        discs = discs_at(reference, heading, self.scenario.vehicle.discs)
+        return np.min([self._disc_clearances(disc, first, last) for disc in discs], axis=0)
+
+    def _disc_clearances(self, own: Array, first: int, last: int) -> Array:
         least = np.full(last - first, np.inf)
         for name, course in self.courses.items():
             center = np.array(course[first : last + 1])

@@ -37,6 +37,9 @@ CASES = [
     # numbers
     Case("negative radius", {"vehicle.radius": -0.3}, "vehicle.radius", "-0.3", "greater than 0"),
     Case("zero speed limit", {"vehicle.max_speed": 0}, "vehicle.max_speed", "0", "greater than 0"),
+    Case("no disc at the reference", {"vehicle.discs": [1, 2]}, "vehicle.discs", "[1.0, 2.0]", "one entry that is 0"),
+    Case("a disc twice", {"vehicle.discs": [0, 1, 1]}, "vehicle.discs[2]", "1.0", "must differ"),
+    Case("no discs", {"vehicle.discs": []}, "vehicle.discs", "[]", "at least 1"),
     Case("no jerk at all", {"vehicle.max_jerk": 0}, "vehicle.max_jerk", "0", "greater than 0"),
     Case("negative rate", {"vehicle.max_curvature_rate": -1}, "vehicle.max_curvature_rate", "-1", "greater than 0"),
     Case("NaN", {"vehicle.max_acceleration": float("nan")}, "vehicle.max_acceleration", "nan", "finite"),

@@ -529,7 +529,7 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
             assert np.all(np.abs(values) <= bound[:, None] + 1e-7)
         count = len(zones)
         interval, index = np.divmod(np.arange(len(times) * count), count)
-        lower = check._clearance_bound(pieces, enclosure, interval, index).lower.reshape(-1, count)
+        lower = check._clearance_bound(enclosure, 0.0, interval, index).lower.reshape(-1, count)
         positions = reference.position(flat)
         for column, threat in enumerate(zones):
             gap = threat.signed_distance(flat + FRAME.time, positions).reshape(times.shape) - RADIUS

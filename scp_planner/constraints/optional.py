@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from scp_planner.places import Line, Stretch, limits_at
 from scp_planner.trajectory import Array, Index, Path, Trajectory, TripSpace
+
+if TYPE_CHECKING:
+    from scp_planner.zone_batch import ZoneBatch
 
 BESIDE = 1e-7  # of the travel time; next to a border
 CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend off
@@ -43,6 +46,10 @@ class OptionalLimit(ABC):
 
     def tightened(self, more: float) -> Self:
         """Return the limit with so much more kept from it, in the unit of the excess."""
+        return self
+
+    def among(self, zones: ZoneBatch) -> Self:
+        """Return the limit among other zones."""
         return self
 
 

@@ -18,7 +18,7 @@ from scp_planner.files import replacing
 from scp_planner.plotting.maps import border_of, draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
 from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
-from scp_planner.recording import ObstacleRecord, Recording, Truth, record_plan
+from scp_planner.recording import ObstacleRecord, Recording, Truth, discs_at, record_plan
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -153,8 +153,9 @@ class Film:
         self._title.set_text(f"{recording.name}   {time:.1f} s")
         self._path.set_data(*recording.paths[recording.path_index[index]].T)
         self._done.set_data(*recording.position[: index + 1].T)
-        x, y = recording.position[index]
-        self._vehicle.set_center((x, y))
+        for disc, place in zip(self._vehicle, self._discs, strict=True):
+            x, y = place[index]
+            disc.set_center((x, y))
         for obstacle, patches in zip(recording.obstacles, self._patches, strict=True):
             patches.move_to(obstacle, index)
         for cursor, values in self._cursors:
@@ -174,10 +175,14 @@ class Film:
         ]
         (self._path,) = axes.plot([], [], color=FAINT, linewidth=2.0)
         (self._done,) = axes.plot([], [], color=INK, linewidth=2.0)
-        self._vehicle = Circle((0.0, 0.0), recording.radius, facecolor=INK, edgecolor="white", linewidth=0.8)
-        axes.add_patch(self._vehicle)
+        self._discs = discs_at(recording.position, recording.heading, recording.discs)
+        self._vehicle = [
+            Circle((0.0, 0.0), recording.radius, facecolor=INK, edgecolor="white", linewidth=0.8) for _ in self._discs
+        ]
+        for disc in self._vehicle:
+            axes.add_patch(disc)
         moving: list[Artist] = [patch for patches in self._patches for patch in patches.all]
-        moving += [self._path, self._done, *draw_ends(axes, recording), self._vehicle, self._title]
+        moving += [self._path, self._done, *draw_ends(axes, recording), *self._vehicle, self._title]
         self._moving += [(axes, artist) for artist in moving]
 
     def _draw_profiles(self, panels: list[Axes]) -> list[tuple[Any, Array]]:

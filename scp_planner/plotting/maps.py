@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, time_text
-from scp_planner.recording import ObstacleRecord, Recording
+from scp_planner.recording import ObstacleRecord, Recording, discs_at
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -301,8 +301,9 @@ def _draw_speed(axes: Axes, recording: Recording) -> None:
 def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> None:
     from matplotlib.patches import Circle
 
-    x, y = recording.position[index]
-    axes.add_patch(Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4))
+    for disc in discs_at(recording.position, recording.heading, recording.discs):
+        x, y = disc[index]
+        axes.add_patch(Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4))
 
 
 def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: Index, places: list[Array]) -> None:
