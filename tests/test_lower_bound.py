@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
 from heapq import heappop, heappush
 from pathlib import Path
 
@@ -13,6 +11,7 @@ from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from benchmarks import families
+from benchmarks.common import REFERENCE_FAMILIES
 from scp_planner import builtin
 from scp_planner.frames import PlanningFrame
 from scp_planner.lower_bound import CORNERS, _Grid, _polygons_inside, _Relaxation, _Speeds, _widths, kinematic_bound
@@ -56,26 +55,21 @@ def test_the_bound_lies_between_the_kinematic_one_and_the_plan(name: str) -> Non
     assert kinematic_bound(scenario) <= bound <= plan.travel_time
 
 
-def reference_scenarios() -> Iterator[Path]:
-    folder = os.environ.get("SCP_PLANNER_DATA")
-    if folder is not None:
-        yield from sorted((Path(folder).parent / "scenarios").glob("*-*.json"))
-
-
-@pytest.mark.parametrize(
-    "path", [path for path in reference_scenarios() if path.stem.endswith("-3")], ids=lambda path: path.stem
-)
-def test_no_certified_plan_of_a_reference_scenario_is_excluded(path: Path) -> None:
-    scenario = sp.Scenario.load(path)
+@pytest.mark.parametrize("family", REFERENCE_FAMILIES)
+def test_no_certified_plan_of_a_reference_scenario_is_excluded(family: str, reference_scenarios: Path) -> None:
+    scenario = sp.Scenario.load(reference_scenarios / f"{family}-3.json")
     plan = sp.plan(scenario)
     assert plan.certified
     assert not_excluded(scenario, plan.travel_time)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", list(reference_scenarios()), ids=lambda path: path.stem)
-def test_bounds_of_all_reference_scenarios_are_below_their_plans(path: Path) -> None:
-    scenario = sp.Scenario.load(path)
+@pytest.mark.parametrize("number", range(10))
+@pytest.mark.parametrize("family", REFERENCE_FAMILIES)
+def test_bounds_of_all_reference_scenarios_are_below_their_plans(
+    family: str, number: int, reference_scenarios: Path
+) -> None:
+    scenario = sp.Scenario.load(reference_scenarios / f"{family}-{number}.json")
     plan = sp.plan(scenario)
     assert plan.certified
     assert all(not_excluded(scenario, plan.travel_time, longest) for longest in (1.0, 1.5, 3.0))
