@@ -65,32 +65,52 @@ class OneRun:
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:
         """Prepare the problem, fit the start, and run the loop to its end."""
-        from scp_planner.plan import Trip
+        return self._runs(scenario, [start])[0]
+
+    def _runs(self, scenario: Scenario, starts: Sequence[Start]) -> list[Attempt]:
         from scp_planner.problem import build_problem
-        from scp_planner.scp import ScpLoop, Status
+        from scp_planner.scp import ScpLoop
         from scp_planner.settings import Settings
         from scp_planner.solvers import solver_named
-        from scp_planner.zones import zones
+        from scp_planner.zones import ZonesOf
 
         model, settings = self._scenarios[scenario["name"]], Settings()
-        problem = build_problem(model, zones(model), settings)
+        problem = build_problem(model, ZonesOf(model), settings)
         loop = ScpLoop(problem, solver_named(settings.solver))
-        run = loop.run(fitted(problem, scenario, start), settings.max_iterations)
-        trajectory = run.evaluation.trajectory
-        trip, begin = Trip(problem.frame, trajectory), problem.frame.time
+        runs = loop.run_all([fitted(problem, scenario, start) for start in starts], settings.max_iterations)
+        return [_attempt(problem, run) for run in runs]
 
-        def position(times: Array) -> Array:
-            points, _ = trip.at(times)
-            return problem.frame.to_world(points.path.position)
 
-        return Attempt(
-            success=run.status is Status.CONVERGED,
-            position=position,
-            start_time=begin,
-            arrival_time=begin + trajectory.travel_time,
-            iterations=len(run.record),
-            detail=run.status.value,
-        )
+class InStep(OneRun):
+    """Runs of the loop from all shared starts in step, which share the cost of looking at their trips."""
+
+    name = "scp_planner in step"
+
+    def solve_all(self, scenario: Scenario, starts: Sequence[Start]) -> list[Attempt]:
+        """Prepare the problem once, and run the loop from all starts."""
+        return self._runs(scenario, starts)
+
+
+def _attempt(problem: Any, run: Any) -> Attempt:
+    """The end of a run of the loop, without a certificate."""
+    from scp_planner.plan import Trip
+    from scp_planner.scp import Status
+
+    trajectory = run.evaluation.trajectory
+    trip, begin = Trip(problem.frame, trajectory), problem.frame.time
+
+    def position(times: Array) -> Array:
+        points, _ = trip.at(times)
+        return problem.frame.to_world(points.path.position)
+
+    return Attempt(
+        success=run.status is Status.CONVERGED,
+        position=position,
+        start_time=begin,
+        arrival_time=begin + trajectory.travel_time,
+        iterations=len(run.record),
+        detail=run.status.value,
+    )
 
 
 class PenaltyDescent:
