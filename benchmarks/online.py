@@ -246,7 +246,7 @@ def faults(options: argparse.Namespace) -> int:
     ledger = Ledger(options.output / "online-faults.csv", ("seed",), options.fresh)
 
     def run(row: Row) -> Row:
-        done = injected_run(int(row["seed"]))
+        done = injected_run(int(row["seed"]), check_every=options.check_every)
         if not done.faultless:
             common.say(f"seed {done.seed}: {done.error or done.refused or done.unsaid}")
         return {
@@ -310,6 +310,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     replans.add_argument("--family", default="crossing10")
     replans.add_argument("--noise", type=float, default=0.1, help="m")
     replans.add_argument("--deadline", type=float, help="of each replan, s; default: none")
+    checks = commands.choices["faults"]
+    checks.add_argument("--check-every", type=int, default=3, help="plans from one that is checked to the next")
     commands.choices["crowds"].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
     options = parser.parse_args(argv)
     try:

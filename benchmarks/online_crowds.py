@@ -5,7 +5,8 @@
   than the people.
 - ``waiting``: straight to the goal, standing still while anybody is near the way that is needed to stop in.
 
-People's positions are 0.4 s apart in the recordings, and straight in between.
+People's positions are 0.4 s apart in the recordings, and straight in between. Many are first recorded in the middle of
+a place: so that nobody appears out of nothing, each walks straight for 3 s to where the recording begins.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from scp_planner.motion_fitting import fit_motion_model
 from scp_planner.process_model import ProcessModel
 from scp_planner.sensors import Sensor
 from scp_planner.simulation import simulate
-from scp_planner.tracks import Tracks
+from scp_planner.tracks import Track, Tracks
 from scp_planner.worlds import Course, track_course
 
 WAYS = ("zones", "prediction", "waiting")
@@ -57,6 +58,7 @@ NOISE, RATE, RANGE = 0.05, 10.0, 10.0  # m, Hz, m
 LEVEL = 0.95
 LONGEST = 60.0  # s
 FEWEST = 3  # people there when the vehicle sets off
+LEAD_IN = 3.0  # s
 ROOM = 1.5  # m between centres when the vehicle sets off
 STEP = 0.02  # s
 SHY = 0.3  # m, by which people are missed by who waits
@@ -108,13 +110,26 @@ def task(place: str, tracks: Tracks, number: int) -> Task:
         side = float(rng.uniform(*span))
         points = [(side, end) if across else (end, side) for end in ends]
         start, goal = points if rng.random() < 0.5 else points[::-1]
-        people = {t.id: track_course(t) for t in tracks if t.times[-1] > time - 6.0 and t.times[0] < time + LONGEST}
+        people = {
+            track.id: track_course(_led_in(track))
+            for track in tracks
+            if track.times[-1] > time - 6.0 and track.times[0] < time + LONGEST
+        }
         drawn = Task(time, start, goal, people)
         there = drawn.places(time)
         soon = [drawn.places(time + later) for later in (0.0, 0.5, 1.0)]
         room = min(float(np.linalg.norm(each - start, axis=1).min(initial=math.inf)) for each in soon)
         if len(there) >= FEWEST and room > ROOM:
             return drawn
+
+
+def _led_in(track: Track) -> Track:
+    """A track that begins some seconds sooner, straight."""
+    if len(track) < 2:
+        return track
+    velocity = (track.positions[1] - track.positions[0]) / (track.times[1] - track.times[0])
+    first = track.positions[0] - LEAD_IN * velocity
+    return Track(track.id, np.insert(track.times, 0, track.times[0] - LEAD_IN), np.vstack([first, track.positions]))
 
 
 def drive(tracks: Tracks, row: Mapping[str, Any]) -> dict[str, Any]:

@@ -100,9 +100,9 @@ class ZoneRecord:
             zone.id,
             zone.radius,
             tuple(zone.centers.breakpoints[0].tolist()),
-            _tuples(zone.centers.coefficients[0].tolist()),
+            _pieces(zone.centers),
             None if spread is None else tuple(spread.breakpoints[0].tolist()),
-            None if spread is None else _tuples(spread.coefficients[0].tolist()),
+            None if spread is None else _pieces(spread),
             tuple(OutlineRecord.of(outline) for outline in zone.outlines),
         )
 
@@ -484,6 +484,11 @@ def _finite(value: float) -> float | None:
 
 def _infinite(value: float | None) -> float:
     return float("inf") if value is None else value
+
+
+def _pieces(polynomials: PiecewisePolynomials) -> tuple[Any, ...]:
+    """Coefficients of the first of them, (S, P, d)."""
+    return tuple(tuple(map(tuple, piece)) for piece in polynomials.coefficients[0].tolist())
 
 
 def _tuples(value: Any) -> Any:

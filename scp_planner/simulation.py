@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 STEPS = 5  # of the simulation in one cycle
-HISTORY = 5.0
+HISTORY = 10.0
 """s of observations before the start: what a sensor has seen when the vehicle sets off."""
 TIME_LIMIT = 60.0
 """s after which a run ends, or four times the trip without obstacles if that is longer."""

@@ -87,7 +87,11 @@ def motion_course(motion: KnownMotion) -> Course:
 def track_course(track: Track) -> Course:
     """The course of a recorded track: straight between its positions, not there before and after."""
 
+    first, last = float(track.times[0]), float(track.times[-1])
+
     def course(times: Array) -> Array:
+        if len(times) == 1 and not first <= times[0] <= last:
+            return np.full((1, 2), np.nan)  # most of a long recording
         return np.stack(
             [np.interp(times, track.times, track.positions[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)],
             axis=-1,
