@@ -86,7 +86,6 @@ def motion_course(motion: KnownMotion) -> Course:
 
 def track_course(track: Track) -> Course:
     """The course of a recorded track: straight between its positions, not there before and after."""
-
     first, last = float(track.times[0]), float(track.times[-1])
 
     def course(times: Array) -> Array:
