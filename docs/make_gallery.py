@@ -1,7 +1,7 @@
-"""Draws the figures of `gallery.md` and of the tutorial anew: `python -m docs.make_gallery`, at the root.
+"""Draws the figures of `gallery.md` and of the tutorial anew: `python -m docs.make_gallery [NAME ...]`, at the root.
 
-Every example is run as a user would run it. The one of real people needs the recorded data: set SCP_PLANNER_DATA to
-their folder.
+Every example, or each that is named, is run as a user would run it. The one of real people needs the recorded data: set
+SCP_PLANNER_DATA to their folder.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ WIDTH = 1000  # pixels
 TAKES_FOLDER = {"export_messages", "watch"}
 
 
-def main() -> None:
-    """Write every figure."""
+def main(*names: str) -> None:
+    """Write every figure, or those of some examples."""
     GALLERY.mkdir(exist_ok=True)
     for example in sorted(EXAMPLES.glob("*.py")):
+        if names and example.stem not in names:
+            continue
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             target = folder if example.stem in TAKES_FOLDER else folder / f"{example.stem}.png"
@@ -38,7 +40,8 @@ def main() -> None:
                 continue
             for figure in (*folder.glob("*.png"), *folder.glob("*.gif")):
                 _shrink(figure, GALLERY / f"{example.stem}{figure.suffix}")
-    _draw_tutorial()
+    if not names:
+        _draw_tutorial()
 
 
 def _run(example: Path, *arguments: str) -> int:
@@ -75,4 +78,4 @@ def _draw_tutorial() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])
