@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflated by more, relative for limits
 NEAR = 1.5  # m; obstacles nearer than this are looked at closely
 FIRST_PENALTY = 5.0  # s per m, or per unit of relative excess
-ESCALATION = 5.0
+ESCALATION = 25.0
 LAST_PENALTY = 100.0
 FIRST_TRUST = TrustRegion(theta=1.0, beta=3.0, rho=0.3)
 LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
@@ -46,7 +46,7 @@ SMALLEST_SHRINK = 0.1
 WATCH = 0.2  # largest violation of a trip that is taken on trial
 WATCH_LOSS = 1.0  # s of merit that it may cost
 HOPE = 4.0  # times the next step's gain that a run may still become faster
-PATIENCE = 6  # iterations without coming nearer to feasibility, after which penalties are raised
+PATIENCE = 4  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
 GRAVE = 5e-3  # violations below this are no reason to lose patience
 RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
