@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scp_planner import corridor, planar
 from scp_planner.scenario import Disc, Ellipse, Rectangle
 from scp_planner.zones import ThreatZone, zones
 
@@ -27,6 +28,9 @@ Index = NDArray[np.intp]
 Truth = Mapping[str, Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike]]
 """What obstacles really did, by id: a function from times (n,) s to centres (n, 2) m, or the two arrays
 (times, centres) of a record, between which it is interpolated."""
+
+FINE = 0.02
+"""Borders of several polygons are cut into bits no longer than this part of their extent."""
 
 BOUNDARY_POINTS = 60
 """Points on the boundary of a zone."""
@@ -94,6 +98,8 @@ class ObstacleRecord:
         Where its centre really was, m; NaN at times without a record.
     observed : (j, 2) array or None
         Positions from which its motion was estimated, m.
+    outside : bool
+        Whether it is what lies outside the corridor: it has a clearance, but neither body nor boundary.
     """
 
     id: str
@@ -106,6 +112,7 @@ class ObstacleRecord:
     clearance: Array
     truth: Array | None = None
     observed: Array | None = None
+    outside: bool = False
 
     def zone_at(self, index: int) -> Array:
         """Points on the boundaries of the zone's convex pieces at one of the times, (p, m, 2) m."""
@@ -187,6 +194,11 @@ class Recording:
         return clock_of(self.time)
 
     @property
+    def bodies(self) -> tuple[ObstacleRecord, ...]:
+        """The obstacles without what lies outside the corridor."""
+        return tuple(obstacle for obstacle in self.obstacles if not obstacle.outside)
+
+    @property
     def clearance(self) -> Array:
         """Clearance to the nearest zone, (n,) m; inf without obstacles."""
         if not self.obstacles:
@@ -199,7 +211,7 @@ class Recording:
         low, high = trip.min(axis=0), trip.max(axis=0)
         reach = max(float((high - low).max()), 4.0 * self.radius)
         near = [trip]
-        for obstacle in self.obstacles:
+        for obstacle in self.bodies:
             # The zone at times when it is close: one that grows to kilometres must not shrink the picture.
             close = np.flatnonzero(obstacle.clearance < 0.05 * reach)[:: max(1, len(self.time) // 40)]
             near += [obstacle.zone_at(int(i)).reshape(-1, 2) for i in close]
@@ -256,17 +268,14 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     if unknown:
         raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
     position, heading, vehicle = plan.position(time), plan.heading(time), scenario.vehicle
+    discs, every_zone = discs_at(position, heading, vehicle.discs), zones(scenario)
+    clearances = [clearance_of(zone, time, discs, vehicle.radius) for zone in every_zone]
     obstacles = tuple(
-        _record_obstacle(
-            obstacle,
-            zone,
-            time,
-            np.min([zone.signed_distance(time, disc) for disc in discs_at(position, heading, vehicle.discs)], axis=0)
-            - vehicle.radius,
-            _true_centers(truth.get(obstacle.id), time),
-        )
-        for obstacle, zone in zip(scenario.obstacles, zones(scenario), strict=False)  # the corridor's comes last
+        _record_obstacle(obstacle, zone, time, clearance, _true_centers(truth.get(obstacle.id), time))
+        for obstacle, zone, clearance in zip(scenario.obstacles, every_zone, clearances, strict=False)
     )
+    if len(every_zone) > len(obstacles):  # the corridor's comes last
+        obstacles += (record_outside(clearances[-1]),)
     bounds = scenario.bounds
     return Recording(
         name=scenario.name,
@@ -284,7 +293,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         path_index=np.zeros(len(time), dtype=np.intp),
         profiles=profiles_of(scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)),
         obstacles=obstacles,
-        corridor=tuple(np.array(polygon) for polygon in scenario.corridor or ()),
+        corridor=corridor_of(scenario),
         discs=vehicle.discs,
     )
 
@@ -368,6 +377,78 @@ def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
     if len(zone.outlines) < 2:
         return [zone]
     return [replace(zone, outlines=(outline,)) for outline in zone.outlines]
+
+
+def clearance_of(zone: ThreatZone, time: Array, discs: Sequence[Array], radius: float) -> Array:
+    """Clearance of a vehicle to a zone, (n,) m, at times (n,) s with discs at (n, 2) m each."""
+    clearance: Array = np.min([zone.signed_distance(time, disc) for disc in discs], axis=0) - radius
+    return clearance
+
+
+def record_outside(clearance: Array) -> ObstacleRecord:
+    """Record what lies outside the corridor by the clearance (n,) to it, m."""
+    count = len(clearance)
+    return ObstacleRecord(
+        id=corridor.NAME,
+        center=np.zeros((count, 2)),
+        heading=np.zeros(count),
+        body=np.zeros((1, 2)),
+        turns=False,
+        padded=False,
+        boundary=np.zeros((count, 1, 1, 2)),
+        clearance=clearance,
+        outside=True,
+    )
+
+
+def borders_of(pieces: Sequence[Array]) -> Array:
+    """Give the border of the union of convex polygons.
+
+    Parameters
+    ----------
+    pieces : sequence of (k, 2) arrays
+        Vertices, anticlockwise, m.
+
+    Returns
+    -------
+    (n, 2, 2) array
+        Its bits, m, as start and end; whether one belongs to it is decided by its middle.
+    """
+    size = float(np.ptp(np.concatenate(pieces), axis=0).max())
+    return np.concatenate([_borders(piece, k, pieces, size) for k, piece in enumerate(pieces)])
+
+
+def _borders(piece: Array, own: int, pieces: Sequence[Array], size: float) -> Array:
+    """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams.
+
+    A seam lies in another piece, or on its border and runs the other way.
+    """
+    ends = np.roll(piece, -1, axis=0)
+    counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (FINE * size)).astype(int)
+    parts = np.concatenate([np.arange(count) / count for count in counts if count])
+    start, side = np.repeat(piece, counts, axis=0), np.repeat(ends - piece, counts, axis=0)
+    step = side / np.repeat(counts, counts)[:, None]
+    first = start + parts[:, None] * side
+    bits, middle = np.stack([first, first + step], axis=1), first + 0.5 * step
+    seam = np.zeros(len(bits), dtype=bool)
+    for k, other in enumerate(pieces):
+        edges = np.roll(other, -1, axis=0) - other
+        known = np.linalg.norm(edges, axis=1) > 1e-9 * size
+        if k == own or not known.any():
+            continue
+        edges = edges[known]
+        normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+        beyond = np.einsum("nij,ij->ni", middle[:, None] - other[known], normals)
+        nearest = beyond.argmax(axis=1)
+        distance = beyond[np.arange(len(bits)), nearest]
+        against = np.einsum("ij,ij->i", edges[nearest], step) < 0.0
+        seam |= (distance < -1e-6 * size) | ((distance <= 1e-6 * size) & against)
+    return bits[~seam]
+
+
+def corridor_of(scenario: Scenario) -> tuple[Array, ...]:
+    """Give the polygons of a scenario's corridor, anticlockwise, (k, 2) m each; none without one."""
+    return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ())
 
 
 def _record_obstacle(

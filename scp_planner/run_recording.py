@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scp_planner import corridor
 from scp_planner.recording import (
     ObstacleRecord,
     Recording,
     body_of,
     boundary_of,
+    clearance_of,
     convex_pieces_of,
+    corridor_of,
     discs_at,
     length_text,
     profiles_of,
+    record_outside,
 )
 from scp_planner.scenario import Disc
 
@@ -87,7 +91,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             np.interp(time, run.time, curvature),
         ),
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
-        corridor=tuple(np.array(polygon) for polygon in run.scenario.corridor or ()),
+        corridor=corridor_of(run.scenario),
         discs=vehicle.discs,
     )
 
@@ -95,7 +99,13 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
 def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
     zones = [{record.id: record.zone() for record in each.zones} for each in run.records]
     names = dict.fromkeys([*(name for each in zones for name in each), *run.obstacles])
-    return tuple(_obstacle(name, run, time, cycle, discs, zones) for name in names)
+    radius, limited = run.scenario.vehicle.radius, run.scenario.corridor is not None
+    return tuple(
+        record_outside(clearance_of(zones[0][name], time, discs, radius))
+        if limited and name == corridor.NAME
+        else _obstacle(name, run, time, cycle, discs, zones)
+        for name in names
+    )
 
 
 def _obstacle(
@@ -119,8 +129,7 @@ def _obstacle(
         for part in range(parts):
             # Where a cycle knew of fewer pieces, the last is drawn again.
             boundary[now, part] = pieces[min(part, len(pieces) - 1)]
-        distance = np.min([zone.signed_distance(time[now], disc[now]) for disc in discs], axis=0)
-        clearance[now] = distance - run.scenario.vehicle.radius
+        clearance[now] = clearance_of(zone, time[now], [disc[now] for disc in discs], run.scenario.vehicle.radius)
         radius = zone.radius
     shapes = {**run.shapes, **{obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}}
     body, turns = body_of(shapes.get(name) or Disc(disc=max(radius, 1e-6)))

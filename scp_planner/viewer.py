@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.files import write_text
-from scp_planner.recording import ObstacleRecord, Recording, Truth, record_plan
+from scp_planner.recording import ObstacleRecord, Recording, Truth, borders_of, record_plan
 
 if TYPE_CHECKING:
     from scp_planner.plan import Plan
@@ -105,10 +105,13 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "heading": _Rounding(5).of(recording.heading),
         "speed": _Rounding(5).of(recording.speed),
         "radius": recording.radius,
+        "discs": list(recording.discs),
         "maxSpeed": recording.max_speed,
         "goal": rounding.of(np.asarray(recording.goal) - origin),
         "goalRadius": recording.goal_radius,
         "bounds": None if bounds is None else rounding.of(np.asarray(bounds) - origin),
+        "corridor": [rounding.of(polygon - origin) for polygon in recording.corridor],
+        "corridorBorder": rounding.of(borders_of(recording.corridor) - origin) if recording.corridor else [],
         "extent": rounding.of(np.stack([low, high]) - origin),
         "paths": [rounding.of(path - origin) for path in recording.paths],
         "pathIndex": recording.path_index.tolist(),
@@ -132,6 +135,7 @@ def _obstacle_data(obstacle: ObstacleRecord, origin: Array, rounding: _Rounding)
     grows = not np.ptp(obstacle.boundary, axis=0).max() <= 0.5 * 10.0**-rounding.digits
     return {
         "id": obstacle.id,
+        "outside": obstacle.outside,
         "center": rounding.of_known(obstacle.center - origin),
         "heading": _Rounding(4).of(obstacle.heading) if obstacle.turns else None,
         "turns": obstacle.turns,

@@ -156,6 +156,23 @@ def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
     assert outside.length < np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() < 1.05 * outside.length
 
 
+def test_corridor_is_light_and_the_rest_is_shaded() -> None:
+    shapely = pytest.importorskip("shapely")
+    polygons = [[[-1, -1], [9, -1], [9, 1], [-1, 1]], [[7, 0.5], [7, -1.5], [13, -1.5], [13, 6], [11, 6]]]
+    scenario = scene(goal={"position": [12.0, 4.0]}, corridor=polygons)
+    axes = _map_of(plot_plan(sp.plan(scenario), scenario))
+    white = [
+        patch for patch in axes.patches if isinstance(patch, Polygon) and to_hex(patch.get_facecolor()) == "#ffffff"
+    ]
+    assert len(white) == 2
+    (border,) = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
+    bits = border.get_path().vertices.reshape(-1, 2, 2)
+    outside = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons]).exterior
+    assert max(outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)) < 1e-9
+    # A bit at each crossing of two borders ends beyond it.
+    assert np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() == pytest.approx(outside.length, rel=0.03)
+
+
 def test_animation_of_several_pieces(pocket: Case, tmp_path: Path) -> None:
     animate_plan(*pocket, tmp_path / "pocket.gif", frames_per_second=1.0)
     with Image.open(tmp_path / "pocket.gif") as film:
@@ -315,8 +332,11 @@ def test_a_clear_plan_meets_no_region(radar: Case) -> None:
         assert not any(region.contains_points(points[clear]).any() for region in regions)
 
 
-def test_a_plan_through_an_obstacle_meets_its_region(radar: Case) -> None:
+@pytest.mark.parametrize("offsets", [(0.0,), (-0.6, 0.0, 0.8)])
+def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple[float, ...]) -> None:
     plan, scenario = radar
+    vehicle = scenario.vehicle.model_copy(update={"discs": offsets})
+    scenario = scenario.model_copy(update={"vehicle": vehicle})
     middle = plan.start_time + 0.5 * plan.travel_time
     motion = sp.Motion(position=tuple(plan.position(middle).tolist()))
     wall = sp.Obstacle(id="wall", shape=sp.Disc(disc=1.0), motion=motion)
@@ -326,7 +346,11 @@ def test_a_plan_through_an_obstacle_meets_its_region(radar: Case) -> None:
         points = np.stack(curve.get_data(), axis=-1)
         inside = np.any([region.contains_points(points) for region in _regions(axes)], axis=0)
         time = np.asarray(curve.get_xdata())
-        distance = sp.zones(blocked)[0].signed_distance(time, plan.position(time)) - scenario.vehicle.radius
+        heading = plan.heading(time)
+        ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        discs = [plan.position(time) + offset * ahead for offset in offsets]
+        distance = np.min([sp.zones(blocked)[0].signed_distance(time, disc) for disc in discs], axis=0)
+        distance = distance - scenario.vehicle.radius
         agree = inside == (distance < 0.0)
         assert inside.any() and agree[np.abs(distance) > 0.05].all()
 

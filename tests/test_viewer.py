@@ -310,6 +310,32 @@ def test_run_plays(browser: Browser, run: sp.Run, tmp_path: Path) -> None:
     assert browser.faults == []
 
 
+def test_corridor_and_long_vehicle(browser: Browser, tmp_path: Path) -> None:
+    """The ground is drawn, and every disc of the vehicle is where it is on its axis."""
+    corridor = [[[-2, -3], [9, -3], [9, 3], [-2, 3]], [[8, -3], [22, -2], [22, 2], [8, 3]]]
+    scenario = scene(
+        {"id": "post", "shape": {"disc": 0.5}, "motion": {"position": [10.0, 0.5]}},
+        vehicle={"discs": [-0.5, 0.0, 0.7]},
+        corridor=corridor,
+    )
+    plan = sp.plan(scenario)
+    plan.draw(scenario, tmp_path / "long.html")
+    browser.open((tmp_path / "long.html").as_uri())
+    time = 0.4 * plan.travel_time
+    move_slider(browser, time)
+    assert browser.evaluate("document.querySelectorAll('.corridor').length") == 2
+    assert browser.evaluate("document.querySelectorAll('.zone').length") == 1
+    radius = float(browser.evaluate("document.querySelector('#vehicle').getAttribute('r')"))
+    discs = browser.evaluate(
+        "[...document.querySelectorAll('.disc')].map((d) => ['cx', 'cy'].map((n) => Number(d.getAttribute(n))))"
+    )
+    ahead = radius / scenario.vehicle.radius * np.array([math.cos(plan.heading(time)), -math.sin(plan.heading(time))])
+    for offset, place in zip((-0.5, 0.7), discs, strict=True):
+        assert place == pytest.approx(np.array(browser.evaluate(VEHICLE)) + offset * ahead, abs=0.3)
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+
+
 def test_switches_hide_their_layers(opened: Browser) -> None:
     shown = "getComputedStyle(document.querySelector('.zone')).getPropertyValue('display') !== 'none'"
     parent = "document.querySelector('.zone').parentNode.classList.contains('hidden')"

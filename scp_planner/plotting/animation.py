@@ -156,7 +156,7 @@ class Film:
         for disc, place in zip(self._vehicle, self._discs, strict=True):
             x, y = place[index]
             disc.set_center((x, y))
-        for obstacle, patches in zip(recording.obstacles, self._patches, strict=True):
+        for obstacle, patches in zip(recording.bodies, self._patches, strict=True):
             patches.move_to(obstacle, index)
         for cursor, values in self._cursors:
             cursor.set_data([time], [values[index]])
@@ -171,7 +171,7 @@ class Film:
         self._title = axes.set_title(" ", loc="left", fontweight="bold")
         self._patches = [
             _ObstaclePatches(axes, obstacle, COLOURS[number % len(COLOURS)])
-            for number, obstacle in enumerate(recording.obstacles)
+            for number, obstacle in enumerate(recording.bodies)
         ]
         (self._path,) = axes.plot([], [], color=FAINT, linewidth=2.0)
         (self._done,) = axes.plot([], [], color=INK, linewidth=2.0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, time_text
-from scp_planner.recording import ObstacleRecord, Recording, discs_at
+from scp_planner.recording import ObstacleRecord, Recording, borders_of, discs_at
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -29,8 +29,6 @@ LARGE, UNSURE = 0.24, 1.5
 many times as large as the obstacle: so little is known that they would only hide what matters."""
 STILL = 1e-3
 """What moves and grows by less than this part of the trip's extent stands."""
-FINE = 0.02
-"""Borders of zones of several pieces are drawn in bits no longer than this part of their extent."""
 NAME_HEIGHT = 0.03
 """Room that a name takes, as a part of the map's longer side."""
 NAMED = 8
@@ -53,11 +51,11 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
     """
     lay_out(axes, recording)
     draw_tracks(axes, recording)
-    standing = [_stands(recording, obstacle) for obstacle in recording.obstacles]
-    for obstacle in compress(recording.obstacles, standing):
+    standing = [_stands(recording, obstacle) for obstacle in recording.bodies]
+    for obstacle in compress(recording.bodies, standing):
         _draw_obstacle(axes, recording, obstacle, _nearest(obstacle), GREY)
     for index, colour in zip(indices, COLOURS, strict=False):
-        for obstacle, stands in zip(recording.obstacles, standing, strict=True):
+        for obstacle, stands in zip(recording.bodies, standing, strict=True):
             if not stands:
                 _draw_obstacle(axes, recording, obstacle, int(index), colour)
     if len(recording.paths) > 1:
@@ -65,9 +63,9 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
     _draw_speed(axes, recording)
     for index, colour in zip(indices, COLOURS, strict=False):
         _draw_vehicle(axes, recording, int(index), colour)
-    if len(recording.obstacles) <= NAMED:
+    if len(recording.bodies) <= NAMED:
         places: list[Array] = []
-        for obstacle in recording.obstacles:
+        for obstacle in recording.bodies:
             _name(axes, recording, obstacle, indices, places)
     draw_ends(axes, recording)
     times, symbols = _key_to_times(recording, indices), key_to_symbols(recording)
@@ -82,7 +80,7 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
 
 def lay_out(axes: Axes, recording: Recording) -> None:
     """Set the axes to the extent of a recording, and draw the workspace."""
-    from matplotlib.patches import Polygon, Rectangle
+    from matplotlib.patches import Rectangle
 
     low, high = recording.extent()
     axes.set_aspect("equal")
@@ -97,13 +95,27 @@ def lay_out(axes: Axes, recording: Recording) -> None:
         corner, opposite = recording.bounds
         sides = opposite[0] - corner[0], opposite[1] - corner[1]
         axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor=GREY, linewidth=1.4, zorder=1))
+    if recording.corridor:
+        _draw_corridor(axes, recording)
+
+
+def _draw_corridor(axes: Axes, recording: Recording) -> None:
+    """Shade what lies outside the corridor."""
+    from matplotlib.patches import PathPatch, Polygon, Rectangle
+
+    low, high = recording.extent()
+    # Below the grid, which has 0.5.
+    corner, (width, height) = (float(low[0]), float(low[1])), high - low
+    axes.add_patch(Rectangle(corner, width, height, facecolor=(GREY, 0.22), edgecolor="none", zorder=0.1))
     for polygon in recording.corridor:
-        axes.add_patch(Polygon(polygon, fill=False, edgecolor=GREY, linewidth=1.0, zorder=1))
+        axes.add_patch(Polygon(polygon, facecolor="white", edgecolor="none", zorder=0.2))
+    border = _path_of(borders_of(list(recording.corridor)))
+    axes.add_patch(PathPatch(border, facecolor="none", edgecolor=GREY, linewidth=1.4, zorder=1))
 
 
 def draw_tracks(axes: Axes, recording: Recording) -> None:
     """Draw where the obstacles' centres go, where they were seen and where they really went."""
-    for obstacle in recording.obstacles:
+    for obstacle in recording.bodies:
         if obstacle.truth is None:
             axes.plot(*obstacle.center.T, color=FAINT, linewidth=0.8, zorder=1.5)
         else:
@@ -125,42 +137,16 @@ def outline_of(obstacle: ObstacleRecord, index: int) -> Path:
 
 def border_of(obstacle: ObstacleRecord, index: int) -> Path:
     """Give the border of an obstacle's zone at a time, without the seams between its convex pieces."""
+    if len(obstacle.boundary[index]) == 1:
+        return outline_of(obstacle, index)
+    return _path_of(borders_of(list(obstacle.zone_at(index))))
+
+
+def _path_of(bits: Array) -> Path:
+    """Give a path of bits of a border, (n, 2, 2) m."""
     from matplotlib.path import Path
 
-    pieces = obstacle.zone_at(index)
-    if len(pieces) == 1:
-        return outline_of(obstacle, index)
-    size = float(np.ptp(pieces, axis=(0, 1)).max())
-    bits = np.concatenate([_borders(piece, k, pieces, size) for k, piece in enumerate(pieces)])
     return Path(bits.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(bits)))
-
-
-def _borders(piece: Array, own: int, pieces: Array, size: float) -> Array:
-    """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams.
-
-    A seam lies in another piece, or on its border and runs the other way.
-    """
-    ends = np.roll(piece, -1, axis=0)
-    counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (FINE * size)).astype(int)
-    parts = np.concatenate([np.arange(count) / count for count in counts if count])
-    start, side = np.repeat(piece, counts, axis=0), np.repeat(ends - piece, counts, axis=0)
-    step = side / np.repeat(counts, counts)[:, None]
-    first = start + parts[:, None] * side
-    bits, middle = np.stack([first, first + step], axis=1), first + 0.5 * step
-    seam = np.zeros(len(bits), dtype=bool)
-    for k, other in enumerate(pieces):
-        edges = np.roll(other, -1, axis=0) - other
-        known = np.linalg.norm(edges, axis=1) > 1e-9 * size
-        if k == own or not known.any():
-            continue
-        edges = edges[known]
-        normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
-        beyond = np.einsum("nij,ij->ni", middle[:, None] - other[known], normals)
-        nearest = beyond.argmax(axis=1)
-        distance = beyond[np.arange(len(bits)), nearest]
-        against = np.einsum("ij,ij->i", edges[nearest], step) < 0.0
-        seam |= (distance < -1e-6 * size) | ((distance <= 1e-6 * size) & against)
-    return bits[~seam]
 
 
 def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
@@ -207,7 +193,7 @@ def key_to_symbols(recording: Recording) -> Key:
     start = Line2D([], [], marker="o", markersize=5, **hollow)
     goal = Line2D([], [], marker="*", markersize=10, **hollow)
     key = Key([start, goal], ["start", "goal"])
-    if recording.obstacles:
+    if recording.bodies:
         key += Key([Patch(facecolor=(GREY, 0.22), edgecolor=GREY)], ["zone"])
     if any(obstacle.observed is not None for obstacle in recording.obstacles):
         key += Key([Line2D([], [], linestyle="none", marker=".", markersize=4, color=GREY)], ["seen"])
@@ -239,7 +225,7 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
         float(np.ptp(points, axis=0).max()) for points in (obstacle.zone_at(index).reshape(-1, 2), obstacle.body)
     )
     large = size > LARGE * length and size > UNSURE * own
-    if not near and len(recording.obstacles) > CROWD:
+    if not near and len(recording.bodies) > CROWD:
         return
     if near or not large:
         edge = (colour, 0.9 if near else 0.35)

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
     from scp_planner.plan import Plan
     from scp_planner.run import Run
-    from scp_planner.scenario import Scenario
+    from scp_planner.scenario import Scenario, Vehicle
+    from scp_planner.zones import ThreatZone
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,8 @@ class _Grids:
     along, across : (GRID, GRID, 2) arrays
         Points on the path at each station and time; beside the guide, level with the vehicle, at each offset
         and time; m.
+    along_ahead, across_ahead : (GRID, GRID, 2) arrays
+        Unit vectors in which the vehicle looks there: along its path; as it does at the time.
     """
 
     time: Array
@@ -66,6 +69,8 @@ class _Grids:
     offsets: Array
     along: Array
     across: Array
+    along_ahead: Array
+    across_ahead: Array
 
 
 @dataclass(frozen=True)
@@ -148,7 +153,8 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
     driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run.position, axis=0), axis=1))])
     time, stations = np.linspace(run.time[0], run.time[-1], GRID), np.linspace(0.0, float(driven[-1]), GRID)
     points = np.stack([np.interp(stations, driven, run.position[:, axis]) for axis in (0, 1)], axis=-1)
-    regions = _known_regions(run, time, points, far=float(driven[-1]))
+    ahead = _unit(np.interp(stations, driven, np.unwrap(run.heading)))
+    regions = _known_regions(run, time, points, ahead, far=float(driven[-1]))
     epoch = clock_of(time)
     with style():
         figure = Figure(figsize=(7.5, 4.8), dpi=150, layout="constrained")
@@ -172,7 +178,7 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
     return figure
 
 
-def _known_regions(run: Run, time: Array, points: Array, far: float) -> list[tuple[str, Array]]:
+def _known_regions(run: Run, time: Array, points: Array, ahead: Array, far: float) -> list[tuple[str, Array]]:
     """Give the clearance to each zone as it was known, (stations, times) m, nearest first; `far` where it was not."""
     cycles = np.array([record.time for record in run.records])
     cycle = np.clip(np.searchsorted(cycles, time + 1e-9, "right") - 1, 0, None)
@@ -181,11 +187,11 @@ def _known_regions(run: Run, time: Array, points: Array, far: float) -> list[tup
         now = np.flatnonzero(cycle == number)
         shape = (len(points), len(now))
         for record in run.records[number].zones:
-            distance = record.zone().signed_distance(
-                np.broadcast_to(time[now], shape), np.broadcast_to(points[:, None], (*shape, 2))
-            )
+            places, directions = (np.broadcast_to(each[:, None], (*shape, 2)) for each in (points, ahead))
+            moments = np.broadcast_to(time[now], shape)
+            clearance = _clearance(record.zone(), run.scenario.vehicle, moments, places, directions)
             known = values.setdefault(record.id, np.full((len(points), len(time)), far))
-            known[:, now] = distance - run.scenario.vehicle.radius
+            known[:, now] = clearance
     met = [(name, clearance) for name, clearance in values.items() if clearance.min() < 0.0]
     # The one that reaches into most of the way and time first: it is the one that was waited for.
     return sorted(met, key=lambda region: -int((region[1] < 0.0).sum()))
@@ -200,6 +206,8 @@ def _grids(plan: Plan, least_reach: float) -> _Grids:
     fine = np.linspace(plan.start_time, plan.arrival_time, 10 * GRID)
     runs, points = plan.trip.at(fine)[0].distance, plan.position(fine)
     path = np.stack([np.interp(stations, runs, points[:, axis]) for axis in (0, 1)], axis=-1)
+    heading = np.unwrap(plan.heading(fine))
+    ahead = _unit(np.interp(stations, runs, heading))
     normal = plan.trip.frame.vectors_to_world(np.broadcast_to(trip.path.normal, position.shape))
     guide = position - trip.path.offset[:, None] * normal
     reach = max(1.4 * float(np.abs(trip.path.offset).max()), least_reach)
@@ -213,24 +221,37 @@ def _grids(plan: Plan, least_reach: float) -> _Grids:
         offsets=offsets,
         along=np.broadcast_to(path[:, None], (GRID, GRID, 2)),
         across=guide[None] + offsets[:, None, None] * normal[None],
+        along_ahead=np.broadcast_to(ahead[:, None], (GRID, GRID, 2)),
+        across_ahead=np.broadcast_to(_unit(plan.heading(time))[None], (GRID, GRID, 2)),
     )
 
 
 def _regions(grids: _Grids, scenario: Scenario) -> list[_Region]:
     """Give the zones that could be met, nearest first."""
-    radius = scenario.vehicle.radius
-    every_time = np.broadcast_to(grids.time, (GRID, GRID))
+    every_time, vehicle = np.broadcast_to(grids.time, (GRID, GRID)), scenario.vehicle
+    own_ahead = grids.across_ahead[0]
     regions = [
         _Region(
             zone.id,
-            zone.signed_distance(every_time, grids.along) - radius,
-            zone.signed_distance(every_time, grids.across) - radius,
-            float(zone.signed_distance(grids.time, grids.position).min()) - radius,
+            _clearance(zone, vehicle, every_time, grids.along, grids.along_ahead),
+            _clearance(zone, vehicle, every_time, grids.across, grids.across_ahead),
+            float(_clearance(zone, vehicle, grids.time, grids.position, own_ahead).min()),
         )
         for zone in zones(scenario)
     ]
     met = [region for region in regions if min(region.along.min(), region.across.min()) < 0.0]
     return sorted(met, key=lambda region: region.least)
+
+
+def _clearance(zone: ThreatZone, vehicle: Vehicle, time: Array, place: Array, ahead: Array) -> Array:
+    """Clearance of a vehicle at places (..., 2) m that looks in directions (..., 2), at times (...) s, to a zone, m."""
+    distances = [zone.signed_distance(time, place + offset * ahead if offset else place) for offset in vehicle.discs]
+    clearance: Array = np.min(distances, axis=0) - vehicle.radius
+    return clearance
+
+
+def _unit(angle: Array) -> Array:
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _draw_regions(above: Axes, below: Axes, grids: _Grids, regions: list[_Region]) -> None:
