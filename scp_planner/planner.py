@@ -22,7 +22,7 @@ from scp_planner.problem import (
     may_want_another_guide,
 )
 from scp_planner.relevance import LONGEST_TRIP, without_far_zones
-from scp_planner.repair import TIGHTENINGS, tightened
+from scp_planner.repair import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
 from scp_planner.seeds import WaySearch, WayTree, bows
@@ -284,7 +284,7 @@ class _Planning:
     def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
         loop, problem = self.loop, self.problem
-        for _ in range(TIGHTENINGS + 1):
+        for repeat in range(TIGHTENINGS + 1):
             clock = perf_counter()
             run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline)
             self.timings["scp"] += perf_counter() - clock
@@ -302,7 +302,7 @@ class _Planning:
             if any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations):
                 problem = self.everything  # a trip longer than expected met what was left out
             else:
-                problem = tightened(problem, certificate)
+                problem = tightened(problem, certificate, URGENCY**repeat)
             loop = ScpLoop(problem, self.solver, loop.fallback)
             start = run.evaluation.trajectory
         return _Attempt(run, certificate)

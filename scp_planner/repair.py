@@ -10,9 +10,10 @@ from scp_planner.certificate import Certificate
 from scp_planner.problem import Problem
 
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
+URGENCY = 2.0  # times as much is asked for with each repeat
 
 
-def tightened(problem: Problem, certificate: Certificate) -> Problem:
+def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) -> Problem:
     """Return a problem that asks for somewhat more of all that the certificate of a trip found violated.
 
     Parameters
@@ -20,6 +21,8 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
     problem : Problem
     certificate : Certificate
         Of a trip that keeps all sampled constraints of the problem.
+    urgency : float
+        How many times as much as usual is asked for: the next trip may be another one, with other peaks.
 
     Returns
     -------
@@ -31,14 +34,14 @@ def tightened(problem: Problem, certificate: Certificate) -> Problem:
     for violation in certificate.violations:
         if violation.obstacle is not None:
             parts = [name == violation.obstacle for name in problem.zones.ids]
-            inflation[parts] = -1.5 * violation.value + 1e-3
+            inflation[parts] = urgency * (-1.5 * violation.value + 1e-3)
         elif violation.what == "workspace bounds":
-            missing[violation.what] = -1.5 * violation.value + 1e-3
+            missing[violation.what] = urgency * (-1.5 * violation.value + 1e-3)
             optional[violation.what] = missing[violation.what]  # of further discs
         elif violation.what in missing and violation.allowed > 0.0:  # not driving backwards
-            missing[violation.what] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+            missing[violation.what] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
         elif (kind := violation.what.partition("[")[0]) in optional:
-            optional[kind] = 1.5 * (violation.value / violation.allowed - 1.0) + 1e-4
+            optional[kind] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
     asked = problem.tightened(
         inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )

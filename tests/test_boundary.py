@@ -125,6 +125,18 @@ def test_arrivals_outside_the_window_are_refused() -> None:
         assert certificate.holds is (not broken)
 
 
+CORNER = {"goal": {"position": [10.0, 12.0]}, "guide": [[0.0, 0.0], [10.0, 0.0], [10.0, 12.0]]}
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.5])
+def test_a_corner_is_cut_as_far_as_its_guide_and_no_obstacle_would_have_it(radius: float) -> None:
+    """Over a new guide lateral accelerations peak between stations: they are pressed down until it is certified."""
+    plan = sp.plan(scene(vehicle={"radius": radius}, **CORNER))
+    free = sp.plan(scene(goal=CORNER["goal"]))
+    assert plan.certified
+    assert plan.travel_time <= 1.002 * free.travel_time
+
+
 def test_an_end_beyond_the_radius_is_refused() -> None:
     scenario = GOALS["ahead"]
     plan = sp.plan(scenario)
