@@ -136,7 +136,7 @@ class ConsistencySettings:
 
     sizes: tuple[int, ...] = (10, 30, 100, 300, 1000, 3000, 10_000)
     noises: tuple[float, ...] = (0.01, 0.03, 0.1)
-    repetitions: int = 30
+    repetitions: int = 20
     window: float = 10.0
     points: int = 128
     width: float = 0.05
