@@ -22,6 +22,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from threading import Lock
 from time import perf_counter
 from typing import Any
 
@@ -224,12 +225,12 @@ class Planner:
         self._look: _Look | None = None
         self._improved = self._looked = 0
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
-        self._busy = False
+        self._work = Lock()
 
     # what is seen
 
     def observe(self, obstacle: str, time: float, position: ArrayLike, covariance: ArrayLike | None = None) -> None:
-        """Take in an observation of an obstacle; during a replan, it is taken in between two of its stages.
+        """Take in an observation of an obstacle; during a replan, of another thread, between two of its stages.
 
         Parameters
         ----------
@@ -252,8 +253,12 @@ class Planner:
         place = _point("position", position)
         check_number("time", time)
         self._inbox.append((obstacle, float(time), place, None if covariance is None else _covariance(covariance)))
-        if not self._busy:
-            self._take_in()
+        # A replan that is at work takes it in itself.
+        if self._work.acquire(blocking=False):
+            try:
+                self._take_in()
+            finally:
+                self._work.release()
 
     def _take_in(self) -> bool:
         """Take in what has been observed; return whether there was anything."""
@@ -380,13 +385,10 @@ class Planner:
         began = perf_counter()
         state = self._checked_state(time, position, heading, speed, acceleration, deadline)
         end = math.inf if deadline is None else began + deadline - self.online.reserve
-        self._busy = True
-        try:
+        with self._work:
             now = _Replan(self._moment(state), began, end, clock=began)
             now.lap("zones")
             plan = self._answer(now)
-        finally:
-            self._busy = False
         self.plan, self._state, self.zones = plan, state, now.moment.zones
         self._cycle += 1
         return plan

@@ -42,12 +42,15 @@ def assert_is_picture(path: Path) -> None:
 def test_every_example_is_tested_here() -> None:
     tested = {
         "closed_loop",
+        "closed_loop_crowd",
+        "closed_loop_radar",
         "compare_methods",
         "crossing",
         "export_messages",
         "ir_sim_planner",
         "noisy_radar",
         "overtaking",
+        "overtaking_oncoming",
         "own_constraint",
         "recorded_crowd",
         "watch",
@@ -111,13 +114,38 @@ def test_recorded_crowd(recorded_data: Path, tmp_path: Path, capsys: pytest.Capt
     assert_is_picture(figure)
 
 
+@pytest.mark.parametrize("name", ["closed_loop_radar", "overtaking_oncoming"])
+def test_closed_loop_arrives_and_ends_in_a_figure(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure = tmp_path / "figure.png"
+    assert load(name).main(["-o", str(figure)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("arrived after ") and told.out.endswith(f"wrote {figure}\n")
+    assert told.err == ""
+    assert_is_picture(figure)
+
+
+def test_closed_loop_through_a_recorded_crowd(
+    recorded_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure, film = tmp_path / "crowd.png", tmp_path / "crowd.gif"
+    assert load("closed_loop_crowd").main([str(recorded_data), "-o", str(figure), "--animate", str(film)]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("arrived after ") and "least distance to anybody while moving: " in told
+    assert_is_picture(figure)
+    with Image.open(film) as pictures:
+        assert pictures.n_frames > 50
+
+
+@pytest.mark.parametrize("name", ["recorded_crowd", "closed_loop_crowd"])
 @pytest.mark.parametrize("given", [True, False])
 def test_recorded_crowd_says_where_data_can_be_had(
-    given: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    given: bool, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("SCP_PLANNER_DATA", raising=False)
     monkeypatch.chdir(tmp_path)
-    assert load("recorded_crowd").main([str(tmp_path)] if given else []) == 2
+    assert load(name).main([str(tmp_path)] if given else []) == 2
     told = capsys.readouterr()
     assert told.out == "" and told.err.count("\n") == 1
     assert "https://github.com/crowdbotp/OpenTraj" in told.err

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -312,6 +313,28 @@ def test_observation_during_a_replan_is_in_its_certificate() -> None:
     (zone,) = sp.zones(planner.scenario)
     assert planner.zones[0].center(2.0) == pytest.approx(zone.center(2.0), abs=1e-9)
     assert plan.safe
+
+
+def test_observations_may_come_from_another_thread() -> None:
+    scenario = scene(observed(seen("a", (12.0, -6.0), (0.0, 0.8), 0.1)))
+    planner = Planner(scenario)
+    begin(planner, scenario)
+    places = {0.001 * k: (12.0, -6.0 + 0.0008 * k) for k in range(1, 201)}
+
+    def look() -> None:
+        for time, place in places.items():
+            planner.observe("a", time, place)
+
+    looking = Thread(target=look)
+    looking.start()
+    for k in range(1, 11):
+        assert follow(planner, 0.2 + 0.02 * k).safe
+    looking.join()
+    follow(planner, 0.5)
+    track = planner.obstacles.tracks["a"]
+    assert len(track.times) == 230 and track.times == sorted(track.times)
+    (zone,) = sp.zones(planner.scenario)
+    assert planner.zones[0].center(2.0) == pytest.approx(zone.center(2.0), abs=1e-8)
 
 
 def test_wild_observation_is_left_out_and_a_lasting_change_is_learnt() -> None:
