@@ -10,7 +10,7 @@ What becomes what:
 
 Not taken over: the borders of lanes and the rules of traffic (the plan keeps clear of obstacles, and is free to leave
 the road). Predictions that are sets and not trajectories are refused. After its last state an obstacle goes straight
-on. The vehicle is a disc, so it is either wider or shorter than a car: see `NARROW_CAR`.
+on.
 
 Needs the package commonroad-io (the extra `commonroad`).
 """
@@ -34,15 +34,21 @@ from scp_planner.scenario import Scenario, Vehicle
 
 Array = NDArray[np.float64]
 
-NARROW_CAR = {
-    "radius": 1.0,
+LENGTH, WIDTH = 4.5, 1.8
+"""m, of the default vehicle."""
+
+DISC_SPACING = 0.9
+"""m between the five discs that cover it."""
+
+CAR = {
+    "radius": math.hypot(0.5 * WIDTH, 0.5 * LENGTH - 2.0 * DISC_SPACING),
+    "discs": tuple(DISC_SPACING * k for k in (-2, -1, 0, 1, 2)),
     "max_acceleration": 6.0,
     "max_deceleration": 8.0,
     "max_lateral_acceleration": 6.0,
     "max_curvature": 0.2,
 }
-"""The default vehicle: as wide as a car and no longer than wide, since a disc about a whole car does not fit its lane.
-Some of the problems ask for hard driving; the models of CommonRoad's own cars reach 11.5 m/s2."""
+"""The default vehicle. Some problems ask for hard driving; the models of CommonRoad's own cars reach 11.5 m/s2."""
 
 SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
@@ -77,7 +83,7 @@ def load_commonroad(
     path : path
         XML file, of version 2018b or 2020a.
     vehicle : Vehicle or mapping, optional
-        Default: `NARROW_CAR`, with a top speed somewhat above the speed at the start.
+        Default: `CAR`, with a top speed somewhat above the speed at the start.
     problem : int, optional
         Id of the planning problem; default: the first one.
     guide : bool
@@ -105,7 +111,7 @@ def load_commonroad(
     goal, region = _goal(chosen, step, name)
     if vehicle is None:
         top = max(SPEED_RESERVE * float(state.velocity), LEAST_TOP_SPEED, goal.get("speed") or 0.0)
-        vehicle = {**NARROW_CAR, "max_speed": top}
+        vehicle = {**CAR, "max_speed": top}
     line = _guide(world.lanelet_network, start, goal["position"], region) if guide else None
     return Scenario(
         name=Path(name).stem,

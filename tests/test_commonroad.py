@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from shapely import Point
+from shapely import Point, box, union_all
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -118,6 +118,14 @@ def test_a_certified_plan_reaches_the_goal_in_time(name: str, recorded_data: Pat
     assert goal.latest_arrival is not None
     assert (goal.earliest_arrival or 0.0) - 1e-3 <= plan.arrival_time <= goal.latest_arrival + 1e-3
     assert math.dist(plan.position(plan.arrival_time), goal.position) <= goal.radius + 1e-3
+
+
+def test_default_vehicle_is_a_whole_car(recorded_data: Path) -> None:
+    vehicle = load_commonroad(file_of(recorded_data, "DEU_Ffb-1_1_T-1")).vehicle
+    car = box(-2.25, -0.9, 2.25, 0.9)
+    covered = union_all([Point(offset, 0.0).buffer(vehicle.radius, quad_segs=256) for offset in vehicle.discs])
+    assert car.difference(covered.buffer(1e-4)).is_empty
+    assert covered.bounds[3] < 1.01  # and little more
 
 
 def test_own_vehicle(recorded_data: Path) -> None:
