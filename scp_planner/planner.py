@@ -313,7 +313,8 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
     best, problem = _Attempt(run, certificate), search.problem
     for _ in range(GUIDES):
         trajectory = best.run.evaluation.trajectory
-        if not may_want_another_guide(problem, trajectory.path) or perf_counter() > search.deadline:
+        hopeful = not best.holds and not problem.space.guide.straight
+        if not (hopeful or may_want_another_guide(problem, trajectory.path)) or perf_counter() > search.deadline:
             break
         again = replace(search, along=trajectory.path)
         attempt = again.along_the_guide(

@@ -38,6 +38,9 @@ ANGLE_DECIMALS = 10  # of rad: what is planned with is rounded, see ZoneBatch.ro
 GOAL_SHARE = 0.95  # of the goal's radius: the guide ends before its centre, and the path anywhere beside that
 INSIDE = 1e-6  # m, from the border of the goal
 REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
+STEEP = (
+    1.3  # m of path to a m of a straight guide; a path with more of it anywhere, 40 degrees, bends better over another
+)
 LEFT = 0.2  # spans of the offset; a path with larger offsets has left its guide
 AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
@@ -489,12 +492,14 @@ def guide_along(path: Path, settings: Settings) -> CurvedGuide:
 def may_want_another_guide(problem: Problem, path: Path) -> bool:
     """Whether another guide might let a path go further.
 
-    So it is over a curved guide that it has left, since inside of a bend offsets have little room and resolution, or
-    where a control point is at its bound.
+    So it is over a curved guide that it has left, since inside of a bend offsets have little room and resolution, over
+    a straight one that it crosses steeply, or where a control point is at its bound.
     """
     ends, free = problem.ends, problem.ends.free
     theta = path.theta[free]
     if not problem.space.guide.straight and np.abs(theta).max(initial=0.0) > LEFT * problem.settings.path_span:
+        return True
+    if problem.space.guide.straight and path.node_speed.max() > STEEP:
         return True
     return bool(np.any((theta > ends.upper[free] - AT_LIMIT) | (theta < ends.lower[free] + AT_LIMIT)))
 

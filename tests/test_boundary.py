@@ -128,6 +128,13 @@ def test_arrivals_outside_the_window_are_refused() -> None:
 CORNER = {"goal": {"position": [10.0, 12.0]}, "guide": [[0.0, 0.0], [10.0, 0.0], [10.0, 12.0]]}
 
 
+def test_a_path_that_sets_off_steeply_across_its_straight_guide_gets_another_one() -> None:
+    plan = sp.plan(scene(goal={"position": [10.0, 12.0]}))
+    assert plan.certified
+    assert not plan.trip.trajectory.space.guide.straight
+    assert plan.travel_time < 5.73  # 5.755 over the straight guide
+
+
 @pytest.mark.parametrize("radius", [0.3, 0.5])
 def test_a_corner_is_cut_as_far_as_its_guide_and_no_obstacle_would_have_it(radius: float) -> None:
     """Over a new guide lateral accelerations peak between stations: they are pressed down until it is certified."""
