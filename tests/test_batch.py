@@ -20,6 +20,7 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from scp_planner import builtin
+from scp_planner.batch import dask_cluster, runner
 from scp_planner.batch.dask_cluster import DaskExecutor
 from scp_planner.batch.executor import Answer, ExecutorError, Fate
 from scp_planner.batch.jobs import Options
@@ -91,6 +92,12 @@ def test_a_row_that_is_done_again_takes_the_place_of_the_old_one(tmp_path: Path)
         table.add(row("a"))
         assert path.read_text() == "file,status,reason\na,certified,\nb,certified,\n"
     assert path.read_text() == "file,status,reason\na,certified,\nb,certified,\n"
+
+
+def test_a_new_table_without_rows_is_taken_away(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), opened(tmp_path / "t.csv", COLUMNS):
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_exception_leaves_the_rows_that_are_done(tmp_path: Path) -> None:
@@ -455,8 +462,8 @@ def cluster() -> Iterator[Any]:
     from distributed import LocalCluster
 
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as own,
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as own,
     ):
         yield own
 
@@ -487,19 +494,30 @@ def test_a_dask_worker_killed_in_the_middle_loses_nothing(cluster: Any, tmp_path
     assert len(workers) >= 2, "the rest was done by the other one and by the one that took its place"
 
 
-def test_what_kills_every_dask_worker_is_given_up_and_told(cluster: Any) -> None:
-    with closing(DaskExecutor(cluster.scheduler_address)) as executor:
-        answers = results_of(executor, batch_work.die_at_three, range(6))
-    lost = answers.pop(3)
-    assert (lost.fate, lost.reason) == (Fate.LOST, "2 workers died at it")
-    assert sorted(answer.result for answer in answers.values() if answer.result is not None) == [0, 1, 2, 4, 5]
-
-
 def test_a_scheduler_that_does_not_answer_is_named(cluster: Any) -> None:
     with pytest.raises(ExecutorError, match="no Dask scheduler answers at nowhere: "):
         DaskExecutor("nowhere")
     with pytest.raises(ExecutorError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:1: "):
         DaskExecutor("tcp://127.0.0.1:1", connect_time=0.2)
+
+
+def test_a_scheduler_that_goes_away_is_told_and_the_rows_are_kept(
+    cluster: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from distributed import LocalCluster
+
+    take = runner._Batch.take
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as other:
+
+        def take_and_go(batch: Any, answer: Any) -> None:
+            take(batch, answer)
+            other.close()
+
+        monkeypatch.setattr(runner._Batch, "take", take_and_go)
+        result = run("batch", folder, "--dask", other.scheduler_address, "-o", tmp_path / "t.csv")
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert "has gone: 2 of 4 rows are in" in result.stderr
+    assert rows_in(tmp_path / "t.csv") == 2
 
 
 def test_a_batch_on_dask_is_the_same_as_here(cluster: Any, folder: Path, tmp_path: Path) -> None:
@@ -509,7 +527,25 @@ def test_a_batch_on_dask_is_the_same_as_here(cluster: Any, folder: Path, tmp_pat
     assert (tmp_path / "dask.csv").read_bytes() == (tmp_path / "here.csv").read_bytes()
 
 
+def test_a_cluster_without_workers_is_not_waited_for_for_ever(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    monkeypatch.setattr(dask_cluster, "LOOK_TIME", 0.05)
+    with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:
+        with closing(DaskExecutor(empty.scheduler_address, patience=0.2)) as executor:
+            with pytest.raises(ExecutorError, match="has had no workers for"):
+                results_of(executor, batch_work.square, range(3))
+
+
 def test_dask_that_is_not_installed_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ExecutorError, match=r"pip install 'scp-planner\[dask\]'"):
         DaskExecutor("tcp://127.0.0.1:1")
+
+
+def test_what_kills_every_dask_worker_is_given_up_and_told(cluster: Any) -> None:
+    with closing(DaskExecutor(cluster.scheduler_address)) as executor:
+        answers = results_of(executor, batch_work.die_at_three, range(6))
+    lost = answers.pop(3)
+    assert (lost.fate, lost.reason) == (Fate.LOST, "1 worker died at it")
+    assert sorted(answer.result for answer in answers.values() if answer.result is not None) == [0, 1, 2, 4, 5]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable
 from importlib import import_module
 from itertools import islice
+from time import monotonic, sleep
 from typing import Any, TypeVar
 
 from scp_planner.batch.executor import Answer, ExecutorError, Fate
@@ -17,6 +18,10 @@ AHEAD = 4
 FEWEST_AHEAD = 32
 CONNECT_TIME = 10.0
 """s to wait for the scheduler."""
+PATIENCE = 120.0
+"""s to wait for a first worker, or a new one when all are gone."""
+POLL_TIME, LOOK_TIME = 0.01, 1.0
+"""s between two looks at whether there is an answer, and at whether there are workers."""
 
 
 class DaskExecutor:
@@ -34,6 +39,8 @@ class DaskExecutor:
         Of the scheduler, such as ``tcp://10.0.0.1:8786``.
     connect_time : float
         Wall time to wait for it, s.
+    patience : float
+        Wall time to wait for workers when there are none, s.
 
     Raises
     ------
@@ -41,12 +48,13 @@ class DaskExecutor:
         If ``dask.distributed`` is not installed, or no scheduler answers.
     """
 
-    def __init__(self, address: str, connect_time: float = CONNECT_TIME) -> None:
+    def __init__(self, address: str, connect_time: float = CONNECT_TIME, patience: float = PATIENCE) -> None:
         try:
             self._distributed: Any = import_module("distributed")
         except ImportError:
             raise ExecutorError("Dask is not installed: pip install 'scp-planner[dask]'") from None
         self.address = address
+        self.patience = patience
         try:
             self.client = self._distributed.Client(address, timeout=connect_time, set_as_default=False)
         except (OSError, ValueError) as error:  # a time-out is an OSError too; an address may be none
@@ -69,7 +77,9 @@ class DaskExecutor:
             ahead = max(AHEAD * sum(self.client.nthreads().values()), FEWEST_AHEAD)
             first = [submitted(item) for item in islice(waiting, ahead)]
             futures = self._distributed.as_completed(first, loop=self.client.loop)
-            for future in futures:
+            while not futures.is_empty():
+                self._wait(futures.has_ready)
+                future = next(futures)
                 answer: Answer[T, R] = self._answer(pending.pop(future), future)
                 for item in islice(waiting, 1):
                     futures.add(submitted(item))
@@ -79,7 +89,7 @@ class DaskExecutor:
                     yield answer
             for item in suspects:
                 future = submitted(item)
-                future.exception()  # waits
+                self._wait(future.done)
                 yield self._answer(pending.pop(future), future)
         finally:
             if pending and self.client.status == "running":
@@ -89,12 +99,34 @@ class DaskExecutor:
         """Leave the cluster."""
         self.client.close()
 
+    def _wait(self, is_ready: Callable[[], bool]) -> None:
+        """Wait for something, but not for ever on a cluster without workers."""
+        looked = seen = monotonic()
+        while not is_ready():
+            sleep(POLL_TIME)
+            if monotonic() - looked > LOOK_TIME:
+                looked = monotonic()
+                seen = looked if self._has_workers() else seen
+                if looked - seen > self.patience:
+                    raise ExecutorError(
+                        f"the Dask cluster at {self.address} has had no workers for {looked - seen:.0f} s"
+                    )
+
+    def _has_workers(self) -> bool:
+        try:
+            return bool(self.client.nthreads())
+        except OSError:  # of a scheduler that has gone, which shows by its futures
+            return False
+
     def _answer(self, item: T, future: Any) -> Answer[T, R]:
-        if future.status == "finished":
+        """Take what came of an item; a result that was lost with its worker is made anew meanwhile."""
+        self._wait(lambda: future.status not in ("pending", "lost"))
+        try:
             return Answer(item, Fate.DONE, future.result())
-        if future.status != "error":  # cancelled or lost: nobody else has the right to do that
-            raise ExecutorError(f"the Dask scheduler at {self.address} has gone")
-        error = future.exception()
-        if isinstance(error, self._distributed.KilledWorker):
-            return Answer(item, Fate.LOST, None, f"{error.allowed_failures + 1} workers died at it")
-        return Answer(item, Fate.ERROR, None, f"{type(error).__name__}: {error}")
+        except self._distributed.KilledWorker as error:
+            died = error.allowed_failures + 1
+            return Answer(item, Fate.LOST, None, f"{died} worker{'s' if died > 1 else ''} died at it")
+        except (Exception, self._distributed.CancelledError) as error:
+            if future.status != "error":  # not what was raised in a worker: nobody is there any more to ask
+                raise ExecutorError(f"the Dask scheduler at {self.address} has gone") from None
+            return Answer(item, Fate.ERROR, None, f"{type(error).__name__}: {error}")

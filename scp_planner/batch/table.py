@@ -92,7 +92,7 @@ class Table:
 
 @contextmanager
 def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
-    """Open a table, and leave it sorted, whatever happens.
+    """Open a table, and leave it sorted, whatever happens; a new one without rows is taken away.
 
     Parameters
     ----------
@@ -109,12 +109,15 @@ def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
     TableError
         If the file holds something else, or another batch is writing to it.
     """
+    is_new = not path.exists()
     with _held(path):
         table = Table(path, columns, read(path, columns))
     try:
         yield table
     finally:
         table.finish()
+        if is_new and not table.rows:
+            path.unlink()
 
 
 def read(path: Path, columns: Sequence[str]) -> dict[str, dict[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
@@ -96,6 +97,7 @@ def batch(
     check_target("--plans", plans, is_folder=True)
     if not folder.is_dir():
         raise bad_option("DIR", folder, "must be a folder")
+    from scp_planner.batch.executor import ExecutorError
     from scp_planner.batch.jobs import Options
     from scp_planner.batch.runner import rows_done, run_batch, scenario_files
     from scp_planner.settings import Settings
@@ -107,7 +109,7 @@ def batch(
         raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")
     counts: Counter[str] = Counter()
     with ExitStack() as stack:
-        executor = _executor(workers, dask, stack)
+        executor = _executor(workers, dask, verbose, stack)
         bar = stack.enter_context(progress_bar(len(files), "scenario", quiet))
 
         def advance(done: int, status: str) -> None:
@@ -120,10 +122,12 @@ def batch(
                 files, output, executor, options, plans=plans, timings=timings, retry=retry, progress=advance
             )
         except KeyboardInterrupt:
-            done = rows_done(files, output, timings=timings)
-            raise KeyboardInterrupt(
-                f"interrupted: {done} of {len(files)} rows are in {output}; the same command goes on from there"
-            ) from None
+            raise KeyboardInterrupt(f"interrupted: {_how_far(files, output, timings)}") from None
+        except ExecutorError as error:
+            if rows_done(files, output, timings=timings) == 0:
+                raise
+            tell(f"{error}: {_how_far(files, output, timings)}")
+            raise typer.Exit(ExitCode.NOT_CERTIFIED) from None
     report(
         {
             "scenarios": len(files),
@@ -143,14 +147,24 @@ def batch(
         raise typer.Exit(ExitCode.NOT_CERTIFIED)
 
 
-def _executor(workers: int | None, dask: str | None, stack: ExitStack) -> Executor:
+def _how_far(files: dict[str, Path], output: Path, timings: bool) -> str:
+    from scp_planner.batch.runner import rows_done
+
+    done = rows_done(files, output, timings=timings)
+    return f"{done} of {len(files)} rows are in {output}; the same command goes on from there"
+
+
+def _executor(workers: int | None, dask: str | None, verbose: bool, stack: ExitStack) -> Executor:
     if dask is None:
         from scp_planner.batch.local import LocalExecutor
 
         return LocalExecutor(workers)
     from scp_planner.batch.dask_cluster import DaskExecutor
 
-    return stack.enter_context(closing(DaskExecutor(dask)))
+    executor = stack.enter_context(closing(DaskExecutor(dask)))
+    if not verbose:  # That a scheduler is lost is told in one line; how its client sees that fills a screen.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+    return executor
 
 
 def compare(
