@@ -41,7 +41,6 @@ def assert_is_picture(path: Path) -> None:
 
 def test_every_example_is_tested_here() -> None:
     tested = {
-        "closed_loop",
         "closed_loop_crowd",
         "closed_loop_radar",
         "compare_methods",
@@ -56,15 +55,6 @@ def test_every_example_is_tested_here() -> None:
         "watch",
     }
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
-
-
-def test_closed_loop(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    figure = tmp_path / "figure.png"
-    assert load("closed_loop").main(["-o", str(figure)]) == 0
-    told = capsys.readouterr()
-    assert told.out.startswith("arrived: True, after 7.") and told.out.endswith(f"wrote {figure}\n")
-    assert told.err == ""
-    assert_is_picture(figure)
 
 
 def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
