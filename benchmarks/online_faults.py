@@ -34,7 +34,7 @@ __all__ = ["KINDS", "FaultRun", "FlakySolver", "common", "injected_run"]
 
 KINDS = ("solver", "vanish", "jump", "late", "doubled", "appears")
 PERIOD, HISTORY, NOISE = 0.1, 3.0, 0.1  # s, s, m
-LONGEST = 20.0  # s
+LONGEST, STAYS = 12.0, 3.0  # s, of a run, and of a sudden obstacle
 JUMP, AHEAD = 5.0, 1.0  # m
 CHECKED_SAMPLES = 2000
 SHORTEST_CHECKED = 0.05  # s; what is left of a trip, for differences to say something
@@ -205,8 +205,12 @@ class _Drive:
             ahead = np.array([math.cos(self.heading), math.sin(self.heading)])
             self.sudden["sudden"] = self.position + (AHEAD + 0.6) * ahead  # discs of 0.3 m, 1 m between them
             self.planner.add_obstacle("sudden", {"disc": 0.3})
+        if self.sudden and time >= self.faults_begin + STAYS and "sudden" in self.planner.obstacles.tracks:
+            self.planner.remove_obstacle("sudden")
+            self.sudden["sudden"] = np.full(2, np.inf)
         vanished = self._faulty("vanish", time)
-        for name in [*self.motions, *self.sudden]:
+        there = [name for name, place in self.sudden.items() if np.isfinite(place).all()]
+        for name in [*self.motions, *there]:
             place = self._seen(name, time)
             if name == self.jumps[0] and self._faulty("jump", time, self.jumps[1]):
                 place = place + self.jump
@@ -217,7 +221,7 @@ class _Drive:
                     again = place if rng.random() < 0.7 else self._seen(name, time)
                     self.late.append((time + delay, name, time, again))
         for one in sorted(self.late, key=lambda one: one[0]):
-            if one[0] <= time:
+            if one[0] <= time and (one[1] in self.motions or one[1] in there):
                 self._tell(*one[1:])
         self.late = [one for one in self.late if one[0] > time]
 
