@@ -67,7 +67,7 @@ LOOK_GAIN, LOOK_GAIN_TIME = 0.02, 0.1
 """Another way round must be faster by this share, and by this time in s, for the vehicle to change over to it."""
 VIOLATION_COST = 5.0
 """s/m. What the entry into a foreseen zone counts, in comparing ways."""
-LOOK_SOONER = 3
+LOOK_SOONER = 2
 """Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
 FIRST_LOOK_TIME, LOOK_TIME_DECAY = 0.02, 0.8
 """s of wall time, that a look is expected to take before one has been timed; and how soon it is forgotten."""
@@ -560,7 +560,8 @@ class Planner:
         """
         problem, first = loop.problem, self.plan is None
         most = self.settings.max_iterations if first else self.online.look_iterations
-        left = most * self.online.first_runs if first else self.online.look_steps * (2 if any_will_do else 1)
+        urgent = self.plan is None or self.plan.outcome is Outcome.BRAKING
+        left = most * self.online.first_runs if first else self.online.look_steps * (2 if urgent else 1)
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:
@@ -569,7 +570,7 @@ class Planner:
                 now.lap("search")
                 if not more:
                     self._look = None
-                if not more or not any_will_do:
+                if not more or not urgent:
                     break  # the search is work enough for one replan
             assert look.trip is not None
             start, trust = look.trip.trajectory, FIRST_TRUST
@@ -598,6 +599,8 @@ class Planner:
                     spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
                 look.trip = None
+                if not urgent:
+                    break
         return spare, said
 
     @staticmethod
