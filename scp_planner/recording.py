@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner import corridor, planar
+from scp_planner.places import limits_at, stretches
 from scp_planner.scenario import Disc, Ellipse, Rectangle
 from scp_planner.zones import ThreatZone, zones
 
@@ -64,6 +65,8 @@ class Profile:
     values : (n,) array
     lower, upper : float or None
         Limits; None: unbounded.
+    upper_at : (n,) array or None
+        The upper limit at each time, where it is not the same in all places.
     """
 
     name: str
@@ -71,6 +74,7 @@ class Profile:
     values: Array
     lower: float | None = None
     upper: float | None = None
+    upper_at: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -291,7 +295,9 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=(plan.position(np.linspace(plan.start_time, plan.arrival_time, 400)),),
         path_index=np.zeros(len(time), dtype=np.intp),
-        profiles=profiles_of(scenario.vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time)),
+        profiles=profiles_of(
+            vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
+        ),
         obstacles=obstacles,
         corridor=corridor_of(scenario),
         discs=vehicle.discs,
@@ -304,7 +310,16 @@ def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[
     return [position + offset * ahead if offset else position for offset in offsets]
 
 
-def profiles_of(vehicle: Vehicle, speed: Array, acceleration: Array, curvature: Array) -> tuple[Profile, ...]:
+def speed_limit_at(scenario: Scenario, position: Array) -> Array | None:
+    """Limit of the speed at positions (n, 2) m, (n,) m/s; None if it is the same in all places."""
+    if not scenario.speed_limits:
+        return None
+    return np.minimum(limits_at(stretches(scenario), position), scenario.vehicle.max_speed)
+
+
+def profiles_of(
+    vehicle: Vehicle, speed: Array, acceleration: Array, curvature: Array, speed_limit: Array | None = None
+) -> tuple[Profile, ...]:
     """Set what a vehicle does beside what it can do.
 
     Parameters
@@ -312,6 +327,8 @@ def profiles_of(vehicle: Vehicle, speed: Array, acceleration: Array, curvature: 
     vehicle : Vehicle
     speed, acceleration, curvature : (n,) arrays
         m/s; along the path, m/s2; signed, 1/m.
+    speed_limit : (n,) array, optional
+        Where it is not the same in all places, m/s.
 
     Returns
     -------
@@ -320,7 +337,7 @@ def profiles_of(vehicle: Vehicle, speed: Array, acceleration: Array, curvature: 
     """
     lateral, bend = vehicle.max_lateral_acceleration, vehicle.max_curvature
     return (
-        Profile("speed", "m/s", speed, 0.0, vehicle.max_speed),
+        Profile("speed", "m/s", speed, 0.0, vehicle.max_speed, speed_limit),
         Profile("acceleration", "m/s²", acceleration, -vehicle.max_deceleration, vehicle.max_acceleration),
         Profile("lateral acceleration", "m/s²", speed**2 * curvature, _negated(lateral), lateral),
         Profile("curvature", "1/m", curvature, _negated(bend), bend),

@@ -21,6 +21,7 @@ from scp_planner.recording import (
     length_text,
     profiles_of,
     record_outside,
+    speed_limit_at,
 )
 from scp_planner.scenario import Disc
 
@@ -89,6 +90,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
             speed,
             np.interp(time, run.time, acceleration),
             np.interp(time, run.time, curvature),
+            speed_limit_at(run.scenario, position),
         ),
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
         corridor=corridor_of(run.scenario),

@@ -122,6 +122,7 @@ def _data_of(recording: Recording) -> dict[str, Any]:
                 "values": _Rounding(5).of(profile.values),
                 "lower": profile.lower,
                 "upper": profile.upper,
+                "upperAt": None if profile.upper_at is None else _Rounding(5).of(profile.upper_at),
             }
             for profile in recording.profiles
         ],

@@ -237,6 +237,13 @@ def test_clearance_over_time(radar: Case, figure: Figure) -> None:
     assert np.allclose(least.get_ydata(), np.min(distances, axis=0) - scenario.vehicle.radius, atol=1e-12)
 
 
+def test_limits_by_place_are_drawn() -> None:
+    scenario = scene(speed_limits=[{"from": 5.0, "to": 9.0, "speed": 1.5}])
+    figure = plot_plan(sp.plan(scenario), scenario)
+    drawn = [set(np.asarray(line.get_ydata()).tolist()) for line in _panel(figure, "speed (m/s)").lines]
+    assert {1.5, 3.0} in drawn
+
+
 def test_limits_that_are_none_are_not_drawn() -> None:
     figure = plot_plan(*_case("tall"))
     for title in ("lateral acceleration", "curvature"):

@@ -189,6 +189,21 @@ def test_bodies_lie_on_the_borders_of_their_zones(shape: dict[str, object], head
         assert np.abs(zone.signed_distance(np.full(len(body), time), body)).max() < 1e-6
 
 
+def test_speed_stands_against_the_limits_of_its_places() -> None:
+    limits = [{"from": 5.0, "to": 9.0, "speed": 1.5}, {"from": 15.0, "speed": 2.0}]
+    scenario = scene(speed_limits=limits)
+    plan = sp.plan(scenario)
+    speed, acceleration, *_ = record_plan(plan, scenario, 500).profiles
+    x = plan.position(np.linspace(plan.start_time, plan.arrival_time, 500))[:, 0]
+    expected = np.where((x >= 5.0) & (x <= 9.0), 1.5, np.where(x >= 15.0, 2.0, 3.0))
+    assert speed.upper_at is not None and np.array_equal(speed.upper_at, expected)
+    assert (speed.values <= speed.upper_at + 1e-6).all() and speed.upper == 3.0
+    assert acceleration.upper_at is None
+    assert record_plan(plan, scene(), 5).profiles[0].upper_at is None
+    driven = sp.simulate(scenario, noise=0.01, rate=4.0).recording(4.0)
+    assert set(driven.profiles[0].upper_at.tolist()) == {1.5, 2.0, 3.0}
+
+
 def test_corridor_has_a_clearance_and_no_body() -> None:
     polygons = [[[-1, -2], [21, -2], [21, 2], [-1, 2]]]
     scenario = scene(disc("o", (10.0, 1.0), radius=0.4), corridor=polygons)

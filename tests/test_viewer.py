@@ -317,6 +317,7 @@ def test_corridor_and_long_vehicle(browser: Browser, tmp_path: Path) -> None:
         {"id": "post", "shape": {"disc": 0.5}, "motion": {"position": [10.0, 0.5]}},
         vehicle={"discs": [-0.5, 0.0, 0.7]},
         corridor=corridor,
+        speed_limits=[{"from": 4.0, "to": 8.0, "speed": 2.0}],
     )
     plan = sp.plan(scenario)
     plan.draw(scenario, tmp_path / "long.html")
@@ -324,6 +325,7 @@ def test_corridor_and_long_vehicle(browser: Browser, tmp_path: Path) -> None:
     time = 0.4 * plan.travel_time
     move_slider(browser, time)
     assert browser.evaluate("document.querySelectorAll('.corridor').length") == 2
+    assert browser.evaluate("document.querySelectorAll('path.limit').length") == 1  # of the speed, by place
     assert browser.evaluate("document.querySelectorAll('.zone').length") == 1
     radius = float(browser.evaluate("document.querySelector('#vehicle').getAttribute('r')"))
     discs = browser.evaluate(

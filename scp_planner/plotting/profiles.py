@@ -56,6 +56,10 @@ def draw_profile(axes: Axes, recording: Recording, profile: Profile, indices: In
     for limit, edge in ((profile.lower, low - pad), (profile.upper, high + pad)):
         if limit is not None:
             _forbid(axes, limit, edge)
+    if profile.upper_at is not None and profile.upper is not None:
+        time = recording.time - recording.epoch
+        axes.fill_between(time, profile.upper_at, profile.upper, color=WARNING, alpha=0.10, linewidth=0)
+        axes.plot(time, profile.upper_at, color=WARNING, linewidth=0.9)
     axes.plot(recording.time - recording.epoch, values, color=INK, linewidth=1.3)
     _finish(axes, recording, f"{profile.name} ({profile.unit})", low - pad, high + pad)
     _mark(axes, recording, values, indices)
