@@ -67,8 +67,13 @@ def _case(name: str) -> Case:
         scenario = _tall()
     elif name == "alone":
         scenario = builtin.load("crossing").model_copy(update={"obstacles": ()})
-    else:
+    elif name == "late":
+        scenario = builtin.load("headon")
+        scenario = scenario.model_copy(update={"goal": scenario.goal.model_copy(update={"latest_arrival": 0.5})})
+    elif name in builtin.names():
         scenario = builtin.load(name)
+    else:
+        scenario = sp.Scenario.load(Path(__file__).parent / "suite" / f"{name}.yaml")
     return sp.plan(scenario), scenario
 
 
@@ -289,7 +294,7 @@ def _assert_legible(figure: Figure) -> None:
         assert apart, (one, other)
 
 
-@pytest.mark.parametrize("name", ["crossing", "radar", "tall", "alone"])
+@pytest.mark.parametrize("name", ["crossing", "radar", "tall", "alone", "late", "slow-past-a-school"])
 def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
     plan, scenario = _case(name)
     _assert_legible(plot_plan(plan, scenario))

@@ -181,7 +181,8 @@ class Key:
         place: Any = {"loc": f"lower {side}", "bbox_to_anchor": (0.0 if side == "left" else 1.0, 1.0)}
         columns = len(self.labels)
         # Not axes.legend: axes have one, and there may be two rows.
-        axes.add_artist(Legend(axes, self.handles, self.labels, ncols=columns, **place, **_KEY_SPACING))
+        key = axes.add_artist(Legend(axes, self.handles, self.labels, ncols=columns, **place, **_KEY_SPACING))
+        key.set_clip_on(False)  # or the layout would leave no room for it
 
 
 def key_to_symbols(recording: Recording) -> Key:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from textwrap import fill
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,14 +87,15 @@ def write_facts(axes: Axes, recording: Recording, width: int) -> None:
     """Write the scenario's name and what there is to tell of the whole."""
     axes.set_axis_off()
     axes.set_title(recording.name, loc="left", pad=3, fontweight="bold")
-    texts = [fill(text, width) for _, text in recording.facts]
-    lines = [text.count("\n") + 1 for text in texts]
-    most, above = max(6, sum(lines)), 0
-    for (name, _), text, count in zip(recording.facts, texts, lines, strict=True):
-        y = 1.0 - (above + 0.15) / most
-        axes.text(0.0, y, name, transform=axes.transAxes, color=GREY, fontsize=8, va="top")
-        axes.text(0.36, y, text, transform=axes.transAxes, fontsize=8, va="top", linespacing=1.1)
-        above += count
+    texts = [wrap(text, width) for _, text in recording.facts]
+    most, above = max(6, sum(len(lines) for lines in texts)), 0
+    for (name, _), lines in zip(recording.facts, texts, strict=True):
+        for k, line in enumerate(lines):
+            y = 1.0 - (above + k + 0.75) / most
+            if k == 0:
+                axes.text(0.0, y, name, transform=axes.transAxes, color=GREY, fontsize=8, va="baseline")
+            axes.text(0.36, y, line, transform=axes.transAxes, fontsize=8, va="baseline")
+        above += len(lines)
 
 
 def _finish(axes: Axes, recording: Recording, title: str, low: float, high: float) -> None:
