@@ -205,6 +205,33 @@ def test_a_built_in_scenario_is_planned_by_name(tmp_path: Path) -> None:
     assert Plan.load(tmp_path / "plan.json").scenario == "crossing"
 
 
+def test_an_interrupt_that_an_extension_module_hides_is_one(easy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    monkeypatch.setattr("scp_planner.planner.plan", fail)
+    result = run("plan", easy)
+    assert (result.exit_code, result.output) == (130, "interrupted\n")
+
+
+def test_an_interrupt_while_the_program_is_loaded_is_quiet(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from scp_planner.__main__ import main
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("scp_planner.cli.main", interrupt)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130
+    assert capsys.readouterr() == ("", "")
+
+
 def test_an_interrupted_plan_exits_with_130(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt

@@ -66,7 +66,7 @@ def test_the_wheel_has_the_package_and_its_data_and_nothing_else(wheel: Path) ->
     assert {name for name in names if ".dist-info/" not in name} == files
     assert {"scp_planner/py.typed", "scp_planner/builtin/crossing.yaml", "scp_planner/assets/viewer.html"} <= files
     assert "Tag: py3-none-any" in about, "nothing in it is compiled"
-    assert "scp-planner = scp_planner.cli:main" in entry_points
+    assert "scp-planner = scp_planner.__main__:main" in entry_points
     core = {line.split()[1] for line in metadata.splitlines() if re.match(r"Requires-Dist: [^;]*$", line)}
     assert not {re.split(r"\W", name)[0].lower() for name in core} & {name.lower() for name in NOT_CORE}
 

@@ -85,14 +85,32 @@ def _with_exit_codes(command: Callable[P, R]) -> Callable[P, R]:
         except OSError as error:
             tell(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         except KeyboardInterrupt as interrupt:
-            tell(str(interrupt) or "interrupted")
-            # An interrupt while an extension module is imported leaves a mark in CPython, which then ends the
-            # process by the signal, whatever its exit code. Running a string takes the mark away.
-            exec("")
-            raise typer.Exit(ExitCode.INTERRUPTED) from None
+            raise _interrupted(str(interrupt)) from None
+        except ImportError as error:
+            if not _is_interrupt(error):
+                raise
+            raise _interrupted() from None
         raise typer.Exit(ExitCode.BAD_INPUT)
 
     return run
+
+
+def _interrupted(message: str = "") -> typer.Exit:
+    """Tell of an interrupt, and give what ends the program."""
+    tell(message or "interrupted")
+    # An interrupt while an extension module is imported leaves a mark in CPython, which then ends the process by the
+    # signal, whatever its exit code. Running a string takes the mark away.
+    exec("")
+    return typer.Exit(ExitCode.INTERRUPTED)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether an interrupt is behind an error: extension modules may fail to load because of one."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _print_version(wanted: bool) -> None:

@@ -9,20 +9,19 @@ from __future__ import annotations
 import csv
 import io
 import os
-import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from functools import cached_property, lru_cache
-from multiprocessing import get_context
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.batch.local import LocalExecutor
+from scp_planner.errors import StudyError
 from scp_planner.files import write_text
 from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Study, Task, ZoneKind, border
 from scp_planner.studies.result_file import ResultFile
@@ -115,25 +114,16 @@ def _tasks(settings: ConsistencySettings) -> list[Task]:
 
 
 def _results(settings: ConsistencySettings, tasks: Sequence[Task], workers: int) -> Iterator[list[Record]]:
-    """Results as they come; an interrupt or error leaves none of the waiting tasks behind."""
+    """Results as they come; an interrupt or error ends the workers at once."""
     if workers <= 1:
         for task in tasks:
             yield _measure(settings, task)
         return
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_leave_interrupts_alone)
-    try:
-        waiting: set[Future[list[Record]]] = {pool.submit(_measure, settings, task) for task in tasks}
-        while waiting:
-            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in ready:
-                yield future.result()
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _leave_interrupts_alone() -> None:
-    """Let an interrupt of the whole group end the parent, which ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with closing(LocalExecutor(workers).run(partial(_measure, settings), tasks)) as answers:
+        for answer in answers:
+            if answer.result is None:
+                raise StudyError(f"{answer.item}: {answer.reason}")
+            yield answer.result
 
 
 @contextmanager
