@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.braking import STANDING, fits, stop_now, straight_stop
 from scp_planner.certificate import Certificate, Ends
+from scp_planner.errors import Fault, ScenarioError
 from scp_planner.evaluation import Evaluation
 from scp_planner.linearisation import TrustRegion
 from scp_planner.online_settings import OnlineSettings, Outcome, Safety, check_number
@@ -183,7 +184,9 @@ class Planner:
     Raises
     ------
     ValueError
-        If no solver has that name, or the scenario limits the jerk.
+        If no solver has that name.
+    ScenarioError
+        If the scenario limits the jerk.
     """
 
     def __init__(
@@ -194,7 +197,8 @@ class Planner:
         solver: str | None = None,
     ) -> None:
         if scenario.vehicle.max_jerk is not None:
-            raise ValueError("vehicle.max_jerk: an online planner brakes at once, so the jerk cannot be limited")
+            text = "must be null online: the vehicle has to be able to brake at once"
+            raise ScenarioError(scenario.name, [Fault("vehicle.max_jerk", scenario.vehicle.max_jerk, text)])
         settings = settings or SETTINGS
         if solver is not None:
             settings = replace(settings, solver=solver)

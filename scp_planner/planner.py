@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.certificate import Certificate, certify_trip
+from scp_planner.constraints.discs import DiscClearance
 from scp_planner.explain import explain
 from scp_planner.lower_bound import kinematic_bound
 from scp_planner.plan import Plan, PlanStatus, Trip
@@ -158,7 +159,7 @@ class _Branch:
     touched: tuple[tuple[int, int], ...] = ()
 
 
-def _touched(run: Run) -> tuple[tuple[int, int], ...]:
+def _touched(problem: Problem, run: Run) -> tuple[tuple[int, int], ...]:
     """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
     evaluation = run.evaluation
     contacts = evaluation.minima_contacts
@@ -167,6 +168,9 @@ def _touched(run: Run) -> tuple[tuple[int, int], ...]:
     normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
     side = np.einsum("ij,ij->i", contacts.normal, normal)
     found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
+    for limit, depth in zip(problem.optional, evaluation.optional, strict=True):
+        if isinstance(limit, DiscClearance):
+            found.update(limit.touched(evaluation.trajectory, depth, TOUCHING))
     return tuple(reversed(found.items()))
 
 
@@ -245,7 +249,7 @@ class _Planning:
                 cutoff = np.inf
             self.tried += 1
             attempt = self._attempt(branch.start, cutoff)
-            branch.touched = _touched(attempt.run)
+            branch.touched = _touched(self.problem, attempt.run)
             if attempt.better_than(best):
                 best, reference = attempt, branch.estimate - attempt.travel_time
             if perf_counter() > self.deadline or self._good_enough(best):

@@ -109,6 +109,19 @@ class DiscClearance(OptionalLimit):
         counts[order] = beside
         return np.where(counts, -clearance, -np.inf).ravel()
 
+    def touched(self, trajectory: Trajectory, depth: Array, near: float) -> dict[int, int]:
+        """Zones that the disc comes nearer to than so much, m, and its side of them: 1 to the left, or -1."""
+        found: dict[int, int] = {}
+        if depth.size != len(self.samples.sigma) * self.zones.size:
+            return found  # of a trip among more zones than these
+        depths = depth.reshape(-1, max(self.zones.size, 1))
+        for zone in np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near).tolist():
+            points = trajectory.at(self.samples.take(np.argmax(depths[:, zone : zone + 1], axis=0)))
+            place = disc_positions(points.path, self.offset)
+            contacts = self.zones.contacts(np.array([zone]), points.time, place)
+            found[zone] = 1 if float((contacts.normal * points.path.normal).sum()) > 0.0 else -1
+        return found
+
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradients of the depths."""
         sample, zone = np.divmod(index, max(self.zones.size, 1))
