@@ -167,8 +167,8 @@ class Planner:
     settings : Settings, optional
         Of the loop. Accelerations are piecewise constant here.
     online : OnlineSettings, optional
-    solver : str, optional
-        Overrides ``settings.solver``.
+    solver : str or QpSolver, optional
+        Overrides ``settings.solver``: a name, or a solver of one's own.
 
     Attributes
     ----------
@@ -194,14 +194,14 @@ class Planner:
         scenario: Scenario,
         settings: Settings | None = None,
         online: OnlineSettings | None = None,
-        solver: str | None = None,
+        solver: str | QpSolver | None = None,
     ) -> None:
         if scenario.vehicle.max_jerk is not None:
             text = "must be null online: the vehicle has to be able to brake at once"
             raise ScenarioError(scenario.name, [Fault("vehicle.max_jerk", scenario.vehicle.max_jerk, text)])
         settings = settings or SETTINGS
-        if solver is not None:
-            settings = replace(settings, solver=solver)
+        if isinstance(solver, str):
+            settings, solver = replace(settings, solver=solver), None
         self.settings = replace(settings, acceleration_degree=0)
         self.online = online or OnlineSettings()
         self.plan: OnlinePlan | None = None
@@ -216,7 +216,7 @@ class Planner:
         for obstacle in scenario.obstacles:
             self.obstacles.add(obstacle)
         self.given = anchored(scenario)
-        self.solver: QpSolver = solver_named(settings.solver)
+        self.solver: QpSolver = solver or solver_named(settings.solver)
         self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
         self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
         stopping = scenario.vehicle.max_speed / scenario.vehicle.max_deceleration
@@ -725,7 +725,7 @@ class Planner:
             reason=why,
             trip=vetted.trip,
             method="scp",
-            solver=self.settings.solver,
+            solver=self.solver.name,
             iterations=vetted.iterations,
             wall_time=perf_counter() - now.began,
             clearance=vetted.certificate.clearance,

@@ -29,6 +29,7 @@ from scp_planner.run import STRANGER, Cycle, Run, ZoneRecord
 from scp_planner.scenario import Disc, Model, Observations, Obstacle, Scenario, Shape
 from scp_planner.sensors import Observation, Sensor
 from scp_planner.settings import Settings
+from scp_planner.solvers import QpSolver
 from scp_planner.worlds import Script, VehicleState, World, as_course, drawn_course, motion_course
 from scp_planner.zones import covering_radius
 
@@ -77,7 +78,7 @@ def simulate(
     follower: Follower | None = None,
     settings: Settings | None = None,
     online: OnlineSettings | None = None,
-    solver: str | None = None,
+    solver: str | QpSolver | None = None,
     history: float = HISTORY,
     deadline: float | None = None,
     time_limit: float | None = None,
@@ -107,7 +108,7 @@ def simulate(
     settings : Settings, optional
     online : OnlineSettings, optional
         Its ``period`` becomes that of the loop; unless it is given, its margin becomes that of the follower.
-    solver : str, optional
+    solver : str or QpSolver, optional
     history : float
         s of observations before the start.
     deadline : float, optional
@@ -220,7 +221,7 @@ class _Loop:
 
     # before the start
 
-    def prepare(self, settings: Settings | None, solver: str | None) -> None:
+    def prepare(self, settings: Settings | None, solver: str | QpSolver | None) -> None:
         """Let the sensors look while the vehicle waits to set off, and set up the planner with what they saw."""
         seen = self._watch(self.scenario.start.time)
         by_id: dict[str, list[Observation]] = {}

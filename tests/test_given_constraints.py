@@ -68,6 +68,13 @@ def test_no_other_solver_takes_the_place_of_ones_own(scenario: sp.Scenario) -> N
     assert plan.reason is not None and "the solver failed on the last subproblem" in plan.reason
 
 
+def test_a_solver_of_ones_own_plans_while_driving(scenario: sp.Scenario) -> None:
+    solver = Recording()
+    run = sp.simulate(scenario, noise=0.01, rate=5.0, solver=solver)
+    assert run.arrived and solver.solved >= run.outcomes["improved"] > 1
+    assert {plan.solver for plan in run.plans} == {"recording"}
+
+
 def problem_of(scenario: sp.Scenario, **changes: Any) -> Problem:
     return build_problem(scenario, zones(scenario), replace(Settings(), **changes))
 
