@@ -251,11 +251,14 @@ def test_contact_is_seen_by_the_simulation_where_the_planner_is_blind() -> None:
 def test_contact_of_a_standing_vehicle_counts_apart() -> None:
     """A post stops the vehicle in a corridor; then something runs into it from behind."""
     corridor = {"min": (-2.0, -1.0), "max": (21.0, 1.0)}
-    rammer = (np.array([0.0, 8.0, 14.0]), np.array([[-20.0, 0.5], [-20.0, 0.5], [40.0, 0.5]]))
+    rammer = (np.array([0.0, 8.0, 14.0]), np.array([[-20.0, 0.0], [-20.0, 0.0], [40.0, 0.0]]))
     world = {"post": lambda t: np.tile([6.0, 0.0], (len(t), 1)), "rammer": rammer}
     blind = [Sensor(range=7.0, field_of_view=1.0)]
     scenario = scene(disc("post", (6.0, 0.0), radius=0.8), bounds=corridor)
-    run = simulate(scenario, world=world, sensors=blind, online=OnlineSettings(), time_limit=12.0, rate=5.0)
+    shapes = {"rammer": sp.Disc(disc=1.2)}
+    run = simulate(
+        scenario, world=world, sensors=blind, online=OnlineSettings(), shapes=shapes, time_limit=12.0, rate=5.0
+    )
     assert not run.arrived and not run.contact and run.contact_standing
     assert run.outcomes["braking"] > 10 and run.least_clearance > 0.0
 
