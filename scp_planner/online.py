@@ -163,7 +163,8 @@ class Planner:
     Parameters
     ----------
     scenario : Scenario
-        Vehicle, goal, bounds, confidence, and what is known of obstacles so far.
+        Vehicle, goal, bounds, confidence, and what is known of obstacles so far. A latest arrival is not looked at:
+        the plans are as fast as they may be, and their arrival time tells.
     settings : Settings, optional
         Of the loop. Accelerations are piecewise constant here.
     online : OnlineSettings, optional
@@ -215,7 +216,9 @@ class Planner:
         )
         for obstacle in scenario.obstacles:
             self.obstacles.add(obstacle)
-        self.given = anchored(scenario)
+        # Late or not, the vehicle drives on as fast as it may.
+        in_time = scenario.goal.model_copy(update={"latest_arrival": None})
+        self.given = anchored(scenario.model_copy(update={"goal": in_time}))
         self.solver: QpSolver = solver or solver_named(settings.solver)
         self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
         self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))

@@ -123,6 +123,8 @@ def test_arrivals_outside_the_window_are_refused() -> None:
         certificate = sp.certify(scene(goal=window), plan)
         assert [violation.what for violation in certificate.violations] == broken
         assert certificate.holds is (not broken)
+        report = check_trip(scene(goal=window).to_dict(), plan.position, plan.start_time, plan.arrival_time)
+        assert [finding.name.replace("_", " ") for finding in report.violations] == broken
 
 
 CORNER = {"goal": {"position": [10.0, 12.0]}, "guide": [[0.0, 0.0], [10.0, 0.0], [10.0, 12.0]]}
@@ -158,3 +160,14 @@ def test_an_end_beyond_the_radius_is_refused() -> None:
     trip = Trip(plan.trip.frame, problem.space.trajectory(theta, plan.trip.trajectory.beta))
     broken = {violation.what for violation in sp.certify(scenario, replace(plan, trip=trip)).violations}
     assert "distance from the goal" not in broken
+
+
+def test_online_the_vehicle_waits_for_the_earliest_arrival_and_drives_on_when_it_is_late() -> None:
+    early = sp.simulate(scene(disc("o", (9.0, 0.1)), goal={"earliest_arrival": 10.0}), noise=0.0, rate=10.0, seed=0)
+    assert early.arrived
+    assert not early.contact
+    assert early.travel_time == pytest.approx(10.0, abs=0.05)
+    late = sp.simulate(scene(disc("o", (9.0, 0.1)), goal={"latest_arrival": 6.0}), noise=0.0, rate=10.0, seed=0)
+    assert late.arrived
+    assert not late.contact
+    assert late.travel_time < 7.5
