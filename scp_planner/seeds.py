@@ -25,6 +25,9 @@ from scp_planner.zones import ZoneBatch
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Cell = np.float32
+"""Costs of cells in s: half the memory, and to a microsecond."""
+Cells = NDArray[np.float32]
 
 STATION_STEP = 1.0  # m
 BETWEEN = 2  # cells of the same column, between stations, that are joined in it
@@ -229,15 +232,12 @@ class WaySearch:
         """
         costs = self._sweep(self._penalty(closed))
         final = costs[-1, self.middle] + self.delays
-        earliest = self.problem.scenario.goal.earliest_arrival
-        if earliest is not None:
-            final[self.fastest[-1] + self.delays < earliest - self.problem.scenario.start.time] = BLOCKED
         end = int(np.argmin(final))
         if final[end] >= BLOCKED:
             return None
         return self._trace(costs, end, float(final[end]))
 
-    def _penalty(self, closed: tuple[tuple[int, int], ...]) -> Array:
+    def _penalty(self, closed: tuple[tuple[int, int], ...]) -> Cells:
         """BLOCKED in every blocked cell, else 0, (n, offsets, delays)."""
         if not closed:
             return self._free
@@ -253,43 +253,46 @@ class WaySearch:
                 penalty[column[shut], offset, delay[shut]] = BLOCKED
         return penalty
 
-    def _base_penalty(self) -> Array:
+    def _base_penalty(self) -> Cells:
         """BLOCKED in the cells that are blocked with all sides open, (n, offsets, delays)."""
         size = len(self.offsets)
-        edges = np.zeros((len(self.stations) * DELAYS, size + 1), dtype=np.int32)
-        np.add.at(edges, (self.cell, self.first), 1)
-        np.subtract.at(edges, (self.cell, self.last + 1), 1)
-        blocked = np.cumsum(edges, axis=1)[:, :size] > 0
+        count, width = len(self.stations) * DELAYS, size + 1
+        begin, end = self.cell * width + self.first, self.cell * width + self.last + 1
+        edges = np.bincount(begin, minlength=count * width) - np.bincount(end, minlength=count * width)
+        # Each cell's edges sum up to nothing, so that one sum runs over all of them.
+        blocked = (np.cumsum(edges) > 0).reshape(count, width)[:, :size]
         blocked = blocked.reshape(len(self.stations), DELAYS, size) | self.outside[:, None, :]
-        return np.ascontiguousarray(np.where(blocked, BLOCKED, 0.0).transpose(0, 2, 1))
+        return np.ascontiguousarray(np.where(blocked, Cell(BLOCKED), Cell(0.0)).transpose(0, 2, 1))
 
-    def _sweep(self, penalty: Array) -> Array:
+    def _sweep(self, penalty: Cells) -> Cells:
         """Cheapest cost to every free cell, station by station, (n, offsets, delays)."""
         count, size, delays = penalty.shape
-        costs = np.full((count, size, delays), BLOCKED)
+        costs = np.empty_like(penalty)
+        costs[0] = BLOCKED
         costs[0, self.middle, 0] = 0.0
-        padded = np.full((size + 2 * OFFSET_MOVES, delays), BLOCKED)
+        padded = np.full((size + 2 * OFFSET_MOVES, delays), BLOCKED, dtype=penalty.dtype)
         inner = padded[OFFSET_MOVES : OFFSET_MOVES + size]
-        work = np.empty((size, delays))
+        work = np.empty((size, delays), dtype=penalty.dtype)
+        shifted = [
+            (padded[OFFSET_MOVES - move :][:size], padded[OFFSET_MOVES + move :][:size], cost)
+            for move, cost in enumerate(self.move_cost.tolist())
+        ][1:]
         for i in range(1, count):
-            before = costs[i - 1]
+            before, here = costs[i - 1], costs[i]
             inner[:] = before
             for move in DELAY_MOVES[1:]:
-                np.minimum(inner[:, move:], before[:, :-move], out=inner[:, move:])
-            here = costs[i]
-            np.add(inner, penalty[i], out=here)
-            for move in range(1, OFFSET_MOVES + 1):
-                np.minimum(
-                    padded[OFFSET_MOVES - move : OFFSET_MOVES - move + size],
-                    padded[OFFSET_MOVES + move : OFFSET_MOVES + move + size],
-                    out=work,
-                )
-                work += self.move_cost[move]
-                work += penalty[i]
+                later = inner[:, move:]
+                np.minimum(later, before[:, :-move], out=later)
+            here[:] = inner
+            for down, up, cost in shifted:
+                np.minimum(down, up, out=work)
+                work += cost
                 np.minimum(here, work, out=here)
+            here += penalty[i]
+            np.minimum(here, BLOCKED, out=here)
         return costs
 
-    def _trace(self, costs: Array, delay: int, total: float) -> Way:
+    def _trace(self, costs: Cells, delay: int, total: float) -> Way:
         """Follow the cheapest path back."""
         offset = self.middle
         count, size = len(self.stations), len(self.offsets)
