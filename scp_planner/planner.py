@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ from scp_planner.relevance import LONGEST_TRIP, without_far_zones
 from scp_planner.repair import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario import Scenario
 from scp_planner.scp import Run, ScpLoop, Status
-from scp_planner.seeds import WaySearch, WayTree, bows
+from scp_planner.seeds import CLOSE_SMOOTHING, SMOOTHING, WaySearch, WayTree, bows
 from scp_planner.settings import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.starts import DELAY_STEPS
@@ -43,6 +44,7 @@ TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
+SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
 ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
 
 
@@ -152,11 +154,17 @@ class _Attempt:
 
 @dataclass
 class _Branch:
-    """A start with the estimate of its travel time, and what the trip from it touched."""
+    """Starts, given how smooth, with the estimate of their travel time, and what the trip from one touched."""
 
     estimate: float
-    start: Trajectory
+    start: Callable[[float], Trajectory]
     touched: tuple[tuple[int, int], ...] = ()
+
+
+def _promise(run: Run) -> tuple[bool, float]:
+    """What makes a run better than others: to keep all constraints, and be fast; else to miss them by little."""
+    evaluation = run.evaluation
+    return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
 
 
 def _touched(problem: Problem, run: Run) -> tuple[tuple[int, int], ...]:
@@ -240,6 +248,7 @@ class _Planning:
         """
         best: _Attempt | None = None
         reference = 0.0  # estimate less result, of the best way so far
+        failed: list[_Branch] = []
         for branch in self._branches():
             if best is not None and best.holds:
                 if branch.estimate - reference - ESTIMATE_SLACK > best.travel_time:
@@ -248,20 +257,48 @@ class _Planning:
             else:
                 cutoff = np.inf
             self.tried += 1
-            attempt = self._attempt(branch.start, cutoff)
+            attempt = self._attempt(branch.start(SMOOTHING), cutoff)
+            if not attempt.run.feasible and cutoff == np.inf:
+                failed.append(branch)
             branch.touched = _touched(self.problem, attempt.run)
             if attempt.better_than(best):
                 best, reference = attempt, branch.estimate - attempt.travel_time
             if perf_counter() > self.deadline or self._good_enough(best):
                 break
+        if best is None or not (best.holds or perf_counter() > self.deadline):
+            for attempt in self._second_thoughts(failed):
+                best = attempt if attempt.better_than(best) else best
+                if attempt.holds or perf_counter() > self.deadline:
+                    break
         assert best is not None and best.certificate is not None, "the first start is never cut off"
         return best.run, best.certificate
+
+    def _second_thoughts(self, failed: Sequence[_Branch]) -> Iterator[_Attempt]:
+        """Runs from starts that keep closer to the ways, then from bows: where nothing is certified yet."""
+        for branch in failed[:SECOND_THOUGHTS]:
+            self.tried += 1
+            yield self._attempt(branch.start(CLOSE_SMOOTHING), np.inf)
+        if self.tried < self.settings.max_runs:
+            yield self._from_bows()
+
+    def _from_bows(self) -> _Attempt:
+        """Run the loop from bows, in a race, where the search finds no way or leads to none."""
+        logger.info("no way that the search found was certified; starting from bows")
+        clock = perf_counter()
+        starts = list(bows(self.problem))
+        runs = self.loop.run_all(starts, self.settings.max_iterations, np.inf, self.deadline, race=True)
+        self.timings["scp"] += perf_counter() - clock
+        self.iterations += sum(len(run.record) for run in runs)
+        self.tried += len(runs)
+        best = min(runs, key=_promise)
+        # Once more from where it ended, with what the samples missed
+        return self._attempt(best.evaluation.trajectory, np.inf)
 
     def _good_enough(self, best: _Attempt | None) -> bool:
         return best is not None and best.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
 
     def _branches(self) -> Iterator[_Branch]:
-        """Ways round with starts for the loop, or bows if the search finds none."""
+        """Ways round with starts for the loop."""
         clock = perf_counter()
         runs = 0
         for delay_step in DELAY_STEPS:
@@ -271,7 +308,7 @@ class _Planning:
                 way = tree.next()
                 if way is None:
                     break
-                branch = _Branch(way.travel_time, search.start(way))
+                branch = _Branch(way.travel_time, partial(search.start, way))
                 runs += 1
                 self.timings["search"] += perf_counter() - clock
                 yield branch
@@ -280,10 +317,6 @@ class _Planning:
             if runs:
                 break
         self.timings["search"] += perf_counter() - clock
-        if runs == 0:
-            logger.info("the search found no way; starting from bows")
-            for start in bows(self.problem):
-                yield _Branch(0.0, start)
 
     def along_the_guide(self, beta: Array, near: float, cutoff: float) -> _Attempt:
         """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""

@@ -43,6 +43,7 @@ BLOCKED = 1e9
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 FOLD = 0.8  # of the guide's radius of curvature; offsets beyond it are no way
 SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
+CLOSE_SMOOTHING = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
 DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
 
@@ -331,12 +332,19 @@ class WaySearch:
         order = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
         return tuple((zone, side) for zone, (_, side) in order)
 
-    def start(self, way: Way) -> Trajectory:
-        """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times."""
+    def start(self, way: Way, smoothing: float = SMOOTHING) -> Trajectory:
+        """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times.
+
+        Parameters
+        ----------
+        way : Way
+        smoothing : float
+            Weight of bending against offsets, m^2.
+        """
         space, ends = self.problem.space, self.problem.ends
         theta = ends.theta.copy()
         rows = space.path.rows(way.stations / space.length)
-        smooth = space.tables.station_bends * (SMOOTHING / space.length**2)
+        smooth = space.tables.station_bends * (smoothing / space.length**2)
         free = ends.free
         matrix = np.concatenate([rows[:, free], smooth[:, free]])
         target = np.concatenate([way.offsets - rows @ theta, -smooth @ theta])
