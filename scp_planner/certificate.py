@@ -492,8 +492,10 @@ class _Check:
         top = max(float(trajectory.speed_control_points().max()), 0.0)
         ahead = max(map(abs, self.scenario.vehicle.discs))
         for count in LOOKS:
-            half = 0.5 / count
-            points = trajectory.at(trajectory.space.time_table(np.linspace(half, 1.0 - half, count)))
+            # Only where it is checked: a zone says nothing of what lies before it was made.
+            half = 0.5 * (self.last_sigma - self.first_sigma) / count
+            middle = np.linspace(self.first_sigma + half, self.last_sigma - half, count)
+            points = trajectory.at(trajectory.space.time_table(middle))
             half *= trajectory.travel_time
             reach, position = half * top + ahead, points.path.position
             bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))

@@ -16,6 +16,7 @@ from benchmarks.online_faults import KINDS, injected_run
 from scp_planner import builtin
 from scp_planner.cli import app
 from scp_planner.online import OnlineSettings
+from scp_planner.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.run import Run, ZoneRecord
 from scp_planner.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation import Follower, simulate
@@ -286,13 +287,22 @@ def test_world_is_told_of_the_vehicle() -> None:
     assert run.records[5].zones[0].radius == pytest.approx(0.4)
 
 
-def test_crowd_that_reacts_gives_way() -> None:
+def test_crowd_that_reacts_is_driven_through() -> None:
+    """People change their minds: they are estimated with process noise."""
+    process = ProcessModel(process=RandomWalkVelocity(diffusion=0.3), velocity_deviation=1.0, noise_deviation=0.1)
     rng = np.random.default_rng(4)
     positions = np.column_stack([rng.uniform(3.0, 14.0, 8), rng.uniform(-5.0, 5.0, 8)])
-    goals = positions * [1.0, -1.0]
-    shy = simulate(scene(goal={"position": (16.0, 0.0)}), world=SocialForces(positions, goals, np.full(8, 0.8)), seed=1)
-    assert shy.arrived and not shy.contact
-    assert {name for name in shy.obstacles} == {f"p{k}" for k in range(8)}
+    crowd = SocialForces(positions, positions * [1.0, -1.0], np.full(8, 0.8))
+    scenario = scene(
+        goal={"position": (16.0, 0.0)},
+        vehicle={"max_speed": 1.5},
+        start={"speed": 0.0},
+        confidence={"probability": 0.95, "level": "per_time"},
+    )
+    model = sp.Model(order=1, process=process)
+    run = simulate(scenario, world=crowd, seed=2, history=3.0, time_limit=30.0, model=model)
+    assert run.arrived and not run.contact
+    assert {name for name in run.obstacles} == {f"p{k}" for k in range(8)}
 
 
 def test_worlds_are_functions_tracks_or_arrays() -> None:
