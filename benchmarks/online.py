@@ -266,6 +266,8 @@ def faults(options: argparse.Namespace) -> int:
     table = []
     for kind in ("solver", "vanish", "jump", "late", "doubled", "appears", "all"):
         some = [row for row in rows if kind == "all" or kind in str(row["kinds"]).split()]
+        if not some:
+            continue
         sums = [int(values(some, key).sum()) for key in ("cycles", "checked", "raised", "refused", "unsaid")]
         rates = values(some, "arrived").mean(), values(some, "braking").sum() / max(sums[0], 1)
         table.append([kind, len(some), *sums, *(common.number(100.0 * rate, 1) for rate in rates)])

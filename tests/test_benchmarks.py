@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import scp_planner
-from benchmarks import common, families, report
+from benchmarks import common, families, online, online_crowds, report
 from benchmarks.dense_check import check_samples, check_trip
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
@@ -188,3 +188,49 @@ def test_the_page_compares_times_and_rates_as_they_are() -> None:
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     assert cells[2] == [report.REFERENCE, "plan", "1/2", "1/2", "2/2", "-", "-"]
     assert cells[3] == [report.NLP, "ten", "2/2", "2/2", "2/2", "0", "1"]
+
+
+def test_online_benchmarks_go_on_where_they_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "rows.csv"
+    done: list[int] = []
+
+    def run(row: online.Row) -> online.Row:
+        done.append(row["seed"])
+        return {"square": row["seed"] ** 2}
+
+    online.Ledger(file, ("seed",), fresh=False).fill([{"seed": 1}, {"seed": 2}], run)
+    rows = online.Ledger(file, ("seed",), fresh=False).fill([{"seed": 2}, {"seed": 3}], run)
+    assert done == [1, 2, 3]
+    assert online.values(rows, "square").tolist() == [4.0, 9.0]
+    assert [row["seed"] for row in common.read_csv(file)] == ["1", "2", "3"]
+    online.Ledger(file, ("seed",), fresh=True).fill([{"seed": 1}], run)
+    assert done == [1, 2, 3, 1]
+    assert capsys.readouterr().out == ""
+
+
+def test_online_fault_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert online.main(["faults", "--count", "1", "--check-every", "10", "--output", str(tmp_path)]) == 0
+    *_, last = capsys.readouterr().out.splitlines()
+    cells = [cell.strip() for cell in last.strip("|").split("|")]
+    assert cells[:2] == ["all", "1"] and cells[4:7] == ["0", "0", "0"]
+    assert len(common.read_csv(tmp_path / "online-faults.csv")) == 1
+
+
+def test_closed_loop_benchmark_row() -> None:
+    row = online.loop({"family": "crossing5", "seed": 0, "level": 0.99})
+    assert row["arrived"] == 1 and row["contact"] == 0
+    assert 1.0 <= row["travel_time"] / row["truth_time"] < 1.2
+    assert row["cycles"] == row["improved"] + row["kept"] + row["repaired"] + row["braking"]
+
+
+def test_crowd_tasks_are_drawn_where_there_is_room(recorded_data: Path) -> None:
+    tracks = online_crowds.recordings(recorded_data)["eth"]
+    drawn = online_crowds.task("eth", tracks, 3)
+    again = online_crowds.task("eth", tracks, 3)
+    assert (drawn.time, drawn.start, drawn.goal) == (again.time, again.start, again.goal)
+    places = drawn.places(drawn.time)
+    assert len(places) >= online_crowds.FEWEST
+    assert np.linalg.norm(places - drawn.start, axis=1).min() > online_crowds.ROOM
+    row = online_crowds.drive({"eth": tracks}["eth"], {"place": "eth", "number": 3, "way": "waiting"})
+    length = float(np.linalg.norm(np.subtract(drawn.goal, drawn.start)))
+    assert row["arrived"] == 1 and row["travel_time"] > (length - 0.4) / online_crowds.VEHICLE.max_speed

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import scp_planner
 from benchmarks import dense_check
 from benchmarks.dense_check import Tolerances, check_samples, check_trip
+from tests.scenes import scene
 
 Array = NDArray[np.float64]
 
@@ -397,3 +399,30 @@ def test_the_check_imports_nothing_of_the_planner() -> None:
     assert "scp_planner" not in imported
     standard = {"__future__", "itertools", "json", "math", "os", "collections", "dataclasses", "pathlib", "typing"}
     assert imported <= standard | {"numpy", "scipy"}
+
+
+def test_priors_count_like_observations_of_velocity_and_acceleration() -> None:
+    """Against the zones of the package: an obstacle seen twice, of which a prior says the rest."""
+    obstacle = {
+        "id": "new",
+        "shape": {"disc": 0.4},
+        "observations": {
+            "time": [-0.1, 0.0],
+            "position": [[5.0, 1.0], [5.1, 1.05]],
+            "covariance": [[0.01, 0.002], [0.002, 0.02]],
+        },
+        "model": {
+            "order": 2,
+            "prior": {"velocity_deviation": 1.5, "acceleration": [0.2, 0.0], "acceleration_deviation": 0.5},
+        },
+    }
+    scenario = scene(obstacle, confidence={"probability": 0.9, "level": "per_time"})
+    (zone,) = scp_planner.zones(scenario)
+    times = np.linspace(0.0, 4.0, 30)
+    points = np.array([8.0, 8.0]) + np.random.default_rng(0).normal(0.0, 4.0, (30, 2))
+    scale = -2.0 * math.log(0.1)  # chi-square of two degrees at 90 %
+    distance = dense_check._distance_to_observed(scenario.to_dict()["obstacles"][0], times, points, scale)
+    inside = zone.signed_distance(times, points) <= -0.4
+    assert 0 < inside.sum() < 30
+    assert distance[~inside] == pytest.approx(zone.signed_distance(times, points)[~inside], abs=1e-6)
+    assert np.all(distance[inside] <= -0.4 + 1e-9)
