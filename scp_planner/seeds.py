@@ -340,6 +340,10 @@ class WaySearch:
         way : Way
         smoothing : float
             Weight of bending against offsets, m^2.
+
+        Returns
+        -------
+        Trajectory
         """
         space, ends = self.problem.space, self.problem.ends
         theta = ends.theta.copy()
