@@ -15,6 +15,7 @@ from __future__ import annotations
 from benchmarks import common  # isort: skip
 
 import argparse
+import gc
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -205,14 +206,18 @@ def replan(options: argparse.Namespace) -> int:
         return plan
 
     Planner.replan = timed  # type: ignore[method-assign]
+    # Looking for garbage among the many small records of the simulation is no work of the planner.
+    gc.disable()
     try:
         seed = options.seed
         while len(rows) < options.count:
             for scenario in scenarios:
+                gc.collect()
                 simulate(scenario, options.noise, 10.0, seed, deadline=options.deadline)
             seed += 1
             common.say(f"replan: {len(rows)} cycles")
     finally:
+        gc.enable()
         Planner.replan = measured  # type: ignore[method-assign]
     common.write_csv(options.output / "online-replan.csv", rows[: options.count])
     common.write_environment(options.output / "online-environment.csv", common.environment())

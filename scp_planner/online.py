@@ -567,8 +567,7 @@ class Planner:
         """
         problem, first = loop.problem, self.plan is None
         most = self.settings.max_iterations if first else self.online.look_iterations
-        urgent = self.plan is None or self.plan.outcome is Outcome.BRAKING
-        left = most * self.online.first_runs if first else self.online.look_steps * (2 if urgent else 1)
+        left = most * self.online.first_runs if first else self.online.look_steps
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:
@@ -577,7 +576,7 @@ class Planner:
                 now.lap("search")
                 if not more:
                     self._look = None
-                if not more or not urgent:
+                if not more or not first:
                     break  # the search is work enough for one replan
             assert look.trip is not None
             start, trust = look.trip.trajectory, FIRST_TRUST
@@ -606,7 +605,7 @@ class Planner:
                     spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
                 look.trip = None
-                if not urgent:
+                if not first:
                     break
         return spare, said
 

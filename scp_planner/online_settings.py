@@ -68,8 +68,8 @@ class OnlineSettings(Knobs):
     look_iterations : int
         Steps of the loop from another way, at most. More: ways that need more work are found too.
     look_steps : int
-        Steps of the loop from other ways in one replan, twice as many where there is nothing to drive: a look is spread
-        over several replans. More: other ways are found sooner, and longer replans.
+        Steps of the loop from other ways in one replan: a look is spread over several. More: other ways are found
+        sooner, and longer replans.
     first_runs : int
         Ways that a first plan is started from, at most.
     reserve : float
