@@ -265,7 +265,8 @@ class _Planning:
                 best, reference = attempt, branch.estimate - attempt.travel_time
             if perf_counter() > self.deadline or self._good_enough(best):
                 break
-        if best is None or not (best.holds or perf_counter() > self.deadline):
+        broken = best is not None and best.run.status is Status.SOLVER_FAILED
+        if best is None or not (best.holds or broken or perf_counter() > self.deadline):
             for attempt in self._second_thoughts(failed):
                 best = attempt if attempt.better_than(best) else best
                 if attempt.holds or perf_counter() > self.deadline:

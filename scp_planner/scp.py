@@ -34,7 +34,7 @@ FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflate
 NEAR = 1.5  # m; obstacles nearer than this are looked at closely
 FIRST_PENALTY = 5.0  # s per m, or per unit of relative excess
 ESCALATION = 25.0
-LAST_PENALTY = 100.0
+LAST_PENALTY = 1000.0
 FIRST_TRUST = TrustRegion(theta=1.0, beta=3.0, rho=0.3)
 LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
 SMALLEST_TRUST = 1e-5  # m

@@ -390,9 +390,9 @@ def lateral_rows(
         number = np.concatenate([np.arange(count) for count in counts])
         keys, owner = np.concatenate([keys, 3 * number + 1]), np.concatenate([owner, peak_owner])
     gradient, value = _lateral_gradient(problem, bundle, owner, fixed, basis), fixed.lateral
-    loud = [k for k, site in enumerate(sites) if site.jumps is not None]
+    loud = [k for k, site in enumerate(sites) if site.jumps is not None and len(site.jumps.lateral)]
     if loud:
-        jumps = [site.jumps for site in sites if site.jumps is not None]
+        jumps = [site.jumps for site in sites if site.jumps is not None and len(site.jumps.lateral)]
         count = len(problem.jumps.sigma)
         jump_owner = np.array(loud).repeat(count)
         bend = PathBend.joined([jump.bend for jump in jumps])
