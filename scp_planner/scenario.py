@@ -14,13 +14,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files, planar, scenario_checks
 from scp_planner.errors import ScenarioError
 from scp_planner.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.validation import Part, Rule, faults_of, nearest, variant
 
+CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 LARGEST_COORDINATE = 1e12
 """m, m/s, m/s2 or s. Beyond it a double no longer resolves a tenth of a millimetre."""
 
@@ -340,6 +341,13 @@ class Obstacle(Part):
     margin: NotNegative = Field(0.0, description="extra clearance, m")
 
 
+def _sampled(guide: Any) -> Any:
+    """Points of a guide that is given as a curve, a callable of [0, 1] that returns [x, y] in m; others as they are."""
+    if not callable(guide):
+        return guide
+    return tuple(tuple(float(value) for value in guide(k / CURVE_SIDES)) for k in range(CURVE_SIDES + 1))
+
+
 class Scenario(Part):
     """A trip to plan: `Scenario.load(path)`, or from its parts, each a model or a dictionary.
 
@@ -380,7 +388,7 @@ class Scenario(Part):
     vehicle: Vehicle
     start: Start
     goal: Goal
-    guide: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
+    guide: Annotated[Annotated[tuple[Vector, ...], Field(min_length=2)] | None, BeforeValidator(_sampled)] = Field(
         None,
         description="polyline [[x, y], ...], m, from start to goal that the path is an offset of; null: straight",
     )

@@ -273,6 +273,23 @@ def test_a_scenario_s_polyline_is_followed() -> None:
     assert plan.trip.trajectory.path.arc_length < 1.05 * straight
 
 
+def test_a_guide_may_be_any_curve() -> None:
+    """A quarter of a circle about (0, 10), as a function; a pillar inside of it keeps the path out there."""
+    pillar = {"id": "pillar", "shape": {"disc": 6.0}, "motion": {"position": [0.0, 10.0]}}
+    given = scene(pillar, goal={"position": [10.0, 10.0]}, vehicle={"max_lateral_acceleration": 2.0})
+    scenario = sp.Scenario(
+        **{name: getattr(given, name) for name in ("name", "vehicle", "start", "goal", "obstacles", "confidence")},
+        guide=lambda share: (10.0 * np.sin(0.5 * np.pi * share), 10.0 - 10.0 * np.cos(0.5 * np.pi * share)),
+    )
+    assert scenario.guide is not None and scenario.guide[0] == (0.0, 0.0)
+    assert scenario.guide[-1] == pytest.approx((10.0, 10.0))
+    guide = build_problem(scenario, sp.zones(scenario), Settings()).space.guide
+    assert not guide.straight and guide.length == pytest.approx(5.0 * np.pi, rel=1e-2)
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    dense(plan, scenario)
+
+
 def test_offsets_stay_where_the_guide_does_not_fold() -> None:
     scenario = scene(goal={"position": [0.0, 5.0]}, guide=[[0.0, 0.0], [9.0, 0.0], [9.0, 5.0], [0.0, 5.0]])
     problem = build_problem(scenario, sp.zones(scenario), Settings())
