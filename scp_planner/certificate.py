@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 MAX_HALVINGS = 22
+MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
 INTERVALS = 192  # at the first level, at most, besides those between knots
 FIRST_WIDTH = 0.04  # s, of shorter trips' intervals at the first level
 FEWEST_INTERVALS = 16
@@ -538,6 +539,9 @@ class _Check:
             if done.all():
                 break
             open_pieces, inverse = np.unique(interval[~done], return_inverse=True)
+            if len(open_pieces) > MOST_PIECES:
+                certified = -np.inf
+                break
             keep = np.zeros(len(pieces.middle), dtype=bool)
             keep[open_pieces] = True
             pieces = pieces.halves(keep)

@@ -470,6 +470,22 @@ def test_leaving_the_workspace_between_samples_is_refused(axis: int, sign: float
         assert broken(verdict(the_scene(bounds=walls, goal=goal), trip)) == expected
 
 
+def test_a_gap_exactly_as_wide_as_the_vehicle_is_refused_at_once() -> None:
+    walls = [
+        {
+            "id": name,
+            "shape": {"rectangle": [6.0, 3.0], "heading": 0.0},
+            "motion": {"position": [10.0, side * (1.8 - 1e-11)]},
+        }
+        for name, side in (("upper", 1.0), ("lower", -1.0))
+    ]
+    # Halving the intervals along the walls, where the distance is nothing but rounding, would take all memory.
+    certificate = sp.certify(scene(*walls), sp.plan(scene()))
+    (violation,) = certificate.violations
+    assert (violation.what, violation.obstacle in ("upper", "lower")) == ("clearance", True)
+    assert abs(violation.value) < 1e-9
+
+
 def test_all_that_is_wrong_is_named_at_once() -> None:
     trip = random_trip(1)
     reference = Reference(trip)
