@@ -49,6 +49,29 @@ GOAL_SPEED_TOLERANCE = 1e-3  # m/s
 CLEARANCE_TOLERANCE = 1e-9  # m
 ARRIVAL_TOLERANCE = 1e-3  # s, around the earliest and latest arrival
 LATEST = "latest arrival"
+UNITS = {
+    "clearance": "m",
+    "workspace bounds": "m",
+    "distance beyond the path": "m",
+    "distance from the start": "m",
+    "distance from the goal": "m",
+    "start time": "s",
+    "earliest arrival": "s",
+    LATEST: "s",
+    "start heading": "rad",
+    "goal heading": "rad",
+    "speed": "m/s",
+    "speed_limits": "m/s",
+    "start speed": "m/s",
+    "goal speed error": "m/s",
+    "acceleration": "m/s2",
+    "start acceleration error": "m/s2",
+    "lateral_acceleration": "m/s2",
+    "jerk": "m/s3",
+    "curvature": "1/m",
+    "curvature_rate": "1/(m s)",
+}
+"""Of what can be violated; what users' own constraints exceed has none."""
 A_JUMP = 1e12  # m/s^3, said of the jerk where the acceleration jumps
 REPORT_PRECISION = 1e-3  # m; see certify_trip
 
@@ -77,9 +100,18 @@ class Violation:
     time: float
     obstacle: str | None = None
 
+    @property
+    def unit(self) -> str:
+        """Of value and allowed, after a space; empty without one."""
+        unit = UNITS.get(self.what.partition("[")[0])
+        return "" if unit is None else f" {unit}"
+
     def __str__(self) -> str:
         whom = f" to {self.obstacle}" if self.obstacle is not None else ""
-        return f"{self.what}{whom} {self.value:.6g} at t = {self.time:.3f} s, allowed {self.allowed:.6g}"
+        found, allowed = f"{self.value:.6g}{self.unit}", f"{self.allowed:.6g}{self.unit}"
+        if self.obstacle is not None and self.value > -CLEARANCE_TOLERANCE:
+            found, allowed = "too near 0 m to tell from contact", "0 m"
+        return f"{self.what}{whom} {found} at t = {self.time:.3f} s, allowed {allowed}"
 
 
 @dataclass(frozen=True)

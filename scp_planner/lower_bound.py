@@ -19,7 +19,7 @@ as its instant allows, to rounding: straight trips gain nothing by the cells, an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -48,6 +48,7 @@ ALIGNED = 1.0 - 1e-6  # of a step that moves by whole cells
 PRECISION = 1e-3  # relative, to which the bound is found
 LONGEST_STEP = 0.25  # s between instants, before the vehicle is fast
 CELLS = 700_000  # at most
+FEW_CELLS = 60_000  # for an answer in hundredths of a second
 CORNERS = 48  # of the polygon inside each zone
 BESIDE = 1e-9  # rad
 TINY = 1e-300
@@ -144,6 +145,29 @@ def lower_bound(
         else:
             excluded = middle
     return excluded
+
+
+def no_trip_within(scenario: Scenario, travel_time: float, threat_zones: Sequence[ThreatZone]) -> bool:
+    """Whether it can be proved, quickly, that no trip takes a travel time or less.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    travel_time : float
+        s.
+    threat_zones : sequence of ThreatZone
+        What is in the way; none: the workspace alone.
+
+    Returns
+    -------
+    bool
+        If true there is none, however its path is written. If false, that is open.
+    """
+    if travel_time < kinematic_bound(scenario) * (1.0 - SPEED_ROUNDING):
+        return True
+    if not threat_zones:  # straight on, inside a convex workspace
+        return False
+    return not _Relaxation(scenario, tuple(threat_zones), travel_time, FEW_CELLS).possible(travel_time)
 
 
 class _Speeds:
@@ -328,9 +352,13 @@ class _Relaxation:
     threat_zones : tuple of ThreatZone
     longest : float
         Durations up to this can be asked for, s.
+    cells : int
+        At most.
     """
 
-    def __init__(self, scenario: Scenario, threat_zones: tuple[ThreatZone, ...], longest: float) -> None:
+    def __init__(
+        self, scenario: Scenario, threat_zones: tuple[ThreatZone, ...], longest: float, cells: int = CELLS
+    ) -> None:
         start, goal = scenario.start, scenario.goal
         self.scenario = scenario
         self.distance = hypot(*np.subtract(goal.position, start.position))
@@ -340,10 +368,10 @@ class _Relaxation:
         # What touches a zone is not inside it.
         self.zones = ZoneBatch(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
         self.speeds = _Speeds(scenario, longest)
-        self.grid, step = self._grid()
+        self.grid, step = self._grid(cells)
         self.times = self.speeds.instants(step)
 
-    def _grid(self) -> tuple[_Grid, float]:
+    def _grid(self, cells: int) -> tuple[_Grid, float]:
         """The finest grid that has not too many cells, and its step, m."""
         longest = float(self.speeds.driven(np.array([self.speeds.duration]))[0]) + self.radius + ROUNDING
         half = max(0.5 * longest, 0.5 * self.distance)
@@ -361,7 +389,7 @@ class _Relaxation:
         for resolution in RESOLUTIONS:
             step = self.speeds.top * resolution.time
             cell = np.array([step / resolution.columns, step / resolution.rows])
-            if np.prod((high - low) / cell + 4.0) <= CELLS:
+            if np.prod((high - low) / cell + 4.0) <= cells:
                 break
         return _Grid(low, high, cell, resolution.columns + 2), ALIGNED * step
 

@@ -13,6 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.descent import CheckedDescent, Descent, DescentSettings, checked_descent
+from scp_planner.explain import grave_violations
 from scp_planner.lower_bound import kinematic_bound
 from scp_planner.plan import Plan, PlanStatus, Trip
 from scp_planner.problem import Problem, build_problem
@@ -67,12 +68,13 @@ def penalty_descent(
     deadline = np.inf if time_limit is None else began + time_limit
     search = _Search(scenario, zones(scenario), settings, descent, seed, deadline)
     best = search.best(None if start is None else _as_start(search.problem, start))
-    status, reason = _verdict(best)
+    trip = Trip(search.problem.frame, best.run.trajectory)
+    status, reason = _verdict(scenario, trip, best)
     return Plan(
         scenario=scenario.name,
         status=status,
         reason=reason,
-        trip=Trip(search.problem.frame, best.run.trajectory),
+        trip=trip,
         method="penalty-descent",
         solver=descent.variant.value,
         iterations=search.iterations,
@@ -160,8 +162,9 @@ def _as_start(problem: Problem, start: Plan | Trajectory) -> Trajectory:
     return mine.trajectory(theta, trajectory.beta)
 
 
-def _verdict(best: CheckedDescent) -> tuple[PlanStatus, str | None]:
+def _verdict(scenario: Scenario, trip: Trip, best: CheckedDescent) -> tuple[PlanStatus, str | None]:
     if best.certificate.holds:
         return PlanStatus.CERTIFIED, None
-    reason = f"{best.run.status.value}: " + "; ".join(str(violation) for violation in best.certificate.violations)
+    told = grave_violations(scenario, trip, best.certificate)
+    reason = f"{best.run.status.value}: " + "; ".join(str(violation) for violation in told)
     return (PlanStatus.FEASIBLE if best.run.feasible else PlanStatus.INFEASIBLE), reason

@@ -98,7 +98,7 @@ def plan(
     run, certificate = search.best()
     if constraints is None:  # those are written in stations of the guide
         run, certificate = _over_better_guides(search, run, certificate)
-    status, reason = _verdict(run, certificate, search.tried)
+    status, reason = _verdict(search, run, certificate)
     return Plan(
         scenario=scenario.name,
         status=status,
@@ -375,10 +375,12 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
     return best.run, best.certificate
 
 
-def _verdict(run: Run, certificate: Certificate, tried: int) -> tuple[PlanStatus, str | None]:
+def _verdict(search: _Planning, run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
     if certificate.holds:
         return PlanStatus.CERTIFIED, None
-    reason = explain(run, certificate, tried)
+    prove = search.deadline == np.inf and (certificate.late or not run.feasible)
+    zones, trip = search.threat_zones, search.trip(run)
+    reason = explain(search.scenario, zones, trip, run, certificate, search.tried, prove=prove)
     if certificate.late:
         return PlanStatus.INFEASIBLE, reason
     if run.status is Status.SOLVER_FAILED and not run.record:
