@@ -48,6 +48,8 @@ WATCH_LOSS = 1.0  # s of merit that it may cost
 HOPE = 4.0  # times the next step's gain that a run may still become faster
 PATIENCE = 4  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
+MENDED = 2e-3  # a step from a larger violation than this may lead to a place from where others lead on
+SETTLED = 0.4 * FEASIBILITY  # largest violation of a trip that is taken as it is when nothing is left to gain
 GRAVE = 5e-3  # violations below this are no reason to lose patience
 RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
 ANYWHERE = TrustRegion(theta=1e3, beta=1e2, rho=0.9)
@@ -136,6 +138,8 @@ class _Step:
         Largest component, relative to the trust region.
     sooner : float
         Decrease of the travel time by the model, s.
+    before : float
+        Largest violation of the trip that the step leads away from.
     """
 
     evaluation: Evaluation
@@ -143,6 +147,7 @@ class _Step:
     actual: float
     size: float
     sooner: float
+    before: float
 
     @classmethod
     def of(
@@ -159,7 +164,7 @@ class _Step:
         merit = base.merit(penalties)
         model = tau * (1.0 + rho) + float(weights[sub.groups] @ z[sub.step_size :])
         actual = -np.inf if candidate is None else merit - candidate.merit(penalties)
-        return cls(candidate or base, merit - model, actual, _relative_size(z, sub), -tau * rho)
+        return cls(candidate or base, merit - model, actual, _relative_size(z, sub), -tau * rho, base.worst_violation)
 
     @property
     def ratio(self) -> float:
@@ -357,6 +362,9 @@ class ScpLoop:
                 if trust.theta < SMALLEST_TRUST:
                     break
                 continue
+            if trial is None and number > 1 and self._settled(run.evaluation, sub, solution):
+                run.status = Status.CONVERGED
+                break
             active = sub.active_set(solution)
             moved = self._moved(trip, solution.x)
             candidate = None if moved is None else (yield from _evaluated(moved))
@@ -400,6 +408,11 @@ class ScpLoop:
         cutoff.hear(run)
         logger.debug("run: %s after %d iterations", run.status.value, len(run.record))
         return run
+
+    def _settled(self, base: Evaluation, sub: Subproblem, solution: Solution) -> bool:
+        """Whether a trip keeps all constraints, and the step from it, not yet evaluated, would gain nothing."""
+        sooner = base.trajectory.travel_time * abs(float(solution.x[sub.step_size - 1]))
+        return base.worst_violation <= SETTLED and sooner < self.problem.settings.tolerance
 
     def _worth_a_trial(self, step: _Step) -> bool:
         return (
@@ -455,7 +468,10 @@ class ScpLoop:
         # What is still violated can only take more time.
         if current.trajectory.travel_time - HOPE * max(step.sooner, 0.0) > cutoff:
             return Status.SLOWER
-        if step.predicted < self.problem.settings.tolerance * max(1.0, 10.0 * violation):
+        tolerance = self.problem.settings.tolerance
+        if violation <= FEASIBILITY and step.before <= MENDED and abs(step.sooner) < tolerance:
+            return Status.CONVERGED
+        if step.predicted < tolerance * max(1.0, 10.0 * violation):
             if violation <= FEASIBILITY:
                 return Status.CONVERGED
             return self._escalated(current, penalties)
