@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +109,7 @@ class Evaluation:
             + penalties.given * self.given_violation
         )
 
-    @property
+    @cached_property
     def worst_violation(self) -> float:
         """Largest of all violations (m for zones, relative for limits)."""
         worst = max(float(self.limit_violation.max()), self.given_violation)

@@ -101,7 +101,7 @@ def linearise_trips(
             ],
         ]
     )
-    return rows.take(np.flatnonzero(_reach(problem, rows, trusts) >= rows.gap)).split(len(bases))
+    return rows.shares(np.flatnonzero(_reach(problem, rows, trusts) >= rows.gap), len(bases))
 
 
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:

@@ -180,8 +180,8 @@ class Prediction:
         x, y = np.asarray(position) - powers @ self.center
         xx, xy, yy = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
         determinant = xx * yy - xy * xy
-        if determinant <= 0.0:
-            return 1.0
+        if determinant <= 0.0 or xx <= 0.0:
+            return 1.0  # far from its origin, as for what comes very late, the polynomial is no covariance
         return self.errors.exceedance(float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant))
 
 

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflated by more, relative for limits
-NEAR = 1.5  # m; obstacles nearer than this are looked at closely
+NEAR = 1.0  # m; obstacles nearer than this are looked at closely
 FIRST_PENALTY = 5.0  # s per m, or per unit of relative excess
 ESCALATION = 25.0
 LAST_PENALTY = 1000.0
@@ -338,7 +338,7 @@ class ScpLoop:
         penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
         active: ActiveSet | None = None
         if self.problem.given is not None:
-            start = self._keeping_given(start)
+            start = self._kept(start)
         run = Run(Status.ITERATION_LIMIT, (yield from _evaluated(start)), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
         trial: _Trial | None = None
@@ -358,6 +358,10 @@ class ScpLoop:
                 run.status = Status.SOLVER_FAILED
                 if trial is not None:
                     run.evaluation, trust, trial = trial.evaluation, trial.trust, None
+                kept = self._within_limits(run.evaluation.trajectory)
+                if kept is not None:
+                    run.evaluation = yield from _evaluated(kept)
+                    continue
                 trust = trust.scaled(SHRINK)
                 if trust.theta < SMALLEST_TRUST:
                     break
@@ -427,10 +431,19 @@ class ScpLoop:
             solution = solver_named(self.fallback).solve(sub.program)
         return solution if solution.status is SolverStatus.OPTIMAL else None
 
-    def _keeping_given(self, start: Trajectory) -> Trajectory:
-        """The trip nearest to a start that keeps a user's constraints, so that every step from it can keep them too.
+    def _within_limits(self, trip: Trajectory) -> Trajectory | None:
+        """The nearest trip within speed and acceleration, if this one is not; None if nothing better is found."""
+        excess = self.kinematics.excess(trip)
+        if excess <= FEASIBILITY:
+            return None
+        kept = self._kept(trip)
+        return kept if self.kinematics.excess(kept) < 0.5 * excess else None
 
-        A start for which none is found is returned as it is.
+    def _kept(self, start: Trajectory) -> Trajectory:
+        """The trip nearest to a start that keeps what every step must keep: speed, acceleration, a user's constraints.
+
+        From a trip that breaks them short steps would have nowhere to go. A start for which none is found is returned
+        as it is.
         """
         count = self.problem.step_size
         none = Rows.none(count)

@@ -196,7 +196,7 @@ def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:
     space, path = problem.space, trajectory.path
     tables = space.tables
     cells = space.length / tables.cells
-    weights = (np.tile(tables.weights, tables.cells) * cells) / (path.node_speed**3 * space.length**2)
+    weights = tables.node_weights * (cells / space.length**2) / (path.node_speed**2 * path.node_speed)
     if path.node_stretch is not None:
         weights = weights * path.node_stretch**2
     multiplier = 1.0 / max(trajectory.final_speed, MULTIPLIER_SPEED * problem.limits.speed)

@@ -202,6 +202,7 @@ class _Tables:
         self.cells = path_spans * CELLS_PER_SPAN
         nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
         self.weights = self.antiderivative.sum(axis=0)
+        self.node_weights = np.tile(self.weights, self.cells)
         # A product with this matrix is quicker than a cumulative sum along the first axis.
         self.running_sum = np.tri(self.cells + 1, self.cells, -1)
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()

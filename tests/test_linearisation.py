@@ -11,6 +11,7 @@ from test_zones import observed
 
 import scp_planner as sp
 from scp_planner.bundle import TripBundle
+from scp_planner.constraints import Rows
 from scp_planner.constraints.bounds import box_gaps, box_rows
 from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
 from scp_planner.constraints.kinematics import (
@@ -114,23 +115,31 @@ def test_arrival_speed_and_acceleration_rows(degree: int) -> None:
         assert np.all(down <= (limits.deceleration + other.beta) * ratio**2 + 1e-10)
 
 
+def assert_both_sides(
+    rows: Rows, value: Array, difference: Array, tolerance: float = 2e-5, smooth: Array | None = None
+) -> None:
+    """Rows are the upper sides of some values, then lower sides of some: those that are not far away."""
+    smooth = np.ones(len(value), dtype=bool) if smooth is None else smooth
+    upper, lower = np.flatnonzero(value > -0.5), np.flatnonzero(value < 0.5)
+    assert len(rows.gap) == len(upper) + len(lower)
+    assert 0 < len(upper) < len(value) or 0 < len(lower) < len(value), "one of the far sides is to be left out"
+    for sign, side, of in ((1.0, upper, slice(len(upper))), (-1.0, lower, slice(len(upper), None))):
+        np.testing.assert_allclose(rows.gap[of], 1.0 - sign * value[side], atol=1e-12)
+        assert_rows(rows.matrix[of][smooth[side]], sign * difference[side[smooth[side]]], tolerance)
+
+
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_curvature_and_lateral_rows(degree: int) -> None:
     problem, trip = problem_and_trip(degree)
     bundle, whose = TripBundle([trip]), np.zeros(0, dtype=int)
     sites = bend_sites(problem, bundle, trip.at(problem.samples))[0]
     assert len(sites.peaks.speed) > 0, "this trip is to come near the limit"
-    stations = np.arange(len(sites.stations.speed))
     rows = curvature_rows(problem, [sites], -1.0, 0)
-    half = len(stations)
 
     def curvature(other: Trajectory) -> Array:
         return other.path.station_bend.curvature / problem.limits.curvature
 
-    assert_rows(rows.matrix[:half], differences(problem, trip, curvature, 1e-5))
-    np.testing.assert_allclose(rows.matrix[half:], -rows.matrix[:half])
-    np.testing.assert_allclose(rows.gap[:half], 1.0 - curvature(trip))
-    np.testing.assert_allclose(rows.gap[half:], 1.0 + curvature(trip))
+    assert_both_sides(rows, curvature(trip), differences(problem, trip, curvature, 1e-5))
 
     lateral = lateral_rows(problem, bundle, trip.at(problem.samples), [sites], -1.0, 0)
 
@@ -141,7 +150,6 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
         jumps = there.speed**2 * other.path.bend(there.path).curvature
         return np.concatenate([fixed, peaks, jumps]) / problem.limits.lateral_acceleration
 
-    matrix = lateral.matrix[: len(lateral.gap) // 2]
     difference = differences(problem, trip, value, 1e-6)
     # Not where the one-sided derivatives differ: at knots of the path or of a piecewise constant acceleration.
     breaks = problem.space.acceleration.breakpoints
@@ -151,8 +159,7 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
     # Jumps are followed in time: only at knots of the path does their curvature bend.
     assert len(sites.jumps.lateral) == len(breaks) - 2
     smooth = np.concatenate([smooth, np.ones(len(breaks) - 2, dtype=bool)])
-    assert_rows(matrix[smooth], difference[smooth], 1e-4)
-    np.testing.assert_allclose(lateral.gap[: len(matrix)], 1.0 - value(trip), atol=1e-12)
+    assert_both_sides(lateral, value(trip), difference, 1e-4, smooth)
 
 
 def test_box_rows_are_exact() -> None:

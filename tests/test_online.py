@@ -16,9 +16,11 @@ import scp_planner as sp
 from benchmarks.dense_check import check_trip
 from scp_planner import online
 from scp_planner.braking import standing_from, stop_after
+from scp_planner.confidence import StudentErrors
 from scp_planner.online import OnlinePlan, OnlineSettings, Outcome, Planner, Safety
 from scp_planner.plan import Trip
 from scp_planner.problem import build_problem
+from scp_planner.refresh import Prediction
 from scp_planner.remaining import State, remaining_trip
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from tests.scenes import CROSSERS, disc, scene
@@ -604,3 +606,12 @@ def test_stop_is_the_trip_up_to_where_it_leaves_it(spans: int) -> None:
 def test_stop_needs_spans_to_stop_in() -> None:
     trajectory = sp.plan(scene(), sp.Settings(acceleration_degree=0)).trip.trajectory
     assert stop_after(trajectory, 19, 2.0) is None
+
+
+def test_what_comes_far_too_late_is_not_gated_by_a_covariance_that_is_none() -> None:
+    """A covariance growing with the lag, as of process noise, is none long before its origin: below zero there."""
+    growing = np.array([[0.01, 0.0, 0.01], [0.2, 0.0, 0.2]])  # variances 0.01 + 0.2 lag, m^2
+    prediction = Prediction(10.0, np.zeros((2, 2)), growing, StudentErrors(4.0))
+    noise = 0.01 * np.eye(2)
+    assert prediction.exceedance(10.0, (3.0, 0.0), noise) < 0.01
+    assert prediction.exceedance(5.0, (3.0, 0.0), noise) == 1.0

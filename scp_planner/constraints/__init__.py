@@ -82,14 +82,15 @@ class Rows:
         """Return some of the rows."""
         return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index], self.owner[index])
 
-    def split(self, count: int) -> list[Rows]:
-        """Return the rows of each of several trips, in their order."""
+    def shares(self, index: NDArray[np.intp], count: int) -> list[Rows]:
+        """Return some of the rows, sorted by which of several trips they belong to, and in their order."""
         if count == 1:
-            return [self]
-        order = np.argsort(self.owner, kind="stable")
-        bounds = self.owner[order].searchsorted(np.arange(count + 1)).tolist()
-        ordered = self.take(order)
-        return [ordered.take(slice(first, last)) for first, last in pairwise(bounds)]
+            return [self.take(index)]
+        owner = self.owner[index]
+        order = np.argsort(owner, kind="stable")
+        bounds = owner[order].searchsorted(np.arange(count + 1)).tolist()
+        index = index[order]
+        return [self.take(index[first:last]) for first, last in pairwise(bounds)]
 
 
 _NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)

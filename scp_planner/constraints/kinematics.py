@@ -22,6 +22,7 @@ from scp_planner.trajectory import Array, Index, PathBend, Trajectory, TripPoint
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.linspace(-0.6, 0.6, 7)  # stations: a peak moves when it is pressed down in one place
+OPPOSITE = 0.5  # of a limit; where more is used on one side, no step is expected to reach the other
 
 QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
 _NOWHERE: Array = np.zeros(0)
@@ -90,6 +91,10 @@ class KinematicRows:
         bound[self._up] = problem.highest_accelerations - beta
         bound[self._down] = beta - problem.lowest_accelerations
         return matrix, bound
+
+    def excess(self, trajectory: Trajectory) -> float:
+        """Largest excess over the bounds of speed (m/s) and acceleration (m/s^2), 0 where there is none."""
+        return max(0.0, -float(self.at(trajectory)[1][self.equalities :].min()))
 
     def timing_curvature(self, prices: Array) -> float:
         """Second derivative of the bounds b_k <= a tau^2 with respect to rho, times the multipliers of all rows."""
@@ -296,6 +301,9 @@ class _StationBasis:
         rows, slopes, bends = (side_by_side[:, k * space.path_size : (k + 1) * space.path_size] for k in range(3))
         return cls(rows, slopes, bends, bundle.arc_length_gradient(owner, parameters))
 
+    def take(self, index: slice) -> _StationBasis:
+        return _StationBasis(self.rows[index], self.slopes[index], self.bends[index], self.arc_length[index])
+
     def joined(self, other: _StationBasis) -> _StationBasis:
         return _StationBasis(
             np.concatenate([self.rows, other.rows]),
@@ -382,25 +390,29 @@ def lateral_rows(
     )
     keys = 3 * station
     peaks = StationSites.joined([site.peaks for site in sites])
-    if len(peaks.parameters):
-        counts = [len(site.peaks.parameters) for site in sites]
-        peak_owner = np.arange(len(sites)).repeat(counts)
-        basis = basis.joined(_StationBasis.at(bundle, peak_owner, peaks.parameters))
+    counts = [len(site.peaks.parameters) for site in sites]
+    peak_owner = np.arange(len(sites)).repeat(counts)
+    loud = [k for k, site in enumerate(sites) if site.jumps is not None and len(site.jumps.lateral)]
+    jumps = _JumpPlaces.of(problem, points, loud)
+    between = _StationBasis.at(
+        bundle, np.concatenate([peak_owner, jumps.owner]), np.concatenate([peaks.parameters, jumps.parameters])
+    )
+    if len(peak_owner):
+        basis = basis.joined(between.take(slice(len(peak_owner))))
         fixed = StationSites.joined([fixed, peaks])
         number = np.concatenate([np.arange(count) for count in counts])
         keys, owner = np.concatenate([keys, 3 * number + 1]), np.concatenate([owner, peak_owner])
     gradient, value = _lateral_gradient(problem, bundle, owner, fixed, basis), fixed.lateral
-    loud = [k for k, site in enumerate(sites) if site.jumps is not None and len(site.jumps.lateral)]
     if loud:
-        jumps = [site.jumps for site in sites if site.jumps is not None and len(site.jumps.lateral)]
-        count = len(problem.jumps.sigma)
-        jump_owner = np.array(loud).repeat(count)
-        bend = PathBend.joined([jump.bend for jump in jumps])
-        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, points, jump_owner, bend)])
-        value = np.concatenate([value, *[jump.lateral for jump in jumps]])
-        keys = np.concatenate([keys, np.tile(3 * np.arange(count) + 2, len(loud))])
-        owner = np.concatenate([owner, jump_owner])
-    return _both_sides(gradient / limit, value / limit, group, keys, owner)
+        found = [site.jumps for site in sites if site.jumps is not None and len(site.jumps.lateral)]
+        bend = PathBend.joined([jump.bend for jump in found])
+        basis = between.take(slice(len(peak_owner), None))
+        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, points, jumps, bend, basis)])
+        value = np.concatenate([value, *[jump.lateral for jump in found]])
+        keys = np.concatenate([keys, 3 * jumps.number + 2])
+        owner = np.concatenate([owner, jumps.owner])
+    gradient /= limit
+    return _both_sides(gradient, value / limit, group, keys, owner)
 
 
 def _bends_at(sites: Sequence[BendSites], owner: Index, station: Index, *, straight: bool) -> PathBend:
@@ -430,21 +442,44 @@ def _lateral_gradient(
     return join_blocks(theta, beta, rho)
 
 
-def _jump_gradient(problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, bend: PathBend) -> Array:
+@dataclass(frozen=True)
+class _JumpPlaces:
+    """Jumps of the acceleration of some trips: whose, which of its jumps, which of all samples, and where."""
+
+    owner: Index
+    number: Index
+    sample: Index
+    parameters: Array
+
+    @classmethod
+    def of(cls, problem: Problem, points: TripPoints, trips: Sequence[int]) -> _JumpPlaces:
+        if not trips:
+            return cls(_NOBODY, _NOBODY, _NOBODY, _NOWHERE)
+        count, each = len(problem.jumps.sigma), len(problem.samples.sigma)
+        owner = np.array(trips).repeat(count)
+        number = np.tile(np.arange(count), len(trips))
+        sample = problem.grid + number + each * owner
+        return cls(owner, number, sample, points.parameter[sample])
+
+
+def _jump_gradient(
+    problem: Problem,
+    bundle: TripBundle,
+    points: TripPoints,
+    jumps: _JumpPlaces,
+    bend: PathBend,
+    basis: _StationBasis,
+) -> Array:
     """Derivative of the lateral acceleration at the jumps of the acceleration of some trips, (n, step)."""
     space, free, table = problem.space, problem.ends.free, problem.jumps
+    owner, index, again = jumps.owner, jumps.sample, jumps.number
     tau, v0 = bundle.of(bundle.travel_times, owner), space.start_speed
-    count, each = len(table.sigma), len(problem.samples.sigma)
-    trips = len(owner) // count
-    index = np.tile(np.arange(problem.grid, each), trips) + each * owner
     path, v = points.path.take(index), points.speed[index]
-    basis = _StationBasis.at(bundle, owner, points.parameter[index])
     # per m driven, and per m/s
     driven = v * v * bundle.curvature_rate(owner, path) / path.speed
     faster = 2.0 * v * bend.curvature
     theta = (v * v)[:, None] * _bend_gradient(problem, bend, basis.rows, basis.slopes, basis.bends)
     theta -= driven[:, None] * basis.arc_length[:, free]
-    again = np.tile(np.arange(count), trips)
     beta = (tau * faster)[:, None] * table.speed[again]
     beta += (tau * tau * driven)[:, None] * table.distance[again]
     return join_blocks(theta, beta, driven * (v0 * tau) * table.sigma[again] - faster * (v - v0))
@@ -486,19 +521,15 @@ def goal_speed_rows(problem: Problem, bundle: TripBundle, group: int) -> Rows:
     return Rows(both, np.concatenate([-excess, excess]), np.full(len(owner), group, dtype=np.intp), side, owner)
 
 
-def both_gaps(value: Array) -> Array:
-    """What is left of -1 <= value <= 1 on both sides."""
-    return np.concatenate([1.0 - value, 1.0 + value])
-
-
 def _both_sides(gradient: Array, value: Array, group: int, key: Index, owner: Index) -> Rows:
-    """Rows of -1 <= value + gradient z <= 1."""
+    """Rows of -1 <= value + gradient z <= 1, but of the far side only where the value is not near to one side."""
+    upper, lower = np.flatnonzero(value > -OPPOSITE), np.flatnonzero(value < OPPOSITE)
     return Rows(
-        np.concatenate([gradient, -gradient]),
-        both_gaps(value),
-        np.full(2 * len(value), group, dtype=np.intp),
-        np.concatenate([2 * key, 2 * key + 1]),
-        np.concatenate([owner, owner]),
+        np.concatenate([gradient[upper], -gradient[lower]]),
+        np.concatenate([1.0 - value[upper], 1.0 + value[lower]]),
+        np.full(len(upper) + len(lower), group, dtype=np.intp),
+        np.concatenate([2 * key[upper], 2 * key[lower] + 1]),
+        np.concatenate([owner[upper], owner[lower]]),
     )
 
 
