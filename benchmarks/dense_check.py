@@ -44,6 +44,7 @@ PositionFunction = Callable[[Array], ArrayLike]
 
 SAMPLES = 20_000
 SPEED_WINDOW = 1e-3  # s, one chord
+END_WINDOWS = (1e-3, 1e-4)  # s; the longer one is blurred by a jump of the acceleration just inside the end
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
@@ -171,7 +172,7 @@ def check_trip(
         broken = Finding("position", math.nan, 0.0, math.inf, 0.0, float(first), "not a number")
         return DenseReport((broken,), arrival_time - start_time)
     findings = [
-        *_ends(data, times, positions, allowed),
+        *_ends(data, times, positions, position, allowed),
         *_motion_limits(data, times, positions, allowed),
         *_place_speeds(data, times, positions, allowed),
     ]
@@ -223,7 +224,9 @@ def _as_mapping(scenario: Mapping[str, Any] | str | os.PathLike[str]) -> Mapping
     return data
 
 
-def _ends(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+def _ends(
+    data: Mapping[str, Any], times: Array, positions: Array, position: PositionFunction, allowed: Tolerances
+) -> list[Finding]:
     start, goal = data["start"], data["goal"]
     begin, end = float(times[0]), float(times[-1])
     found = []
@@ -243,11 +246,10 @@ def _ends(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tole
             limit = float(goal[name])
             require(name, end, limit, sign * (end - limit), allowed.arrival, end)
 
-    step = max(1, round(SPEED_WINDOW / (times[1] - times[0])))
     for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
         if place.get("speed") is not None:
-            speed = _end_speed(times[::order], positions[::order], step)
-            gap = abs(speed - float(place["speed"]))
+            speeds = [_end_speed(position, when, order * window) for window in END_WINDOWS]
+            gap, speed = min((abs(speed - float(place["speed"])), speed) for speed in speeds)
             require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
         if place.get("heading") is not None:
             # Seen from the goal the chords point backwards.
@@ -257,10 +259,10 @@ def _ends(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tole
     return found
 
 
-def _end_speed(times: Array, positions: Array, step: int) -> float:
-    """Speed at the first sample, from the one-sided second-order difference."""
-    duration = times[step] - times[0]
-    velocity = (-3.0 * positions[0] + 4.0 * positions[step] - positions[2 * step]) / (2.0 * duration)
+def _end_speed(position: PositionFunction, end: float, window: float) -> float:
+    """Speed at an end, from the one-sided second-order difference over windows to the inside."""
+    here, near, far = np.asarray(position(end + window * np.arange(3)), dtype=float)
+    velocity = (-3.0 * here + 4.0 * near - far) / (2.0 * window)
     return float(np.linalg.norm(velocity))
 
 

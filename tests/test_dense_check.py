@@ -426,3 +426,16 @@ def test_priors_count_like_observations_of_velocity_and_acceleration() -> None:
     assert 0 < inside.sum() < 30
     assert distance[~inside] == pytest.approx(zone.signed_distance(times, points)[~inside], abs=1e-6)
     assert np.all(distance[inside] <= -0.4 + 1e-9)
+
+
+def test_a_jump_of_the_acceleration_just_after_the_start_is_no_wrong_speed() -> None:
+    jump = 2.5e-4  # s
+
+    def position(t: Array) -> Array:
+        later = np.maximum(t - jump, 0.0)
+        return np.stack([t + 0.75 * t**2 - 1.5 * later**2, np.zeros_like(t)], axis=1)
+
+    goal = {"position": position(np.array([0.5]))[0].tolist(), "heading": None, "speed": None}
+    assert check_trip(scenario(goal=goal), position, 0.0, 0.5).ok
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0005}
+    assert refused(check_trip(scenario(start=start, goal=goal), position, 0.0, 0.5)) == {"start_speed"}
