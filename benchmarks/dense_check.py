@@ -44,7 +44,7 @@ PositionFunction = Callable[[Array], ArrayLike]
 
 SAMPLES = 20_000
 SPEED_WINDOW = 1e-3  # s, one chord
-END_WINDOWS = (1e-3, 1e-4)  # s; the longer one is blurred by a jump of the acceleration just inside the end
+END_WINDOW = 1e-4  # s; a longer one would be blurred by a jump of the acceleration just inside the end
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
@@ -248,8 +248,8 @@ def _ends(
 
     for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
         if place.get("speed") is not None:
-            speeds = [_end_speed(position, when, order * window) for window in END_WINDOWS]
-            gap, speed = min((abs(speed - float(place["speed"])), speed) for speed in speeds)
+            speed = _end_speed(position, when, order * END_WINDOW)
+            gap = abs(speed - float(place["speed"]))
             require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
         if place.get("heading") is not None:
             # Seen from the goal the chords point backwards.
@@ -260,7 +260,7 @@ def _ends(
 
 
 def _end_speed(position: PositionFunction, end: float, window: float) -> float:
-    """Speed at an end, from the one-sided second-order difference over windows to the inside."""
+    """Speed at an end, from the one-sided second-order difference over a window to the inside."""
     here, near, far = np.asarray(position(end + window * np.arange(3)), dtype=float)
     velocity = (-3.0 * here + 4.0 * near - far) / (2.0 * window)
     return float(np.linalg.norm(velocity))
