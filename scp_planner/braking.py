@@ -128,5 +128,6 @@ def straight_stop(state: State, limits: Limits, settings: Settings, breakpoints:
 
 def fits(stop: Trajectory) -> bool:
     """Whether a stop ends before its path does."""
-    distance = stop.at(stop.space.time_table(np.ones(1))).distance
-    return bool(distance[0] <= stop.path.arc_length)
+    tau, space = stop.travel_time, stop.space
+    distance = space.start_speed * tau + tau * tau * float(space.tables.final_distance @ stop.beta)
+    return distance <= stop.path.arc_length

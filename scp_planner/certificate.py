@@ -21,17 +21,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Flag, auto
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.intervals import Interval
 from scp_planner.places import Stretch, stretches
 from scp_planner.plan import Clearance, LimitUse, Plan, Trip
 from scp_planner.problem import Limits
 from scp_planner.relevance import FEW_ZONES, LOOKS, Looks, least_clearances
 from scp_planner.scenario import Scenario
-from scp_planner.trajectory import Trajectory, TripPoints
+from scp_planner.trajectory import CELLS_PER_SPAN, PathPoints, Trajectory, TripSpace
+from scp_planner.zone_batch import MovingPoint
 from scp_planner.zones import ThreatZone, ZoneBatch, ZonesOf
 
 Array = NDArray[np.float64]
@@ -74,6 +75,10 @@ UNITS = {
 """Of what can be violated; what users' own constraints exceed has none."""
 A_JUMP = 1e12  # m/s^3, said of the jerk where the acceleration jumps
 REPORT_PRECISION = 1e-3  # m; see certify_trip
+FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is looked for
+MOST_MOTIONS = 8  # that are remembered
+_BOTH_ENDS = np.array([0.0, 1.0])
+_NO_KNOTS = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -174,6 +179,7 @@ def certify_trip(
     ends: Ends = Ends.BOTH,
     precision: float = REPORT_PRECISION,
     batch: ZoneBatch | None = None,
+    motions: Motions | None = None,
 ) -> Certificate:
     """Check a trip against a scenario in continuous time. See :func:`certify`.
 
@@ -194,6 +200,8 @@ def certify_trip(
         bound that is not negative, and found sooner.
     batch : ZoneBatch, optional
         The zones in the trip's frame, inflated by the vehicle's radius, if they are at hand.
+    motions : Motions, optional
+        What was found of trips that were checked before; what is found now is added.
 
     Returns
     -------
@@ -202,13 +210,14 @@ def certify_trip(
     if batch is None:
         batch = ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius)
     check = _Check(scenario, trip, batch)
-    check.precision = precision
+    check.precision, check.motions = precision, motions
     if since is not None:
         check.begin(since)
         ends &= Ends.GOAL
     if until is not None:
         check.end(until)
-    return check.run(ends)
+    again = check.run_again(ends) if since is not None else None
+    return again or check.run(ends)
 
 
 @dataclass(frozen=True)
@@ -229,26 +238,124 @@ class _Enclosure:
 
     Attributes
     ----------
-    points : TripPoints
+    time, half : (n,) arrays
+        Middles on the planning clock and half widths, s.
+    speed : (n,) array
+        At the middles, m/s.
+    path : PathPoints
         At the middles.
-    half : (n,) array
-        Half widths, s.
     curvature, lateral : (n,) arrays
         At the middles, signed.
     curvature_bound, lateral_bound, acceleration_bound : (n,) arrays
         Upper bounds of the absolute values on the whole intervals.
-    curvature_rate : Interval
-        Of the curvature over time, 1/(m s).
+    curvature_rate : (n,) array
+        Upper bounds of the absolute rate of the curvature over time, 1/(m s).
     """
 
-    points: TripPoints
+    time: Array
     half: Array
+    speed: Array
+    path: PathPoints
     curvature: Array
     lateral: Array
     curvature_bound: Array
     lateral_bound: Array
     acceleration_bound: Array
-    curvature_rate: Interval
+    curvature_rate: Array
+
+    def disc(self, offset: float) -> MovingPoint:
+        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m.
+
+        It is at q = r + o T, with q' = v T + o w N and w = v kappa the rate of the heading, so that
+        |q''| <= |r''| + |o| |(w', w^2)|, w' = v dkappa/dt + a kappa.
+        """
+        unit = self.path.direction / self.path.speed[:, None]
+        own = np.sqrt(self.acceleration_bound**2 + self.lateral_bound**2)
+        velocity = self.speed[:, None] * unit
+        if offset == 0.0:
+            return MovingPoint(self.time, self.half, self.path.position, velocity, own)
+        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        fastest = self.speed + self.acceleration_bound * self.half
+        turning = fastest * self.curvature_bound
+        change = fastest * self.curvature_rate + self.acceleration_bound * self.curvature_bound
+        return MovingPoint(
+            self.time,
+            self.half,
+            self.path.position + offset * unit,
+            velocity + (offset * self.speed * self.curvature)[:, None] * across,
+            own + abs(offset) * np.hypot(change, turning**2),
+        )
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A motion that keeps all limits, on pieces of time.
+
+    Attributes
+    ----------
+    space : TripSpace
+    scenario : Scenario
+        Whose limits they are.
+    ends : Ends
+    first, last : float
+        From when to when limits were checked, in normalised time.
+    pieces : _Pieces
+        In order.
+    discs : tuple of MovingPoint
+        The discs of the vehicle on them.
+    limits : dict of str to LimitUse
+    """
+
+    space: TripSpace
+    scenario: Scenario
+    ends: Ends
+    first: float
+    last: float
+    pieces: _Pieces
+    discs: tuple[MovingPoint, ...]
+    limits: dict[str, LimitUse]
+
+    def serves(self, check: _Check, ends: Ends) -> bool:
+        """Whether a check of the same control points would find the same limits kept."""
+        mine, other = self.scenario, check.scenario
+        return (
+            self.space is check.trajectory.space
+            and mine.vehicle is other.vehicle
+            and mine.goal is other.goal
+            and mine.bounds is other.bounds
+            and mine.speed_limits is other.speed_limits
+            and all(limit.line is not None for limit in mine.speed_limits)
+            and ends in self.ends
+            and self.first <= check.first_sigma
+            and check.last_sigma <= self.last
+        )
+
+
+class Motions:
+    """Trips that were found to keep all limits, of which only the clearance is checked again as they are driven on.
+
+    A trip is told by the bits of all that it depends on.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[Any, ...], _Motion] = {}
+
+    @staticmethod
+    def _name(trip: Trip) -> tuple[Any, ...]:
+        trajectory = trip.trajectory
+        return trip.frame, trajectory.travel_time, trajectory.theta.tobytes(), trajectory.beta.tobytes()
+
+    def of(self, trip: Trip) -> _Motion | None:
+        """What is known of a trip."""
+        return self._known.get(self._name(trip))
+
+    def add(self, trip: Trip, motion: _Motion) -> None:
+        """Remember a trip; the one that was added first is forgotten for it."""
+        name = self._name(trip)
+        self._known.pop(name, None)
+        while len(self._known) >= MOST_MOTIONS:
+            del self._known[next(iter(self._known))]
+        self._known[name] = motion
 
 
 class _Check:
@@ -259,10 +366,10 @@ class _Check:
         self.batch = batch
         self.limits = Limits.of(scenario)
         self.violations: list[Violation] = []
-        self.accelerations = batch.centers.derivative.derivative
         self.first_sigma, self.last_sigma = 0.0, 1.0
         self.precision = REPORT_PRECISION
         self.start_speed = scenario.start.speed
+        self.motions: Motions | None = None
 
     def begin(self, since: float) -> None:
         """Leave out what lies before an absolute time, s."""
@@ -276,10 +383,10 @@ class _Check:
         self.last_sigma = min(max(sigma, self.first_sigma + 1e-9), 1.0)
 
     def run(self, ends: Ends = Ends.BOTH) -> Certificate:
-        self.violations.extend(self._ends(ends))
-        limits = self._speed_and_acceleration()
         pieces = self._first_pieces()
         enclosure = self._enclose(pieces)
+        self.violations.extend(self._ends(ends))
+        limits = self._speed_and_acceleration()
         for name, limit in (
             ("curvature", self.limits.curvature),
             ("lateral_acceleration", self.limits.lateral_acceleration),
@@ -294,41 +401,88 @@ class _Check:
         for number, part in enumerate(stretches(self.scenario)):
             name = f"speed_limits[{number}]"
             limits[name] = self._speed_limit(name, part, pieces, enclosure)
-        self.batch = self._near_batch()
-        discs = self.scenario.vehicle.discs
-        clearance = min((self._clearance(pieces, enclosure, disc) for disc in discs), key=lambda found: found.minimum)
-        for disc in discs:
-            self._inside_bounds(pieces, enclosure, disc)
+        discs = tuple(enclosure.disc(offset) for offset in vehicle.discs)
+        outside = [self._leaves_bounds(pieces, disc, offset) for disc, offset in zip(discs, vehicle.discs, strict=True)]
+        if self.motions is not None and not self.violations and not any(outside) and self._keeps_speed_later():
+            motion = _Motion(
+                self.trajectory.space, self.scenario, ends, self.first_sigma, self.last_sigma, pieces, discs, limits
+            )
+            self.motions.add(self.trip, motion)
+        clearance = self._least_clearance(pieces, discs)
+        self.violations.extend(violation for violation in outside if violation is not None)
         return Certificate(not self.violations, clearance, limits, tuple(self.violations))
+
+    def run_again(self, ends: Ends) -> Certificate | None:
+        """Check the clearance alone, if the rest is known; None if that does not decide.
+
+        The first piece may begin before what is to be checked: then it is kept clear of all the more, or if it is not,
+        nothing follows from that.
+        """
+        motion = None if self.motions is None else self.motions.of(self.trip)
+        if motion is None or not motion.serves(self, ends):
+            return None
+        pieces = motion.pieces
+        begins, finishes = pieces.middle - pieces.half, pieces.middle + pieces.half
+        part = slice(
+            int(np.searchsorted(finishes, self.first_sigma, "right")), int(np.searchsorted(begins, self.last_sigma))
+        )
+        if part.start >= part.stop:
+            return None
+        knots = self._zone_knots()
+        if np.any((knots > begins[part.start]) & (knots < finishes[part.stop - 1])):
+            return None
+        pieces = _Pieces(pieces.middle[part], pieces.half[part])
+        clearance = self._least_clearance(pieces, tuple(disc.take(part) for disc in motion.discs))
+        if not self.violations:
+            return Certificate(True, clearance, motion.limits)
+        found, self.violations = tuple(self.violations), []
+        if all(one.value < -CLEARANCE_TOLERANCE and one.time >= self._absolute(self.first_sigma) for one in found):
+            return Certificate(False, clearance, motion.limits, found)
+        return None
+
+    def _keeps_speed_later(self) -> bool:
+        """Whether the trip is not too fast for a vehicle that is on its way, either."""
+        top = max(self.limits.speed, self.trajectory.space.start_speed)
+        return float(self.trajectory.speed_control_points().max()) <= top * (1 + RELATIVE_TOLERANCE)
+
+    def _least_clearance(self, pieces: _Pieces, discs: Sequence[MovingPoint]) -> Clearance:
+        near = self._near_batch()
+        found = (
+            self._clearance(near, pieces, disc, offset)
+            for disc, offset in zip(discs, self.scenario.vehicle.discs, strict=True)
+        )
+        return min(found, key=lambda one: one.minimum)
 
     def _absolute(self, sigma: float) -> float:
         return self.trip.frame.time + self.trajectory.travel_time * float(sigma)
 
     def _ends(self, ends: Ends) -> list[Violation]:
         scenario, trajectory = self.scenario, self.trajectory
-        points = trajectory.at(trajectory.space.time_table(np.array([0.0, 1.0])))
-        position = self.trip.frame.to_world(points.path.position)
-        direction = self.trip.frame.vectors_to_world(points.path.direction)
-        start, goal = scenario.start, scenario.goal
+        drive = trajectory.drive_at(_BOTH_ENDS)
         times = (self._absolute(0.0), self._absolute(1.0))
         # A trip that goes on beyond its path would be held at the goal, at a speed that it does not have.
-        found = [("distance beyond the path", float(points.distance[1]) - trajectory.path.arc_length, 0.0, times[1])]
+        found = [("distance beyond the path", float(drive.distance[1]) - trajectory.path.arc_length, 0.0, times[1])]
+        if ends:
+            points = trajectory.path.points(trajectory.path.parameter_at(drive.distance))
+            position = self.trip.frame.to_world(points.position)
+            direction = self.trip.frame.vectors_to_world(points.direction)
+        start, goal = scenario.start, scenario.goal
         headings: list[tuple[str, float | None, Array, float]] = []
         if Ends.START in ends:
             found += [
                 ("start time", abs(times[0] - start.time), 0.0, times[0]),
                 ("distance from the start", float(np.hypot(*(position[0] - start.position))), 0.0, times[0]),
-                ("start speed", abs(float(points.speed[0]) - start.speed), 0.0, times[0]),
+                ("start speed", abs(float(drive.speed[0]) - start.speed), 0.0, times[0]),
             ]
             if start.acceleration is not None:
-                error = abs(float(points.acceleration[0]) - start.acceleration)
+                error = abs(float(drive.acceleration[0]) - start.acceleration)
                 found.append(("start acceleration error", error, 0.0, times[0]))
             headings.append(("start heading", start.heading, direction[0], times[0]))
         if Ends.GOAL in ends:
             away = float(np.hypot(*(position[1] - goal.position)))
             found.append(("distance from the goal", away, goal.radius, times[1]))
             if goal.speed is not None:
-                error = abs(float(points.speed[1]) - goal.speed)
+                error = abs(float(drive.speed[1]) - goal.speed)
                 found.append(("goal speed error", error, GOAL_SPEED_TOLERANCE, times[1]))
             headings.append(("goal heading", goal.heading, direction[1], times[1]))
             if goal.latest_arrival is not None:
@@ -395,54 +549,60 @@ class _Check:
     def _first_pieces(self) -> _Pieces:
         trajectory = self.trajectory
         space = trajectory.space
-        knots = trajectory.path.arc_length_at(space.path.breakpoints[1:-1])
+        knots = trajectory.path.until[CELLS_PER_SPAN:-1:CELLS_PER_SPAN]
         first, last = self.first_sigma, self.last_sigma
         duration = (last - first) * trajectory.travel_time
-        grid = np.linspace(first, last, int(np.clip(duration / FIRST_WIDTH, FEWEST_INTERVALS, INTERVALS)) + 1)
+        count = int(min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
         inner = np.concatenate([space.acceleration.breakpoints, trajectory.arrivals(knots).sigma, self._zone_knots()])
-        edges = np.unique(np.concatenate([grid, inner[(inner > first) & (inner < last)]]))
-        return _Pieces(0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges))
+        inner = inner[(inner > first) & (inner < last)]
+        edges = np.concatenate([np.linspace(first, last, count + 1), inner])
+        edges.sort()
+        before, after = edges[:-1], edges[1:]
+        wide = after > before
+        return _Pieces((0.5 * (before + after))[wide], (0.5 * (after - before))[wide])
 
     def _zone_knots(self) -> Array:
         """Normalised times inside the trip at which a zone's motion or growth changes to another polynomial."""
         batch = self.batch
-        pieces = [batch.centers] if batch.covariances is None else [batch.centers, batch.covariances]
+        pieces = [part for part in (batch.centers, batch.covariances) if part is not None]
+        pieces = [part for part in pieces if part.breakpoints.shape[1] > 2]
+        if not pieces:
+            return _NO_KNOTS
         knots = np.concatenate([part.breakpoints[:, 1:-1].ravel() for part in pieces]) / self.trajectory.travel_time
         return np.unique(knots[(knots > 0.0) & (knots < 1.0)])
 
     def _enclose(self, pieces: _Pieces) -> _Enclosure:
         trajectory = self.trajectory
-        space = trajectory.space
-        points = trajectory.at(space.time_table(pieces.middle))
+        path, length, count = trajectory.path, trajectory.space.length, len(pieces.middle)
         half = pieces.half * trajectory.travel_time
-        ends = trajectory.parameters_at(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
+        ends = pieces.middle - pieces.half, pieces.middle + pieces.half
+        drive = trajectory.drive_at(np.concatenate([pieces.middle, *ends]))
+        parameters = path.parameter_at(drive.distance)
+        parameter, low, high = parameters[:count], parameters[count : 2 * count], parameters[2 * count :]
+        points, speed, middle = path.points(parameter), drive.speed[:count], drive.acceleration[:count]
         # Inside one span the acceleration is one polynomial of degree <= 2: linear ones are bounded by their ends.
-        middle = points.acceleration
-        count = len(middle)
-        slope = self._jerk_bound(pieces)
-        acceleration = np.abs(middle) + slope * half
-        low, high = ends[:count], ends[count:]
-        width = np.maximum(high - points.parameter, points.parameter - low) * (1.0 + 1e-9) + 1e-12
-        fastest = points.speed + acceleration * half
-        slowest = np.maximum(points.speed - acceleration * half, 0.0)
-        bend = trajectory.path.bend_enclosure(points.path, width * space.length)
+        acceleration = np.abs(middle)
+        if not trajectory.space.tables.constant:
+            acceleration = acceleration + self._jerk_bound(drive.span[:count]) * half
+        width = (np.maximum(high - parameter, parameter - low) * (1.0 + 1e-9) + 1e-12) * length
+        fastest = speed + acceleration * half
+        bend = path.bend_enclosure(points, width)
+        curvature = path.bend(points).curvature
+        rate = bend.curvature_rate.magnitude()
+        curvature_bound = np.abs(curvature) + rate * width
+        lateral = speed * speed * curvature
         # s(t): ds/dt = v / |r'|
-        speed = Interval(slowest, fastest)
-        curvature = trajectory.path.bend(points.path).curvature
-        curvature_bound = np.abs(curvature) + bend.curvature_rate.magnitude() * width * space.length
-        lateral = points.speed**2 * curvature
-        over_time = bend.curvature_rate * speed * bend.speed.power(-1.0)
-        rate = (Interval(-curvature_bound, curvature_bound) * speed * Interval(-acceleration, acceleration)).scaled(
-            2.0
-        ) + speed.squared() * over_time
-        lateral_bound = np.abs(lateral) + rate.magnitude() * half
-        return _Enclosure(points, half, curvature, lateral, curvature_bound, lateral_bound, acceleration, over_time)
+        over_time = rate * fastest / bend.speed.lower
+        lateral_bound = np.abs(lateral) + fastest * (2.0 * curvature_bound * acceleration + fastest * over_time) * half
+        time = trajectory.travel_time * pieces.middle
+        return _Enclosure(
+            time, half, speed, points, curvature, lateral, curvature_bound, lateral_bound, acceleration, over_time
+        )
 
-    def _jerk_bound(self, pieces: _Pieces) -> Array:
-        """Largest |da/dt| on each interval."""
+    def _jerk_bound(self, span: Index) -> Array:
+        """Largest |da/dt| in spans of the acceleration."""
         basis = self.trajectory.space.acceleration.derivative
         coefficients = basis.combine(self.trajectory.beta) / self.trajectory.travel_time
-        span, _ = basis.locate(pieces.middle)
         return np.abs(coefficients[span]).sum(axis=1)
 
     def _bend_limit(self, name: str, limit: float, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
@@ -453,9 +613,9 @@ class _Check:
             if name == "curvature":
                 value, bound = enclosure.curvature, enclosure.curvature_bound
             elif name == "curvature_rate":
-                points = enclosure.points
-                value = points.speed * self.trajectory.path.curvature_rate(points.path) / points.path.speed
-                bound = enclosure.curvature_rate.magnitude()
+                points = enclosure.path
+                value = enclosure.speed * self.trajectory.path.curvature_rate(points) / points.speed
+                bound = enclosure.curvature_rate
             else:
                 value, bound = enclosure.lateral, enclosure.lateral_bound
             worst = int(np.argmax(np.abs(value)))
@@ -495,15 +655,15 @@ class _Check:
         allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
         best, best_sigma = 0.0, 0.0
         for _ in range(MAX_HALVINGS):
-            points, half = enclosure.points, enclosure.half
-            position = self.trip.frame.to_world(points.path.position)
-            fastest = points.speed + enclosure.acceleration_bound * half
+            half, speed = enclosure.half, enclosure.speed
+            position = self.trip.frame.to_world(enclosure.path.position)
+            fastest = speed + enclosure.acceleration_bound * half
             station = part.line.nearest(position)
             there = np.flatnonzero((station >= part.first) & (station <= part.last))
             if len(there):
-                worst = there[np.argmax(points.speed[there])]
-                if points.speed[worst] > best:
-                    best, best_sigma = float(points.speed[worst]), float(pieces.middle[worst])
+                worst = there[np.argmax(speed[there])]
+                if speed[worst] > best:
+                    best, best_sigma = float(speed[worst]), float(pieces.middle[worst])
             if best > allowed:
                 break
             undecided = fastest > allowed
@@ -537,32 +697,36 @@ class _Check:
             batch = batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
         return batch
 
-    def _clearance(self, pieces: _Pieces, enclosure: _Enclosure, disc: float) -> Clearance:
-        batch = self.batch
+    def _clearance(self, batch: ZoneBatch, pieces: _Pieces, disc: MovingPoint, offset: float) -> Clearance:
+        """Least clearance of a disc that is so far ahead of the reference point, m."""
         if batch.size == 0:
             return Clearance(float("inf"))
-        points = enclosure.points
-        moving = _DiscMotion.of(enclosure, disc)
-        nearer = self._nearer(enclosure, moving)
-        exact = np.inf if np.isfinite(self.precision) else float(nearer.max())
-        distance = batch.distances(points.time, moving.position, exact)
-        least = float(distance.min())
-        at = np.unravel_index(np.argmin(distance), distance.shape)
-        where = (float(pieces.middle[at[0]]), int(at[1]))
-        lower = distance - nearer
-        far = (lower >= 0.0) & (lower >= least - self.precision)
-        certified = float(lower[far].min(initial=np.inf))
-        interval, zone = np.nonzero(~far)
+        crude = batch.crude_bounds(disc)
+        nearest, zone = divmod(int(np.argmin(crude)), batch.size)
+        where, least, enough = (float(pieces.middle[nearest]), zone), np.inf, 0.0
+        if np.isfinite(self.precision):
+            some = np.argsort(crude, axis=None)[:FIRST_PAIRS]
+            interval, zones = np.divmod(some, batch.size)
+            value = batch.bounds(zones, interval, disc).value
+            worst = int(np.argmin(value))
+            least, where = float(value[worst]), (float(pieces.middle[interval[worst]]), int(zones[worst]))
+            enough = max(least - self.precision, 0.0)
+        far = crude >= enough
+        certified = float(crude[far].min(initial=np.inf))
+        interval, zones = np.nonzero(~far)
         for _ in range(MAX_HALVINGS if len(interval) else 1):
             if not len(interval):
                 break
-            bound = self._clearance_bound(enclosure, disc, interval, zone)
+            bound = batch.bounds(zones, interval, disc)
             value = bound.value
             worst = int(np.argmin(value))
             if value[worst] < least:
-                least, where = float(value[worst]), (float(pieces.middle[interval[worst]]), int(zone[worst]))
-            if least < -CLEARANCE_TOLERANCE:
+                least, where = float(value[worst]), (float(pieces.middle[interval[worst]]), int(zones[worst]))
+            if not least >= -CLEARANCE_TOLERANCE:
                 certified = least
+                break
+            if not np.isfinite(value[worst]):
+                certified = -np.inf
                 break
             # Good enough: certainly outside, and not far below the least value found.
             done = (bound.lower >= 0.0) & (bound.lower >= least - self.precision)
@@ -578,8 +742,8 @@ class _Check:
             keep[open_pieces] = True
             pieces = pieces.halves(keep)
             interval = np.concatenate([inverse, inverse + len(open_pieces)])
-            zone = np.concatenate([zone[~done], zone[~done]])
-            enclosure = self._enclose(pieces)
+            zones = np.concatenate([zones[~done], zones[~done]])
+            disc = self._enclose(pieces).disc(offset)
         else:
             certified = -np.inf
         sigma, index = where
@@ -588,97 +752,31 @@ class _Check:
             return Clearance(least, batch.ids[index], self._absolute(sigma))
         return Clearance(max(certified, 0.0), batch.ids[index], self._absolute(sigma))
 
-    def _nearer(self, enclosure: _Enclosure, moving: _DiscMotion) -> Array:
-        """How much nearer each zone can come on each interval than in its middle, crudely, (n, L) m."""
-        points, half = enclosure.points, enclosure.half
-        first, last = float(np.min(points.time - half)), float(np.max(points.time + half))
-        return self.batch.approach_bound(first, last, half, moving.speed_bound)
-
-    def _clearance_bound(self, enclosure: _Enclosure, disc: float, interval: Index, zone: Index) -> _Bound:
-        batch, times = self.batch, enclosure.points.time[interval]
-        moving = _DiscMotion.of(enclosure, disc)
-        position, velocity = moving.position[interval], moving.velocity[interval]
-        contacts = batch.contacts(zone, times, position)
-        half = enclosure.half[interval]
-        slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
-        own = moving.acceleration_bound[interval]
-        bend = batch.bend_bound(zone, times, half, contacts.normal, position, velocity, own)
-        return _Bound(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
-
-    def _inside_bounds(self, pieces: _Pieces, enclosure: _Enclosure, disc: float) -> None:
-        """A disc of the vehicle stays inside the workspace box, by the same bound as for clearance."""
+    def _leaves_bounds(self, pieces: _Pieces, disc: MovingPoint, offset: float) -> Violation | None:
+        """Where a disc of the vehicle leaves the workspace box, by the same bound as for clearance."""
         box = self.scenario.bounds
         if box is None:
-            return
+            return None
         frame = self.trip.frame
         radius = self.scenario.vehicle.radius
         normals = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
+        at = 0.0
         for _ in range(MAX_HALVINGS):
-            moving = _DiscMotion.of(enclosure, disc)
-            inside = frame.to_world(moving.position) @ normals.T - offsets
-            slope = np.abs(frame.vectors_to_world(moving.velocity) @ normals.T)
-            own = moving.acceleration_bound[:, None]
-            half = enclosure.half[:, None]
-            lower = inside - slope * half - 0.5 * own * half * half
+            inside = frame.to_world(disc.position) @ normals.T - offsets
+            slope = np.abs(frame.vectors_to_world(disc.velocity) @ normals.T)
+            half = disc.half[:, None]
+            lower = inside - slope * half - 0.5 * disc.acceleration[:, None] * half * half
             worst = np.unravel_index(np.argmin(inside), inside.shape)
+            at = float(pieces.middle[worst[0]])
             if inside[worst] < -END_TOLERANCE:
-                self._note("workspace bounds", float(inside[worst]), 0.0, float(pieces.middle[worst[0]]), True)
-                return
-            undecided = (lower < -END_TOLERANCE).any(axis=1)
+                break
+            undecided = ~(lower >= -END_TOLERANCE).all(axis=1)
             if not undecided.any():
-                return
+                return None
             pieces = pieces.halves(undecided)
-            enclosure = self._enclose(pieces)
-        self._note("workspace bounds", float(inside[worst]), 0.0, float(pieces.middle[0]), True)
-
-
-@dataclass(frozen=True)
-class _DiscMotion:
-    """The centre of a disc on the vehicle's axis in the middles of intervals, and bounds on the whole intervals.
-
-    It is at q = r + o T, o ahead of the reference point, with q' = v T + o w N and w = v kappa the rate of the heading,
-    so that |q'| <= v (1 + |o kappa|) and |q''| <= |r''| + |o| |(w', w^2)|, w' = v dkappa/dt + a kappa.
-
-    Attributes
-    ----------
-    position, velocity : (n, 2) arrays
-        m, m/s.
-    speed_bound, acceleration_bound : (n,) arrays
-        m/s, m/s^2.
-    """
-
-    position: Array
-    velocity: Array
-    speed_bound: Array
-    acceleration_bound: Array
-
-    @classmethod
-    def of(cls, enclosure: _Enclosure, offset: float) -> _DiscMotion:
-        """Return the motion of a disc that is so far ahead of the reference point, m."""
-        points = enclosure.points
-        unit = points.path.direction / points.path.speed[:, None]
-        fastest = points.speed + enclosure.acceleration_bound * enclosure.half
-        own = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)
-        velocity = points.speed[:, None] * unit
-        if offset == 0.0:
-            return cls(points.path.position, velocity, fastest, own)
-        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-        turning = fastest * enclosure.curvature_bound
-        change = fastest * enclosure.curvature_rate.magnitude()
-        change = change + enclosure.acceleration_bound * enclosure.curvature_bound
-        return cls(
-            points.path.position + offset * unit,
-            velocity + (offset * points.speed * enclosure.curvature)[:, None] * across,
-            fastest * (1.0 + abs(offset) * enclosure.curvature_bound),
-            own + abs(offset) * np.hypot(change, turning**2),
-        )
-
-
-@dataclass(frozen=True)
-class _Bound:
-    value: Array
-    lower: Array
+            disc = self._enclose(pieces).disc(offset)
+        return Violation("workspace bounds", float(inside[worst]), 0.0, self._absolute(at))
 
 
 @lru_cache(maxsize=64)

@@ -60,7 +60,8 @@ def ellipse_contact(offset: Array, covariance: Array) -> Contact:
 
     The closest boundary point solves a^2 y0^2 / (s + a^2)^2 + b^2 y1^2 / (s + b^2)^2 = 1 in the principal axes
     (Eberly, "Distance from a point to an ellipse"); the left side is convex and decreasing for s > -b^2, so Newton's
-    method from its left bound converges monotonically.
+    method from a left bound of the root converges monotonically: b y1 - b^2 is one, and so is |(a y0, b y1)| - a^2,
+    which is the root itself for circles.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def ellipse_contact(offset: Array, covariance: Array) -> Contact:
     axes = _PrincipalAxes.of(offset, covariance)
     u, w, gap = axes.half_major * axes.y0, axes.half_minor * axes.y1, axes.gap
     # shift = s + minor, so that nothing cancels near the pole
-    shift = np.maximum(w, u - gap)
+    shift = np.maximum(w, np.sqrt(u * u + w * w) - gap)
     for _ in range(MAX_NEWTON_STEPS):
         p = u / (shift + gap)
         q = w / shift

@@ -40,6 +40,13 @@ class Interval:
         c, d = self.upper * other.lower, self.upper * other.upper
         return Interval(np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d)))
 
+    def times_positive(self, other: Interval) -> Interval:
+        """Return the products with intervals of numbers that are not negative."""
+        return Interval(
+            np.minimum(self.lower * other.lower, self.lower * other.upper),
+            np.maximum(self.upper * other.lower, self.upper * other.upper),
+        )
+
     def scaled(self, factor: float) -> Interval:
         """Return the intervals times a number."""
         a, b = self.lower * factor, self.upper * factor

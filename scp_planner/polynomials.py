@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,15 +77,7 @@ class PiecewisePolynomials:
         """Return the same functions with single pieces expanded about ``origin``; several pieces stay as they are."""
         if self.coefficients.shape[1] != 1:
             return self
-        from math import comb
-
-        shift = origin - self.breakpoints[:, 0]
-        order = self.coefficients.shape[2]
-        moved = np.zeros_like(self.coefficients)
-        for low in range(order):
-            for high in range(low, order):
-                factor = comb(high, low) * shift ** (high - low)
-                moved[:, 0, low] += factor[:, None] * self.coefficients[:, 0, high]
+        moved = expanded(self.coefficients[:, 0], origin - self.breakpoints[:, 0])[:, None]
         breaks = self.breakpoints.copy()
         breaks[:, 0] = origin
         return PiecewisePolynomials(breaks, moved)
@@ -105,32 +98,50 @@ class PiecewisePolynomials:
         return PiecewisePolynomials(self.breakpoints, self.coefficients[:, :, 1:] * factors)
 
     @cached_property
-    def _common_origin(self) -> float | None:
-        """The one origin of all, if there is one piece each: then a grid is one matrix product."""
-        if self.coefficients.shape[1] != 1 or self.size == 0:
-            return None
-        origins = self.breakpoints[:, 0]
-        return float(origins[0]) if np.all(origins == origins[0]) else None
+    def _common(self) -> bool:
+        """Whether all have the same breakpoints: then a grid is a matrix product or two."""
+        breaks = self.breakpoints
+        last = breaks.shape[1] - (1 if breaks.shape[1] == 2 else 0)  # a single piece goes on beyond its end
+        return len(breaks) > 0 and bool(np.all(breaks[:, :last] == breaks[0, :last]))
 
     @cached_property
     def _flat(self) -> Array:
-        """Coefficients with the powers first, (P, L d)."""
-        order = self.coefficients.shape[2]
-        return np.ascontiguousarray(self.coefficients[:, 0].transpose(1, 0, 2).reshape(order, -1))
+        """Coefficients by pieces and powers, (S, P, L d)."""
+        _, pieces, order, _ = self.coefficients.shape
+        return np.ascontiguousarray(self.coefficients.transpose(1, 2, 0, 3).reshape(pieces, order, -1))
+
+    @cached_property
+    def _flat_with_rate(self) -> Array:
+        """The same, and beside them those of the derivatives, (S, P, 2 L d)."""
+        flat = self._flat
+        rate = np.zeros_like(flat)
+        rate[:, :-1] = flat[:, 1:] * np.arange(1, flat.shape[1])[:, None]
+        return np.concatenate([flat, rate], axis=2)
+
+    def _product(self, flat: Array, times: Array) -> Array:
+        """Values at all times of polynomials with the same breakpoints, (n, ...)."""
+        if len(flat) == 1:
+            return _powers(times - self.breakpoints[0, 0], flat.shape[1]) @ flat[0]
+        breaks = self.breakpoints[0]
+        piece = breaks[1:-1].searchsorted(times, "right")
+        powers = _powers(times - breaks[piece], flat.shape[1])
+        return np.matmul(powers[:, None], flat[piece])[:, 0]
 
     def grid(self, times: Array) -> Array:
         """Values of all polynomials at all times: (n,) s to (n, L, d)."""
-        order, width = self.coefficients.shape[2:]
-        origin = self._common_origin
-        if origin is not None:
-            elapsed = times - origin
-            powers = np.empty((len(times), order))
-            powers[:, 0] = 1.0
-            for power in range(1, order):
-                np.multiply(powers[:, power - 1], elapsed, out=powers[:, power])
-            return (powers @ self._flat).reshape(len(times), self.size, width)
+        width = self.coefficients.shape[3]
+        if self._common:
+            return self._product(self._flat, times).reshape(len(times), self.size, width)
         index = np.tile(np.arange(self.size), len(times))
         return self.at(index, np.repeat(times, self.size)).reshape(len(times), self.size, width)
+
+    def grid_with_rate(self, times: Array) -> tuple[Array, Array]:
+        """Values of all polynomials at all times, and their derivatives: (n,) s to (n, L, d) each."""
+        if not self._common:
+            return self.grid(times), self.derivative.grid(times)
+        both = self._product(self._flat_with_rate, times)
+        both = both.reshape(len(times), 2, self.size, self.coefficients.shape[3])
+        return both[:, 0], both[:, 1]
 
     def at(self, index: Index, times: Array) -> Array:
         """Values of chosen polynomials, each at its own time: (n,) and (n,) s to (n, d)."""
@@ -142,10 +153,88 @@ class PiecewisePolynomials:
             value += local[:, power]
         return value
 
+    def taylor(self, index: Index, times: Array) -> Array:
+        """Taylor coefficients of chosen polynomials, each about its own time: (n,) and (n,) s to (n, P, d)."""
+        piece, elapsed = self.locate(index, times)
+        return expanded(self.coefficients[index, piece], elapsed)
+
+    def size_bounds(self, times: Array, first: float, last: float) -> Array:
+        """Bounds of the sizes of all polynomials on intervals of time that have no breakpoints inside.
+
+        For symmetric matrices (xx, xy, yy) they bound the norm.
+
+        Parameters
+        ----------
+        times : (n,) array
+            Middles of the intervals, s.
+        first, last : float
+            All intervals are between these, s.
+
+        Returns
+        -------
+        (n, L) array, or (1, L) where it is the same for all times.
+        """
+        count, pieces, order, width = self.coefficients.shape
+        if pieces == 1:
+            left, right = np.full(count, first), np.full(count, last)
+        else:
+            # padding begins, and the last piece ends, at inf
+            left = np.minimum(np.maximum(self.breakpoints[:, :-1], first), last)
+            left[:, 0] = first
+            right = np.minimum(np.maximum(self.breakpoints[:, 1:], first), last)
+            right[:, -1] = last
+            left, right = left.ravel(), right.ravel()
+        begins = self.breakpoints[:, :-1].ravel()
+        shift = 0.5 * (left + right) - np.where(np.isfinite(begins), begins, 0.0)
+        terms = expanded(self.coefficients.reshape(count * pieces, order, width), shift)
+        squares = terms * terms
+        if width == 3:
+            squares[:, :, 1] *= 2.0
+        sizes = np.sqrt(squares.sum(axis=2))
+        radius = 0.5 * (right - left)
+        bound = sizes[:, -1].copy()
+        for power in range(order - 2, -1, -1):
+            bound *= radius
+            bound += sizes[:, power]
+        if pieces == 1:
+            return bound[None]
+        piece = (times[:, None, None] >= self.breakpoints[:, 1:-1]).sum(axis=2)
+        result: Array = bound.reshape(count, pieces)[np.arange(count), piece]
+        return result
+
     def locate(self, index: Index, times: Array) -> tuple[Index, Array]:
         """Piece and time since its left end, of chosen polynomials at their times."""
         if self.coefficients.shape[1] == 1:
-            piece = np.zeros(len(times), dtype=np.intp)
-        else:
-            piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
+            return np.zeros(len(times), dtype=np.intp), times - self.breakpoints[index, 0]
+        if self._common:
+            breaks = self.breakpoints[0]
+            piece = breaks[1:-1].searchsorted(times, "right")
+            return piece, times - breaks[piece]
+        piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
         return piece, times - self.breakpoints[index, piece]
+
+
+def expanded(coefficients: Array, shift: Array) -> Array:
+    """Coefficients (n, P, d) of ascending powers of x to those of powers of x - shift, (n,)."""
+    order = coefficients.shape[1]
+    if order == 1:
+        return coefficients
+    factors, exponents = _shift_table(order)
+    return np.matmul(_powers(shift, order)[:, exponents] * factors, coefficients)
+
+
+def _powers(x: Array, order: int) -> Array:
+    """Powers 0, 1, ... order - 1 of numbers, (n, order)."""
+    powers = np.empty((len(x), order))
+    powers[:, 0] = 1.0
+    for power in range(1, order):
+        np.multiply(powers[:, power - 1], x, out=powers[:, power])
+    return powers
+
+
+@lru_cache(maxsize=16)
+def _shift_table(order: int) -> tuple[Array, Index]:
+    """Factors binomial(k, j), 0 for k < j, and exponents k - j of the shift, (P, P) each, with j first."""
+    factors = np.array([[comb(k, j) for k in range(order)] for j in range(order)], dtype=float)
+    exponents = np.maximum(np.arange(order) - np.arange(order)[:, None], 0)
+    return factors, exponents

@@ -15,7 +15,7 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect, bisect_left
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -521,20 +521,20 @@ class Learning:
     count: int
     span: float
 
-    def variance(self, lead: float, longer: Array) -> Array:
-        """Relative variance of a prediction so far ahead, s, after observing for so much longer, (n,) s.
 
-        With n observations spread evenly over T it is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
-        polynomials.
-        """
-        span = self.span + longer
-        s = 1.0 + 2.0 * lead / span
-        growth = np.ones_like(s)
-        if self.order >= 1:
-            growth += 3.0 * s * s
-        if self.order >= 2:
-            growth += 1.25 * (3.0 * s * s - 1.0) ** 2
-        return growth * self.span / span
+def _variances(learning: Sequence[Learning], lead: float) -> Array:
+    """Relative variances of K predictions so far ahead, s, after observing for so much longer as `LONGER`, (K, n).
+
+    With n observations spread evenly over T one is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
+    polynomials.
+    """
+    orders = np.array([one.order for one in learning])[:, None]
+    now = np.array([one.span for one in learning])[:, None]
+    span = now + LONGER
+    s = 1.0 + 2.0 * lead / span
+    squared = s * s
+    growth = 1.0 + 3.0 * squared * (orders >= 1) + 1.25 * (3.0 * squared - 1.0) ** 2 * (orders >= 2)
+    return growth * now / span
 
 
 def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning], now: float = 0.0) -> ZoneBatch:
@@ -560,11 +560,11 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     pieces, powers, width = covariances.coefficients.shape[1:]
     count = covariances.size
     factors = np.ones((count, len(LONGER)))
-    for k, index in enumerate(batch.uncertain):
-        known = learning.get(batch.ids[index])
-        if known is not None and known.span > 0.0:
-            variance = known.variance(foresight, LONGER)
-            factors[k] = variance / variance[0]
+    known = [(k, learning.get(batch.ids[index])) for k, index in enumerate(batch.uncertain)]
+    learnt = [(k, one) for k, one in known if one is not None and one.span > 0.0]
+    if learnt:
+        variance = _variances([one for _, one in learnt], foresight)
+        factors[[k for k, _ in learnt]] = variance / variance[:, :1]
     every = np.arange(count)
     size = covariances.at(every, np.full(count, now + foresight))
     # Pieces that begin after the foresight are empty, and those that follow them are taken first.

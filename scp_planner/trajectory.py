@@ -17,13 +17,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
-from math import sqrt
+from math import factorial, perm, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.guide import Guide, GuideFrame
 from scp_planner.intervals import Interval
+from scp_planner.polynomials import expanded
 from scp_planner.splines import (
     PiecewiseBasis,
     antiderivative_control_points,
@@ -509,8 +510,9 @@ class Path:
         if self.space.frame is None:
             squared = q.squared()
             speed = Interval(np.sqrt(1.0 + squared.lower), np.sqrt(1.0 + squared.upper))
-            bulge = (q * bend.squared() * speed.power(-5.0)).scaled(3.0)
-            return BendEnclosure(speed, third * speed.power(-3.0) - bulge)
+            steepness = bend.squared().times_positive(speed.power(-5.0))
+            bulge = q.times_positive(steepness).scaled(3.0)
+            return BendEnclosure(speed, third.times_positive(speed.power(-3.0)) - bulge)
         one = Interval(np.ones_like(width), np.ones_like(width))
         k, rate, second = self.space.guide.curvature_ranges(points.station, width)
         p = one - k * f
@@ -531,19 +533,23 @@ class Path:
 
     def _offset_ranges(self, points: PathPoints, width: Array) -> list[Interval]:
         """Ranges of the offset and its first three derivatives on intervals of the station, by Taylor's polynomial."""
-        basis, scale = self.space.path, 1.0
-        derivatives = []
-        for _ in range(basis.coefficients.shape[1]):
-            derivatives.append(evaluate(basis.combine(self.theta) * scale, points.span, points.local))
-            basis, scale = basis.derivative, scale / self.space.length
-        ranges = []
-        for order in range(4):
-            radius, factor = np.zeros_like(width), 1.0
-            for further, derivative in enumerate(derivatives[order + 1 :], start=1):
-                factor *= further
-                radius += np.abs(derivative) * width**further / factor
-            middle = derivatives[order] if order < len(derivatives) else np.zeros_like(width)
-            ranges.append(Interval.around(middle, radius))
+        spans = self.space.path.widths[points.span] * self.space.length
+        terms = expanded(self.offset_coefficients[points.span][:, :, None], points.local)[:, :, 0]
+        order = terms.shape[1]
+        sizes, local = np.abs(terms), width / spans
+        ranges, scale = [], np.ones_like(spans)
+        for derivative in range(4):
+            if derivative >= order:
+                ranges.append(Interval(np.zeros_like(width), np.zeros_like(width)))
+                continue
+            # d^j/dx^j sum_k c_k x^k = sum_k k! / (k - j)! c_k x^(k - j)
+            radius = np.zeros_like(width)
+            for power in range(order - 1, derivative, -1):
+                radius += sizes[:, power] * perm(power, derivative)
+                radius *= local
+            middle = terms[:, derivative] * factorial(derivative)
+            ranges.append(Interval((middle - radius) * scale, (middle + radius) * scale))
+            scale = scale / spans
         return ranges
 
 
@@ -720,6 +726,24 @@ class Arrivals:
     speed: Array
 
 
+@dataclass(frozen=True)
+class Drive:
+    """A motion along a path at n times.
+
+    Attributes
+    ----------
+    distance, speed, acceleration : (n,) arrays
+        m, m/s and m/s^2.
+    span : (n,) array
+        Where the times lie in the acceleration's basis.
+    """
+
+    distance: Array
+    speed: Array
+    acceleration: Array
+    span: Index
+
+
 class Trajectory:
     """A path and the motion along it.
 
@@ -806,11 +830,20 @@ class Trajectory:
             x = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
         return base + width * x
 
-    def parameters_at(self, sigma: Array) -> Array:
-        """Normalised stations at normalised times, (n,)."""
+    @cached_property
+    def _acceleration(self) -> Array:
+        """Local power coefficients of the acceleration."""
+        return self.space.acceleration.combine(self.beta)
+
+    def drive_at(self, sigma: Array) -> Drive:
+        """Return the motion along the path at normalised times, (n,); as in :meth:`at`, but without a table."""
         span, x = self.space.acceleration.locate(sigma)
-        distance = evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma
-        return self.path.parameter_at(distance)
+        return Drive(
+            evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma,
+            evaluate(self._speed, span, x) + self.space.start_speed,
+            evaluate(self._acceleration, span, x),
+            span,
+        )
 
     def at(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.braking import fits, room_to_stop, standing_from, stop_after
-from scp_planner.certificate import Certificate, Ends, certify_trip
+from scp_planner.certificate import Certificate, Ends, Motions, certify_trip
 from scp_planner.evaluation import Evaluation
 from scp_planner.frames import PlanningFrame
 from scp_planner.plan import Clearance, Trip
@@ -45,6 +45,7 @@ NOTHING = 1e-6
 """m."""
 TINY = 1e-9
 """s."""
+_SHARES = np.linspace(0.0, 1.0, LOOKS)
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,21 @@ class Moment:
         """The planning frame of trips that begin now."""
         return PlanningFrame.between(self.state.position, self.scenario.goal.position, self.state.time)
 
-    @cached_property
+    @property
     def batch(self) -> ZoneBatch:
         """The zones in this frame, inflated by the vehicle."""
-        return ZoneBatch(self.zones, self.frame, self.scenario.vehicle.radius)
+        return self.batch_in(self.frame)
+
+    @cached_property
+    def _batches(self) -> dict[PlanningFrame, ZoneBatch]:
+        return {}
+
+    def batch_in(self, frame: PlanningFrame) -> ZoneBatch:
+        """The zones in a frame, inflated by the vehicle."""
+        batch = self._batches.get(frame)
+        if batch is None:
+            batch = self._batches[frame] = ZoneBatch(self.zones, frame, self.scenario.vehicle.radius)
+        return batch
 
     @property
     def growing(self) -> bool:
@@ -85,7 +97,7 @@ class Moment:
         since: float | None = None,
         until: float | None = None,
         ends: Ends = Ends.BOTH,
-        batch: ZoneBatch | None = None,
+        motions: Motions | None = None,
     ) -> Certificate:
         """Certify a trip; see `certify_trip`."""
         return certify_trip(
@@ -96,7 +108,8 @@ class Moment:
             until=until,
             ends=ends,
             precision=math.inf,
-            batch=self.batch if batch is None and trip.frame == self.frame else batch,
+            batch=self.batch_in(trip.frame),
+            motions=motions,
         )
 
 
@@ -175,6 +188,7 @@ class Vetting:
         self.period = period
         self.stops_will_do = stops_will_do
         self.tracking_error = tracking_error
+        self.motions = Motions()
 
     def vet(
         self,
@@ -207,13 +221,13 @@ class Vetting:
         violation = math.inf if evaluation is None else evaluation.worst_violation
         why = ""
         if not self.stops_will_do or self._may_hold(now, evaluation):
-            certificate = now.certify(trip)
+            certificate = now.certify(trip, motions=self.motions)
             if certificate.holds:
                 return Vetted(trip, certificate, None, violation, iterations)
             why = _violations(certificate)
             if not self.stops_will_do:
                 return Refusal(why)
-        found = self._stop(now, trip, now.batch, problem.limits.deceleration, branch)
+        found = self._stop(now, trip, problem.limits.deceleration, branch)
         if isinstance(found, Refusal):
             return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part))
         stop, certificate = found
@@ -229,29 +243,24 @@ class Vetting:
         points = evaluation.points
         return bool(now.batch.distances(points.time, points.path.position, NEAR).min() >= 0.0)
 
-    def _stop(
-        self, now: Moment, trip: Trip, batch: ZoneBatch, deceleration: float, branch: float
-    ) -> tuple[Stop, Certificate] | Refusal:
-        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few.
-
-        ``batch`` holds the zones in the frame of the trip.
-        """
+    def _stop(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> tuple[Stop, Certificate] | Refusal:
+        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
         driven = now.state.time - trip.frame.time
         since = now.state.time if driven > 0.0 else None
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         why = "the goal is nearer than the distance to stop in"
-        for spans in self._spans(now, trip, batch, deceleration, branch):
+        for spans in self._spans(now, trip, deceleration, branch):
             stop = stop_after(trip.trajectory, spans, deceleration)
             if stop is None or not fits(stop):
                 continue
             made = Stop(Trip(trip.frame, stop), trip.frame.time + float(breaks[spans]))
-            certificate = now.certify(made.trip, since=since, until=made.stands, ends=Ends.START, batch=batch)
+            certificate = now.certify(made.trip, since=since, until=made.stands, ends=Ends.START, motions=self.motions)
             if certificate.holds:
                 return made, certificate
             why = _violations(certificate)
         return Refusal(why)
 
-    def _spans(self, now: Moment, trip: Trip, batch: ZoneBatch, deceleration: float, branch: float) -> Iterator[int]:
+    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> Iterator[int]:
         """After how many spans of its acceleration a stop may leave a trip, the most promising first."""
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
@@ -263,7 +272,7 @@ class Vetting:
         spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
             yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
-        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, batch, driven)
+        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, now.batch_in(trip.frame), driven)
         for index in np.argsort(-room, kind="stable")[:STOPS_TRIED]:
             if room[index] >= 0.0:
                 yield int(spans[index])
@@ -288,55 +297,75 @@ class Vetting:
         -------
         Vetted or None
         """
-        if not self.is_on(now, last):
+        ahead = self._ahead(now, last)
+        if ahead is None:
             return None
-        driven = now.state.time - last.frame.time
-        batch = ZoneBatch(now.zones, last.frame, now.scenario.vehicle.radius)
-        sigma = np.linspace(driven / last.trajectory.travel_time, 1.0, LOOKS)
-        points = last.trajectory.at(last.trajectory.space.time_table(sigma))
-        times, position = points.time, points.path.position
+        batch = now.batch_in(last.frame)
         violation = 0.0
         if batch.size:
-            violation = -float(foresee(batch, driven).distances(times, position, NEAR).min())
+            driven = now.state.time - last.frame.time
+            violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, NEAR).min())
         if violation > DEEP:
             return None
         violation = max(violation, 0.0)
-        if whole and (batch.size == 0 or batch.distances(times, position, NEAR).min() >= 0.0):
-            certificate = now.certify(last, since=now.state.time, batch=batch)
+        if whole:
+            certificate = now.certify(last, since=now.state.time, motions=self.motions)
             if certificate.holds:
                 return Vetted(last, certificate, None, violation)
         if not self.stops_will_do:
             return None
-        found = self._stop(now, last, batch, now.scenario.vehicle.max_deceleration, branch)
+        found = self._stop(now, last, now.scenario.vehicle.max_deceleration, branch)
         if isinstance(found, Refusal):
             return None
         return Vetted(last, found[1], found[0], violation)
 
     def vet_kept(self, now: Moment, last: Trip) -> Vetted | None:
         """The last trip as it is, if the vehicle is where it should be and the certificate holds from now on."""
-        if not self.is_on(now, last):
+        ahead = self._ahead(now, last)
+        if ahead is None:
             return None
-        batch = ZoneBatch(now.zones, last.frame, now.scenario.vehicle.radius)
-        if batch.size:
-            sigma = np.linspace((now.state.time - last.frame.time) / last.trajectory.travel_time, 1.0, LOOKS)
-            points = last.trajectory.at(last.trajectory.space.time_table(np.minimum(sigma, 1.0)))
-            if batch.distances(points.time, points.path.position, NEAR).min() < 0.0:
-                return None
-        certificate = now.certify(last, since=now.state.time, batch=batch)
+        batch = now.batch_in(last.frame)
+        if batch.size and batch.distances(ahead.time, ahead.position, NEAR).min() < 0.0:
+            return None
+        certificate = now.certify(last, since=now.state.time, motions=self.motions)
         return Vetted(last, certificate, None, 0.0) if certificate.holds else None
 
     def vet_kept_stop(self, now: Moment, last: Trip, stop: Stop) -> Vetted | None:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""
         if now.state.time + self.period > stop.branch + TINY or not self.is_on(now, last):
             return None
-        certificate = now.certify(stop.trip, since=now.state.time, until=stop.stands, ends=Ends.START)
+        certificate = now.certify(
+            stop.trip, since=now.state.time, until=stop.stands, ends=Ends.START, motions=self.motions
+        )
         return Vetted(last, certificate, stop) if certificate.holds else None
+
+    def _ahead(self, now: Moment, trip: Trip) -> _Ahead | None:
+        """Samples of what is left of a trip, if the vehicle is on it."""
+        trajectory = trip.trajectory
+        first = min(max((now.state.time - trip.frame.time) / trajectory.travel_time, 0.0), 1.0)
+        sigma = first + (1.0 - first) * _SHARES
+        parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
+        position = trajectory.path.points(parameters).position
+        if not self._is_at(now, trip.frame, position[0]):
+            return None
+        return _Ahead(trajectory.travel_time * sigma, position)
+
+    def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:
+        x, y = frame.to_world(position)
+        return math.hypot(now.state.position[0] - x, now.state.position[1] - y) <= self.tracking_error + NOTHING
 
     def is_on(self, now: Moment, trip: Trip) -> bool:
         """Whether the vehicle is where a trip has it."""
         points, _ = trip.at(now.state.time)
-        x, y = trip.frame.to_world(points.path.position)[0]
-        return math.hypot(now.state.position[0] - x, now.state.position[1] - y) <= self.tracking_error + NOTHING
+        return self._is_at(now, trip.frame, points.path.position[0])
+
+
+@dataclass(frozen=True)
+class _Ahead:
+    """Samples of a trip: times on its clock, (n,) s, and positions in its frame, (n, 2) m."""
+
+    time: Array
+    position: Array
 
 
 def _violations(certificate: Certificate) -> str:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from scp_planner.zones import ThreatZone
 
 DECIMALS = 7  # of m, to which what is planned with is rounded
+NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -62,6 +63,41 @@ class ZoneContacts:
             np.concatenate([part.normal for part in parts]),
             np.concatenate([part.rate for part in parts]),
         )
+
+
+@dataclass(frozen=True)
+class MovingPoint:
+    """A point on intervals of time.
+
+    Attributes
+    ----------
+    time, half : (n,) arrays
+        Middles on the planning clock and half widths of the intervals, s.
+    position, velocity : (n, 2) arrays
+        In the middles, planning frame, m and m/s.
+    acceleration : (n,) array
+        Bounds of the size of the second derivative on the intervals, m/s^2.
+    """
+
+    time: Array
+    half: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    def take(self, part: slice) -> MovingPoint:
+        """Return some of the intervals."""
+        return MovingPoint(
+            self.time[part], self.half[part], self.position[part], self.velocity[part], self.acceleration[part]
+        )
+
+
+@dataclass(frozen=True)
+class DistanceBounds:
+    """Distances in the middles of intervals of time and lower bounds on whole intervals, (n,) m each."""
+
+    value: Array
+    lower: Array
 
 
 @dataclass(frozen=True)
@@ -386,6 +422,111 @@ class ZoneBatch:
             bound[:, slots] += np.sqrt(half[:, None] * growth)
         return bound
 
+    def crude_bounds(self, moving: MovingPoint) -> Array:
+        """Lower bounds of the distance of a moving point to all zones on whole intervals of time.
+
+        With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
+        distance is at least nu . (r - c) - sqrt(nu' C nu) less the radius; there nu . (r - c) is bounded by Taylor's
+        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline.
+
+        Parameters
+        ----------
+        moving : MovingPoint
+            On intervals without a breakpoint of a zone.
+
+        Returns
+        -------
+        (n, L) array
+            m.
+        """
+        times, half = moving.time, moving.half[:, None]
+        first, last = float((times - moving.half).min()), float((times + moving.half).max())
+        centers, rates = self.centers.grid_with_rate(times)
+        dx = moving.position[:, 0, None] - centers[:, :, 0]
+        dy = moving.position[:, 1, None] - centers[:, :, 1]
+        squared = dx * dx
+        squared += dy * dy
+        everywhere, nearest = squared, float(squared.min(initial=np.inf))
+        distance = np.sqrt(squared)
+        slope = dx * (moving.velocity[:, 0, None] - rates[:, :, 0])
+        slope += dy * (moving.velocity[:, 1, None] - rates[:, :, 1])
+        np.abs(slope, out=slope)
+        slope /= np.maximum(distance, 1e-150)
+        bend = self.velocities.derivative.size_bounds(times, first, last) + moving.acceleration[:, None]
+        bend *= 0.5 * half
+        bend += slope
+        bend *= half
+        bound = distance - bend
+        bound -= self.radius + self.extent
+        if self.covariances is not None:
+            if len(self.uncertain) < self.size:
+                dx, dy, squared = dx[:, self.uncertain], dy[:, self.uncertain], squared[:, self.uncertain]
+            covariance, change = self.covariances.grid_with_rate(times)
+            xx, xy, yy = dx * dx, 2.0 * dx * dy, dy * dy
+            grown = np.abs(change[:, :, 0] * xx + change[:, :, 1] * xy + change[:, :, 2] * yy)
+            grown *= half
+            grown += covariance[:, :, 0] * xx + covariance[:, :, 1] * xy + covariance[:, :, 2] * yy
+            grown /= np.maximum(squared, 1e-300)
+            grown += self.covariances.derivative.derivative.size_bounds(times, first, last) * (0.5 * half * half)
+            np.sqrt(np.maximum(grown, 0.0, out=grown), out=grown)
+            bound[:, self.uncertain] -= grown
+        if not nearest > NO_DIRECTION:
+            bound[~(everywhere > NO_DIRECTION)] = -np.inf
+        return bound
+
+    def bounds(self, index: Index, interval: Index, moving: MovingPoint) -> DistanceBounds:
+        """Distances of a moving point to chosen zones in the middles of intervals, and lower bounds on all of them.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+            Which zone.
+        interval : (n,) array of int
+            Which interval.
+        moving : MovingPoint
+            On intervals without a breakpoint of a zone.
+
+        Returns
+        -------
+        DistanceBounds
+        """
+        times, half = moving.time[interval], moving.half[interval]
+        position, velocity = moving.position[interval], moving.velocity[interval]
+        own = moving.acceleration[interval]
+        if self.outlines is None:
+            return self._ellipse_bounds(index, times, half, position, velocity, own)
+        contacts = self.contacts(index, times, position)
+        slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+        bend = self.bend_bound(index, times, half, contacts.normal, position, velocity, own)
+        return DistanceBounds(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
+
+    def _ellipse_bounds(
+        self, index: Index, times: Array, half: Array, position: Array, velocity: Array, acceleration: Array
+    ) -> DistanceBounds:
+        """The same for discs and ellipses."""
+        center = self.centers.taylor(index, times)
+        offset, relative = position - center[:, 0], velocity - center[:, 1] if center.shape[1] > 1 else velocity
+        bend = acceleration + _second_bound(np.sqrt(np.einsum("ikd,ikd->ik", center, center)), half)
+        distance = np.sqrt(np.einsum("id,id->i", offset, offset))
+        normal = offset / np.maximum(distance, 1e-12)[:, None]
+        rows: Index | slice = slice(None)
+        growth = np.zeros_like(distance)
+        if self.covariances is not None:
+            if len(self.uncertain) < self.size:
+                rows = np.flatnonzero(self.slot[index] >= 0)
+            covariance = self.covariances.taylor(self.slot[index[rows]], times[rows])
+            contact = ellipse_contact(offset[rows], covariance[:, 0])
+            distance[rows], normal[rows] = contact.distance, contact.normal
+            x, y = contact.normal[:, 0], contact.normal[:, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            terms = np.matmul(covariance, weights[:, :, None])[:, :, 0]
+            rate, bent = _root_bounds(terms, half[rows])
+            growth[rows] = rate
+            bend[rows] += bent
+        slope = np.abs(np.einsum("id,id->i", normal, relative) - growth)
+        distance -= self.radius[index]
+        return DistanceBounds(distance, distance - (slope + 0.5 * bend * half) * half)
+
     def acceleration_bound(self, index: Index, times: Array, half: Array) -> Array:
         """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
 
@@ -621,6 +762,40 @@ def _magnitude_bound(polynomials: PiecewisePolynomials, index: Index, times: Arr
     for order, term in enumerate(terms):
         bound += np.hypot(term[:, 0], term[:, 1]) * half**order
     return bound
+
+
+def _second_bound(sizes: Array, half: Array) -> Array:
+    """Bound of a second derivative on intervals by the sizes of Taylor's coefficients in the middles, (n, P)."""
+    bound = np.zeros(len(half))
+    for order in range(sizes.shape[1] - 1, 1, -1):
+        bound *= half
+        bound += (order * (order - 1)) * sizes[:, order]
+    return bound
+
+
+def _root_bounds(terms: Array, half: Array) -> tuple[Array, Array]:
+    """The derivative of sqrt(s) in the middles of intervals, and upper bounds of the second one on all of them.
+
+    (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative. ``terms`` are Taylor's coefficients of s
+    in the middles, (n, P).
+    """
+    sizes = np.abs(terms)
+    spread = np.zeros(len(half))
+    for order in range(terms.shape[1] - 1, 0, -1):
+        spread += sizes[:, order]
+        spread *= half
+    least = terms[:, 0] - spread
+    upper = np.zeros(len(half))
+    if terms.shape[1] > 2:
+        sizes[:, 2] = 0.0
+        upper = np.maximum(2.0 * terms[:, 2] + _second_bound(sizes, half), 0.0)
+    bend = upper / (2.0 * np.sqrt(np.maximum(least, 1e-300)))
+    bend[~(least > 0.0)] = np.inf
+    bend[(upper == 0.0)] = 0.0
+    rate = np.zeros(len(half))
+    if terms.shape[1] > 1:
+        rate = terms[:, 1] / np.maximum(2.0 * np.sqrt(np.maximum(terms[:, 0], 0.0)), 1e-300)
+    return rate, bend
 
 
 def _directed_range(

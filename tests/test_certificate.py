@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,13 +17,14 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.special import fresnel
 
 import scp_planner as sp
-from scp_planner.certificate import _Check, certify_trip
+from scp_planner.certificate import Motions, _Check, certify_trip
 from scp_planner.frames import PlanningFrame
 from scp_planner.guide import GuideFrame, StraightGuide
 from scp_planner.intervals import Interval
 from scp_planner.plan import Trip
 from scp_planner.polynomials import PiecewisePolynomials
 from scp_planner.trajectory import Path, Trajectory, TripSpace
+from scp_planner.zone_batch import MovingPoint
 from scp_planner.zones import ThreatZone, ZoneBatch
 
 Array = np.ndarray
@@ -545,11 +547,16 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
             assert np.all(np.abs(values) <= bound[:, None] + 1e-7)
         count = len(zones)
         interval, index = np.divmod(np.arange(len(times) * count), count)
-        lower = check._clearance_bound(enclosure, 0.0, interval, index).lower.reshape(-1, count)
+        moving = enclosure.disc(0.0)
+        bounds = check.batch.bounds(index, interval, moving)
+        exact = check.batch.contacts(index, moving.time[interval], moving.position[interval]).distance
+        np.testing.assert_allclose(bounds.value, exact, rtol=0.0, atol=1e-11)
+        lower, crude = bounds.lower.reshape(-1, count), check.batch.crude_bounds(moving)
         positions = reference.position(flat)
         for column, threat in enumerate(zones):
             gap = threat.signed_distance(flat + FRAME.time, positions).reshape(times.shape) - RADIUS
             assert np.all(gap >= lower[:, column, None] - 1e-7)
+            assert np.all(gap >= crude[:, column, None] - 1e-7)
         pieces = pieces.halves(np.arange(len(pieces.middle)) % 3 == 0)
 
 
@@ -688,6 +695,83 @@ def test_bounds_of_zones_contain_dense_samples(seed: int) -> None:
         support = [zone.support(times + k * step, world) for k in (-1, 0, 1)]
         bend = (support[0] - 2.0 * support[1] + support[2]) / step**2
         assert bend.max() <= growth[row] + 1e-5
+
+
+def test_a_point_on_a_centre_is_not_taken_to_be_clear() -> None:
+    """There the direction from the centre says nothing, whatever the size of the zone."""
+    still = PiecewisePolynomials.single(0.0, np.array([[2.0, 1.0]]))
+    flat = PiecewisePolynomials.single(0.0, np.array([[0.5, 0.0, 0.1]]))
+    frame = PlanningFrame((0.0, 0.0), 0.0, 0.0)
+    batch = ZoneBatch((ThreatZone("seen", 0.0, still, flat), ThreatZone("known", 0.0, still)), frame, 0.0)
+    here = MovingPoint(np.ones(1), np.full(1, 0.1), np.array([[2.0, 1.0]]), np.zeros((1, 2)), np.zeros(1))
+    assert not np.any(batch.crude_bounds(here) >= 0.0)
+    assert batch.bounds(np.zeros(1, dtype=int), np.zeros(1, dtype=int), here).value[0] < -0.3
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_is_known_of_a_trip_changes_no_verdict(seed: int) -> None:
+    """From any time on, a trip that is driven on is judged as if it had never been seen."""
+    trip = random_trip(seed)
+    reference = Reference(trip)
+    free = the_scene()
+    motions = Motions()
+    assert certify_trip(free, trip, (), motions=motions).holds
+    rng = np.random.default_rng(seed)
+    verdicts = []
+    for _ in range(40):
+        scenario = the_scene(passing(reference, int(rng.integers(1 << 30)), 3.0).obstacle(rng.uniform(-0.03, 0.06)))
+        same = free.model_copy(update={"obstacles": scenario.obstacles})
+        zones = sp.zones(scenario)
+        since = FRAME.time + rng.uniform(0.0, 0.6) * trip.trajectory.travel_time
+        for precision in (np.inf, 1e-3):
+            known, new = (
+                certify_trip(same, trip, zones, since=since, precision=precision, motions=some)
+                for some in (motions, None)
+            )
+            assert known.holds == new.holds
+            if not known.holds:
+                assert broken(known) == {"clearance"} and known.violations[0].time >= since
+            elif np.isfinite(precision):
+                assert known.clearance.minimum <= new.clearance.minimum + precision
+        verdicts.append(known.holds)
+    assert 5 < sum(verdicts) < 35
+
+
+def test_a_trip_is_known_by_all_that_it_depends_on() -> None:
+    trip, scenario = random_trip(1), the_scene()
+    trajectory = trip.trajectory
+    motions = Motions()
+    assert certify_trip(scenario, trip, (), motions=motions).holds
+    since = FRAME.time + 1.0
+    beta = trajectory.beta.copy()
+    beta[2] += 1e-9
+    bent = trajectory.theta.copy()
+    bent[4] = np.nextafter(bent[4], 9.0)
+    others = (
+        Trip(FRAME, Trajectory(trajectory.path, beta, trajectory.travel_time)),
+        Trip(FRAME, Trajectory(Path(trajectory.space, bent), trajectory.beta, trajectory.travel_time)),
+        Trip(FRAME, Trajectory(trajectory.path, trajectory.beta, trajectory.travel_time + 1e-9)),
+        Trip(replace(FRAME, time=FRAME.time + 1.0), trajectory),
+    )
+    assert motions.of(trip) is not None and motions.of(Trip(FRAME, copy(trajectory))) is not None
+    assert all(motions.of(other) is None for other in others)
+    # what is known holds for the limits that it was found with only
+    slower = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"max_speed": 1.0})})
+    assert broken(certify_trip(slower, trip, (), since=since, motions=motions)) == {"speed"}
+    narrow = scenario.model_copy(update={"bounds": sp.Bounds(min=(0.0, 0.0), max=(1.0, 1.0))})
+    assert broken(certify_trip(narrow, trip, (), since=since, motions=motions)) == {"workspace bounds"}
+    elsewhere = scenario.model_copy(update={"goal": sp.Goal(position=(0.0, 0.0))})
+    assert broken(certify_trip(elsewhere, trip, (), since=since, motions=motions)) == {"distance from the goal"}
+
+
+def test_a_trip_that_breaks_a_limit_is_not_remembered_as_one_that_keeps_it() -> None:
+    trip = random_trip(1)
+    scenario = the_scene(vehicle={"max_speed": 1.2})
+    motions = Motions()
+    for _ in range(2):
+        certificate = certify_trip(scenario, trip, (), since=FRAME.time + 1.0, motions=motions)
+        assert broken(certificate) == {"speed"}
+    assert motions.of(trip) is None
 
 
 @st.composite

@@ -13,6 +13,7 @@ from test_zones import observed
 
 import scp_planner as sp
 from scp_planner.frames import PlanningFrame
+from scp_planner.zone_batch import MovingPoint
 from scp_planner.zones import ZoneBatch
 
 Array = np.ndarray
@@ -203,6 +204,10 @@ def test_bounds_of_turning_zones_contain_dense_samples() -> None:
 
     np.testing.assert_allclose(gap(middle), contacts.distance, atol=1e-9)
     assert np.isfinite(bend).mean() > 0.9
+    moving = MovingPoint(middle, half, place, velocity, np.hypot(*pull.T))
+    crude = batch.crude_bounds(moving)
+    bounds = batch.bounds(index, np.arange(count), moving)
+    np.testing.assert_allclose(bounds.value, contacts.distance, atol=1e-12)
     for x in np.linspace(-1.0, 1.0, 7):
         t = middle + x * half
         values = [gap(t + s * step) for s in (-1, 0, 1)]
@@ -213,6 +218,8 @@ def test_bounds_of_turning_zones_contain_dense_samples() -> None:
             index, t, place + (t - middle)[:, None] * velocity + 0.5 * ((t - middle) ** 2)[:, None] * pull
         )
         assert np.all(values[1] <= true.distance + 1e-9)
+        assert np.all(bounds.lower <= true.distance + 1e-9)
+        assert np.all(crude[np.arange(count), index] <= true.distance + 1e-9)
 
 
 def test_estimated_headings_are_not_trusted() -> None:
