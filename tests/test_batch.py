@@ -501,6 +501,14 @@ def test_a_scheduler_that_does_not_answer_is_named(cluster: Any) -> None:
         DaskExecutor("tcp://127.0.0.1:1", connect_time=0.2)
 
 
+@pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1", "carrier-pigeon://127.0.0.1:8786"])
+def test_what_is_no_address_is_refused_before_a_client_is_made(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed", reason="needs dask.distributed, which is not installed")
+    monkeypatch.setattr(distributed, "Client", None)  # one without a scheduler says so on stderr when it is collected
+    with pytest.raises(ExecutorError, match=f"no Dask scheduler answers at {address}: "):
+        DaskExecutor(address)
+
+
 def test_a_scheduler_that_goes_away_is_told_and_the_rows_are_kept(
     cluster: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

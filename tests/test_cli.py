@@ -133,6 +133,22 @@ def test_a_plan_that_is_not_certified_is_written_with_its_reason(hopeless: Path,
     assert data["reason"] in result.stderr
 
 
+def test_a_drive_that_does_not_arrive_is_written_and_the_last_reason_told(
+    scenario_data: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario_data["start"]["speed"] = 0.0
+    scenario_data["goal"] = {"position": [3.0, 0.0]}
+    scenario_data["guide"] = None
+    scenario_data["obstacles"] = [{"id": "on-goal", "shape": {"disc": 0.6}, "motion": {"position": [3.0, 0.2]}}]
+    (tmp_path / "lid.yaml").write_text(yaml.safe_dump(scenario_data))
+    monkeypatch.setattr("scp_planner.simulation.TIME_LIMIT", 1.0)
+    result = run("simulate", tmp_path / "lid.yaml", "-o", tmp_path / "run.json", "--rate", "4")
+    assert result.exit_code == 3, result.stderr
+    loaded = Run.load(tmp_path / "run.json")
+    assert not loaded.arrived and not loaded.contact
+    assert f"did not arrive in {loaded.travel_time:g} s: {loaded.records[-1].reason}" in result.stderr
+
+
 @pytest.mark.parametrize(("suffix", "begins"), [(".html", b"<!DOCTYPE html>"), (".gif", b"GIF89a"), (".svg", b"<?xml")])
 def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path, tmp_path: Path) -> None:
     result = run("plan", easy, "--plot", tmp_path / f"plan{suffix}")
@@ -589,6 +605,10 @@ def test_fit_motion_writes_a_model_that_a_scenario_can_refer_to(tmp_path: Path) 
     (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
     result = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "people.yaml")
     assert result.exit_code == 0, result.stderr
+    assert "random_walk" in result.stdout and "m2/s3" in result.stdout
+    printed = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "people.json", "--json", "--quiet")
+    assert json.loads(printed.stdout) == json.loads((tmp_path / "people.json").read_text())
+    assert printed.stderr == ""
     scenario = {
         "schema": 1,
         "vehicle": {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.0, "max_deceleration": 1.0},

@@ -20,6 +20,7 @@ CONNECT_TIME = 10.0
 """s to wait for the scheduler."""
 PATIENCE = 120.0
 """s to wait for a first worker, or a new one when all are gone."""
+SCHEMES_WITH_PORTS = ("tcp", "tls", "ucx", "ws", "wss")
 POLL_TIME, LOOK_TIME = 0.01, 1.0
 """s between two looks at whether there is an answer, and at whether there are workers."""
 
@@ -56,6 +57,7 @@ class DaskExecutor:
         self.address = address
         self.patience = patience
         try:
+            _check(address)  # a client that was given what is no address would linger, and say so on stderr
             self.client = self._distributed.Client(address, timeout=connect_time, set_as_default=False)
         except (OSError, ValueError) as error:  # a time-out is an OSError too; an address may be none
             reason = str(error) or type(error).__name__
@@ -130,3 +132,12 @@ class DaskExecutor:
             if future.status != "error":  # not what was raised in a worker: nobody is there any more to ask
                 raise ExecutorError(f"the Dask scheduler at {self.address} has gone") from None
             return Answer(item, Fate.ERROR, None, f"{type(error).__name__}: {error}")
+
+
+def _check(address: str) -> None:
+    """Raise ValueError if an address has an unknown scheme, or no port."""
+    addressing, registry = (import_module(f"distributed.comm.{name}") for name in ("addressing", "registry"))
+    scheme, place = addressing.parse_address(address)
+    registry.get_backend(scheme)
+    if scheme in SCHEMES_WITH_PORTS:
+        addressing.parse_host_port(place)

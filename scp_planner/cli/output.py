@@ -23,6 +23,11 @@ _UNITS = {
     "time_of_least_clearance": "s",
     "wall_time": "s",
     "median_replan_time": "s",
+    "diffusion": "m2/s3",
+    "time_constant": "s",
+    "deviation": "m/s2",
+    "velocity_deviation": "m/s",
+    "noise_deviation": "m",
 }
 _TOLD_AT_THE_END = ("reason", "violations")
 

@@ -21,7 +21,7 @@ from scp_planner.cli.options import (
     check_probability,
     check_target,
 )
-from scp_planner.cli.output import print_json, progress_bar, start_logging, tell
+from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
 
 if TYPE_CHECKING:
     from scp_planner.tracks import Tracks
@@ -145,6 +145,7 @@ def fit_motion(
         int,
         typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
     ] = 8,
+    as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -160,6 +161,9 @@ def fit_motion(
 
     model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window)
     model.save(output)
+    found = model.model_dump(mode="json", by_alias=True)
+    listed = {**found["process"], **{key: found[key] for key in ("velocity_deviation", "noise_deviation")}}
+    report(found if as_json else listed | {"tracks": found["fitted_to"]["tracks"]}, as_json, quiet)
     _tell_written([output], quiet)
 
 

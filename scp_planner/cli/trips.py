@@ -273,7 +273,7 @@ def _finish(source: str, certified: bool, reason: str) -> None:
 
 
 def _finish_run(source: str, run: Run) -> None:
-    faults = [] if run.arrived else [f"did not arrive in {run.travel_time:g} s"]
+    faults = [] if run.arrived else [f"did not arrive in {run.travel_time:g} s: {run.records[-1].reason}"]
     if run.contact:
         faults.append(f"touched an obstacle, {-run.least_clearance:.3g} m deep")
     if faults:
