@@ -163,9 +163,18 @@ def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["plan", "builtin:c"], ["builtin:crossing"]),
         (["plan", "x.yaml", "--solver", "c"], ["clarabel", "cvxpy"]),
         (["plan", "x.yaml", "--set", "path_"], ["path_degree=", "path_span="]),
+        (["plan", "x.yaml", "--set", "foresi"], []),
+        (["simulate", "x.yaml", "--set", "foresi"], ["foresight="]),
+        (["settings", "path_"], ["path_degree", "path_span"]),
         (["plan", "x.yaml", "--method", "p"], ["penalty-descent"]),
         (["plan", "x.yaml", "--time"], ["--time-limit"]),
         (["demo", "over"], ["overtaking"]),
+        # as bash splits "builtin:c", "builtin:", "--solver=c", and what follows "tcp://10.0.0.1:8786"
+        (["plan", "builtin", ":", "c"], ["crossing"]),
+        (["compare", "x.yaml", "builtin", ":"], ["crossing", "headon", "overtaking", "radar"]),
+        (["plan", "x.yaml", "--solver", "=", "c"], ["clarabel", "cvxpy"]),
+        (["batch", "x", "--dask", "tcp", ":", "//10.0.0.1", ":", "8786", "--patt"], ["--pattern"]),
+        (["plan", "x.yaml", "--set", "path_span", "=", "1", "--time"], ["--time-limit"]),
         (["plan", "cros"], []),  # then the shell completes names of files
     ],
     ids=lambda value: " ".join(value),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from enum import IntEnum
+from io import StringIO
 from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
@@ -57,9 +60,41 @@ COMMANDS: dict[str, Command] = {}
 """All commands, by their full names."""
 
 
+COMPLETE_VARIABLE = "_SCP_PLANNER_COMPLETE"
+"""Of the environment: what the script of a shell asks for."""
+
+
+WORD_BREAKS = (":", "=")
+
+
 def main() -> None:
     """Run the command line."""
-    app(prog_name="scp-planner")
+    if os.environ.get(COMPLETE_VARIABLE) == "complete_bash":
+        _complete_in_bash()
+    else:
+        app(prog_name="scp-planner")
+
+
+def _complete_in_bash() -> None:
+    """Complete for bash, which takes a word with a colon or an equals sign for several, and wants the last one's rest.
+
+    Only the words are handed on, and not the line: what stands beside such a sign is taken to belong to it.
+    """
+    words, place = os.environ["COMP_WORDS"].split("\n"), int(os.environ["COMP_CWORD"])
+    joined: list[str] = []
+    for word in words[: place + 1]:
+        goes_on = joined and joined[-1].endswith(WORD_BREAKS) and word and not word.startswith("-")
+        if len(joined) > 1 and (goes_on or word.startswith(WORD_BREAKS)):
+            joined[-1] += word
+        else:
+            joined.append(word)
+    os.environ.update(COMP_WORDS="\n".join(joined), COMP_CWORD=str(len(joined) - 1))
+    last = "" if words[place].startswith(WORD_BREAKS) else words[place]
+    there = joined[-1].removesuffix(last)
+    with redirect_stdout(StringIO()) as completions, suppress(SystemExit):
+        app(prog_name="scp-planner")
+    for completion in completions.getvalue().splitlines():
+        typer.echo(completion.removeprefix(there))
 
 
 def add_command(group: typer.Typer, name: str, command: Callable[..., Any], *examples: str) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from scp_planner.cli.options import Json
+from scp_planner.cli.options import Json, known_settings
 from scp_planner.cli.output import print_json
 
 
@@ -21,7 +21,9 @@ def schema() -> None:
 
 
 def settings(
-    names: Annotated[list[str] | None, typer.Argument(metavar="NAME", help="Only these.")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME", help="Only these.", autocompletion=known_settings)
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List the settings that --set changes.

@@ -59,11 +59,22 @@ def _known_solvers(incomplete: str) -> Iterable[str]:
     return [name for name in solver_names() if name.startswith(incomplete)]
 
 
-def _known_settings(incomplete: str) -> Iterable[str]:
+def known_settings(incomplete: str) -> Iterable[str]:
+    """Complete the names of settings, those of closed loops too."""
+    from scp_planner.knobs import knobs
+    from scp_planner.online_settings import OnlineSettings
+    from scp_planner.settings import Settings
+
+    return [name for name in [*knobs(Settings), *knobs(OnlineSettings)] if name.startswith(incomplete)]
+
+
+def _assigned_settings(context: typer.Context, incomplete: str) -> Iterable[str]:
+    """Complete the names of the settings that a command takes."""
     from scp_planner.knobs import knobs
     from scp_planner.settings import Settings
 
-    return [f"{name}=" for name in knobs(Settings) if name.startswith(incomplete)]
+    drives = context.info_name == "simulate"
+    return [f"{name}=" for name in known_settings(incomplete) if drives or name in knobs(Settings)]
 
 
 ScenarioFile = Annotated[
@@ -99,7 +110,7 @@ Assignments = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Change a setting, see `scp-planner settings`; may be given several times.",
-        autocompletion=_known_settings,
+        autocompletion=_assigned_settings,
     ),
 ]
 Seed = Annotated[
