@@ -2,12 +2,14 @@
 
 - A docstring with sections documents all parameters of the signature, in order, and what comes back.
 - What is raised in the body of something public is among what the docstring says is raised.
-- Every name that ``scp_planner`` exports, with its methods, gives the shape of each array and the unit of each number.
+- Every name that ``scp_planner`` exports or the reference shows, with its methods, gives the shape of each array and
+  the unit of each number.
 """
 
 from __future__ import annotations
 
 import ast
+import importlib
 import logging
 import re
 import sys
@@ -19,24 +21,32 @@ import griffe
 import scp_planner
 
 ROOT = Path(__file__).resolve().parent.parent
+REFERENCE = ROOT / "docs" / "reference"
 NOT_HERE = ("cli",)  # documented by their options; see make_reference.py
-SHAPE = re.compile(r"\([^()]*(?:\d|\.\.\.)[^()]*\)|\(\w\)|\(\w,\)|same shape|shape of|scalar", re.IGNORECASE)
+SHAPE = re.compile(
+    r"\([^()]*(?:\d|\.\.\.)[^()]*\)|\(\w\)|\(\w,\)|\(\w \+ \w,\)|\(\w, \w\)|same shape|shape of|scalar", re.IGNORECASE
+)
+SIZES = re.compile(r"\((?:\w{1,2}|\.\.\.)(?:[ ,+]+(?:\w{1,2}|\.\.\.))*,?\)")  # whose letters are no units
 UNIT = re.compile(
-    r"(?<![\w/])(?:m|s|rad|Hz|1/m|1/s|m2|m/s2?|m/s3|m/s\^?[23]|m\^2|rad/s|1/\(m s\)|SI units?)(?![\w/^])"
-    r"|(?i:probabilit|ratio|relative|share|units in their names|greater than 0 and less than 1)",
+    r"(?<![\w/])(?:m|s|rad|Hz|1/m|1/s|m2|m/s2?|m/s3|m/s\^?[23]|m\^2|rad/s|1/\(m s\)|SI(?: units?)?)(?![\w/^])"
+    r"|(?i:probabilit|ratio|relative|share|a number|(?:no|same|without a) unit|unit of|units in their names"
+    r"|greater than 0 and less than 1)",
 )
 NUMBER = re.compile(r"\b(?:float|ArrayLike|Array|NDArray|Vector)\b")
 A_CLASS = re.compile(r"(?:tuple\[)?[A-Z][A-Za-z]*(?:, \.\.\.\])?(?: \| None)?")  # which is documented itself
 ARRAY = re.compile(r"\b(?:ArrayLike|Array|NDArray)\b")
 
 
-def exported_names() -> frozenset[str]:
-    """Give the full names of what ``scp_planner`` exports."""
-    modules = {name: getattr(scp_planner, name) for name in scp_planner.__all__ if name != "__version__"}
-    return frozenset(f"{value.__module__}.{name}" for name, value in modules.items())
+def shown_names() -> frozenset[str]:
+    """Give the full names of what ``scp_planner`` exports, and of what the pages of the reference show."""
+    shown = [getattr(scp_planner, name) for name in scp_planner.__all__ if name != "__version__"]
+    for page in sorted(REFERENCE.glob("*.md")):
+        for module, name in re.findall(r"^::: (\S+)\.(\w+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
+            shown.append(getattr(importlib.import_module(module), name))
+    return frozenset(f"{each.__module__}.{each.__name__}" for each in shown)
 
 
-def faults(package: str, folder: Path, exported: Collection[str]) -> Iterator[str]:
+def faults(package: str, folder: Path, shown: Collection[str]) -> Iterator[str]:
     """Give what is wrong with a package, a line each.
 
     Parameters
@@ -44,7 +54,7 @@ def faults(package: str, folder: Path, exported: Collection[str]) -> Iterator[st
     package : str
     folder : Path
         That it lies in.
-    exported : collection of str
+    shown : collection of str
         Full names of what users see.
 
     Yields
@@ -54,7 +64,7 @@ def faults(package: str, folder: Path, exported: Collection[str]) -> Iterator[st
     logging.getLogger("griffe").setLevel(logging.ERROR)
     for item in _public(griffe.load(package, search_paths=[folder], docstring_parser="numpy")):
         found = [*_signature_faults(item)]
-        if item.path in exported or (item.parent is not None and item.parent.path in exported):
+        if item.path in shown or (item.parent is not None and item.parent.path in shown):
             found += _api_faults(item)
         where = f"{Path(str(item.filepath)).relative_to(folder)}:{item.lineno}: {item.path.partition('.')[2]}"
         yield from (f"{where}: {fault}" for fault in found)
@@ -192,13 +202,13 @@ def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringS
 def _number_faults(name: str, kind: str, text: str) -> Iterator[str]:
     if ARRAY.search(kind) and not SHAPE.search(text):
         yield f"{name}: no shape is given"
-    if NUMBER.search(kind) and "Callable" not in kind and not UNIT.search(text):
+    if NUMBER.search(kind) and "Callable" not in kind and not UNIT.search(SIZES.sub("", text)):
         yield f"{name}: no unit is given"
 
 
 def main() -> None:
     """Print the faults; the exit code says whether there are any."""
-    found = list(faults("scp_planner", ROOT, exported_names()))
+    found = list(faults("scp_planner", ROOT, shown_names()))
     sys.stdout.write("".join(f"{fault}\n" for fault in found))
     sys.exit(1 if found else 0)
 

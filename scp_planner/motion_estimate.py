@@ -86,7 +86,7 @@ class MotionEstimate(ABC):
 
     @property
     def degrees_of_freedom(self) -> float | None:
-        """Of the estimated noise covariance; None if it is known."""
+        """Of the estimated noise covariance, a number; None if it is known."""
         return self.errors.degrees_of_freedom if isinstance(self.errors, HotellingErrors) else None
 
     @property

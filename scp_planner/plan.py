@@ -70,7 +70,7 @@ class LimitUse:
     worst : float
         In the quantity's SI unit.
     limit : float or None
-        None: unbounded.
+        In the same unit; None: unbounded.
     time : float
         Absolute time of the worst value, s.
     """

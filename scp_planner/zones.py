@@ -94,7 +94,7 @@ class ThreatZone:
         t : float or (...) array
             Absolute time in s.
         directions : (..., 2) array
-            Vectors in world coordinates; need not be unit vectors.
+            Vectors in world coordinates, without a unit; need not be of length 1.
 
         Returns
         -------

@@ -132,6 +132,7 @@ def save_table(table: Mapping[str, NDArray[Any]], path: str | PathLike[str]) -> 
     Parameters
     ----------
     table : mapping of str to (n,) array
+        Columns, with units in their names.
     path : path
         .csv: one row of names, then one row a time; or .npz: one array a column.
 

@@ -29,6 +29,7 @@ class StepOrigin:
     Attributes
     ----------
     start, scale : (k,) arrays
+        In the unit of each variable.
     """
 
     start: Array
@@ -38,6 +39,8 @@ class StepOrigin:
 @dataclass
 class QuadraticProgram:
     """minimise x'Hx/2 + f'x subject to lower <= x <= upper, A x <= b, with the first rows of A equalities.
+
+    All are scaled and have no unit.
 
     Attributes
     ----------
@@ -50,7 +53,7 @@ class QuadraticProgram:
     equalities : int
         Number of leading rows that hold with equality.
     active : (n + m,) array of int or None
-        Warm start: -1 at the lower bound, +1 at the upper bound or on the row, 0 inactive.
+        Warm start, without a unit: -1 at the lower bound, +1 at the upper bound or on the row, 0 inactive.
     origin : StepOrigin or None
         What the first variables are steps from; no part of the program, but for constraints that users add to it.
     """
@@ -68,7 +71,7 @@ class QuadraticProgram:
 
 @dataclass(frozen=True)
 class Solution:
-    """An answer to a quadratic program.
+    """An answer to a quadratic program, scaled and without a unit as that is.
 
     Attributes
     ----------
@@ -85,7 +88,13 @@ class Solution:
 
 
 class QpSolver(Protocol):
-    """A solver of quadratic programs. It may keep memory between calls, but the answer may not depend on it."""
+    """A solver of quadratic programs. It may keep memory between calls, but the answer may not depend on it.
+
+    Attributes
+    ----------
+    name : str
+        That plans made with it bear.
+    """
 
     name: str
 
