@@ -21,7 +21,7 @@ from scp_planner.constraints import Limit
 from scp_planner.constraints.bounds import box_gaps
 from scp_planner.constraints.kinematics import BendSites, bend_sites
 from scp_planner.problem import Problem
-from scp_planner.trajectory import Trajectory, TripPoints
+from scp_planner.trajectory import TimeTable, Trajectory, TripPoints
 from scp_planner.zones import ZoneContacts
 
 Array = NDArray[np.float64]
@@ -57,6 +57,25 @@ class Penalties:
 
 
 @dataclass(frozen=True)
+class Batch:
+    """Trips that were evaluated together, and their points at the problem's samples, one trip after the other."""
+
+    bundle: TripBundle
+    points: TripPoints
+
+    @classmethod
+    def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> Batch:
+        """Return trips as a batch: the one that they were evaluated in if they are all of it, in order."""
+        batch = evaluations[0].batch
+        if batch is not None and batch.bundle.count == len(evaluations):
+            pairs = zip(evaluations, batch.bundle.trips, strict=True)
+            if all(evaluation.trajectory is trip for evaluation, trip in pairs):
+                return batch
+        bundle = TripBundle([evaluation.trajectory for evaluation in evaluations])
+        return cls(bundle, TripPoints.joined([evaluation.points for evaluation in evaluations], table))
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """One trip, evaluated.
 
@@ -85,6 +104,8 @@ class Evaluation:
         Excesses over each of the optional limits in all places.
     given_violation : float
         Worst violation of a user's own constraints.
+    batch : Batch or None
+        The trips that it was evaluated with.
     """
 
     trajectory: Trajectory
@@ -99,6 +120,7 @@ class Evaluation:
     limit_violation: Array
     optional: tuple[Array, ...] = ()
     given_violation: float = 0.0
+    batch: Batch | None = None
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""
@@ -170,6 +192,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
     limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
+    batch = Batch(bundle, points)
     evaluations = []
     for k, (trip, its_points, its_minima) in enumerate(
         zip(trips, bundle.split_each(points), bundle.split(minima, owner), strict=True)
@@ -189,6 +212,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
                 limits[k],
                 optional[k],
                 0.0 if problem.given is None else problem.given.worst(trip),
+                batch,
             )
         )
     return evaluations

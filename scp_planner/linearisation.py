@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.bundle import TripBundle, stacked
+from scp_planner.bundle import stacked
 from scp_planner.constraints import Limit, Rows
 from scp_planner.constraints.bounds import box_rows
 from scp_planner.constraints.clearance import ClearanceSites, clearance_rows
@@ -18,7 +18,7 @@ from scp_planner.constraints.kinematics import (
     lateral_rows,
 )
 from scp_planner.constraints.optional import OptionalLimit
-from scp_planner.evaluation import Evaluation
+from scp_planner.evaluation import Batch, Evaluation
 from scp_planner.problem import Problem
 from scp_planner.trajectory import TripPoints
 from scp_planner.zones import ZoneContacts
@@ -85,9 +85,9 @@ def linearise_trips(
         One for each trip.
     """
     zones = problem.zones
-    bundle = TripBundle([base.trajectory for base in bases])
+    batch = Batch.of(bases, problem.samples)
+    bundle, points = batch.bundle, batch.points
     sites = [base.sites for base in bases]
-    points = TripPoints.joined([base.points for base in bases], problem.samples)
     rows = Rows.stack(
         [
             clearance_rows(problem, bundle, _clearance_sites(problem, bases, points, near)),

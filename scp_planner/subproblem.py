@@ -41,19 +41,18 @@ class ActiveSet:
         Of the hard rows.
     keys : (k,) array of int
         Sorted keys of the active rows that may be violated at a price.
-    violated : (g,) array of int
-        Groups whose slack was positive.
+    violated : (G,) array of bool
+        Whether the slack of each violation was positive.
     """
 
     step: NDArray[np.int8]
     hard: NDArray[np.int8]
     keys: NDArray[np.intp]
-    violated: NDArray[np.intp]
+    violated: NDArray[np.bool_]
 
     def guess(self, rows: Rows, groups: NDArray[np.intp]) -> NDArray[np.int8]:
         """Return the guess for a program with these rows and slacks."""
-        slacks = -np.ones(len(groups), dtype=np.int8)
-        slacks[np.isin(groups, self.violated)] = 0
+        slacks = self.violated[groups].astype(np.int8) - np.int8(1)
         return np.concatenate([self.step, slacks, self.hard, _among(rows.key, self.keys)])
 
 
@@ -70,12 +69,15 @@ class Subproblem:
         Number of variables of the step; the slacks follow.
     groups : (g,) array of int
         Violation that each slack belongs to.
+    group_count : int
+        Number G of violations in the merit.
     """
 
     program: QuadraticProgram
     rows: Rows
     step_size: int
     groups: NDArray[np.intp]
+    group_count: int
 
     def active_set(self, solution: Solution) -> ActiveSet:
         """Return what is active in a solution of the program."""
@@ -86,8 +88,13 @@ class Subproblem:
             signs[:size],
             signs[total:soft],
             np.sort(self.rows.key[signs[soft:] != 0]),
-            self.groups[signs[size:total] == 0],
+            self._violated(signs[size:total] == 0),
         )
+
+    def _violated(self, positive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        violated = np.zeros(self.group_count, dtype=bool)
+        violated[self.groups] = positive
+        return violated
 
 
 def build_subproblem(
@@ -172,7 +179,7 @@ def build_subproblem(
         None if active is None else active.guess(rows, groups),
         None if problem.given is None else _origin(problem, trajectory),
     )
-    return Subproblem(program, rows, size, groups)
+    return Subproblem(program, rows, size, groups, len(weights))
 
 
 def _origin(problem: Problem, trajectory: Trajectory) -> StepOrigin:

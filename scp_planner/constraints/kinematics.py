@@ -333,6 +333,8 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, 
     Rows
     """
     limit = problem.limits.curvature
+    if max(site.worst_curvature for site in sites) <= within * limit:
+        return Rows.none(problem.step_size)
     curvature = stacked([site.curvature for site in sites])
     owner, station = np.nonzero(np.abs(curvature) > within * limit)
     if len(owner) == 0:
