@@ -11,7 +11,7 @@ from test_linearisation import problem_and_trip
 
 import scp_planner as sp
 from scp_planner.bundle import TripBundle
-from scp_planner.evaluation import Evaluation, evaluate_trip, evaluate_trips
+from scp_planner.evaluation import Batch, Evaluation, evaluate_trip, evaluate_trips
 from scp_planner.linearisation import TrustRegion, linearise, linearise_trips
 from scp_planner.problem import Problem, build_problem
 from scp_planner.scp import ScpLoop, Status
@@ -65,7 +65,7 @@ def assert_same(left: object, right: object, where: str = "") -> None:
         assert len(left) == len(right)  # type: ignore[arg-type]
         for one, other in zip(left, right, strict=True):  # type: ignore[call-overload]
             assert_same(one, other, where)
-    elif left is not None and not isinstance(left, Trajectory):
+    elif left is not None and not isinstance(left, Trajectory | Batch):
         for each in fields(left):  # type: ignore[arg-type]
             if (where + each.name).endswith("peaks.bendvalue") and len(left.curvature) == 0:  # type: ignore[attr-defined]
                 continue  # of nothing it may be (0,), or the (1,) that stands for 0 everywhere
