@@ -296,10 +296,10 @@ class Plan:
         return plan_table(self, times)
 
     def export(self, path: str | PathLike[str], **options: Any) -> None:
-        """Write the trip for other programs: .csv, .npz, .mcap, or a bag's folder; see `scp_planner.export.export`."""
-        from scp_planner.export import export
+        """Write the trip for other programs: .csv, .npz, .mcap, or a bag's folder; options of `export_plan`."""
+        from scp_planner.export import export_plan
 
-        export(self, path, **options)
+        export_plan(self, path, **options)
 
     def plot(self, scenario: Scenario, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
         """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.

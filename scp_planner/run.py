@@ -315,10 +315,10 @@ class Run:
         return run_table(self)
 
     def export(self, path: str | PathLike[str], **options: Any) -> None:
-        """Write the run for other programs: .csv, .npz, .mcap, or a bag's folder; see `scp_planner.export.export`."""
-        from scp_planner.export import export
+        """Write the run for other programs: .csv, .npz, .mcap, or a bag's folder; options of `export_run`."""
+        from scp_planner.export import export_run
 
-        export(self, path, **options)
+        export_run(self, path, **options)
 
     def plot(self, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
         """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from scp_planner.cli.options import Quiet, Samples, bad_option, check_target
 from scp_planner.cli.output import start_logging, tell
+from scp_planner.errors import MISSING, Fault, PlanError
+
+if TYPE_CHECKING:
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
 
 
 def export(
@@ -33,7 +39,8 @@ def export(
     As a table with units in its columns' names, or as messages for ROS 2: nav_msgs/Path and
     trajectory_msgs/MultiDOFJointTrajectory of a plan, nav_msgs/Odometry and nav_msgs/Path of a run.
     """
-    from scp_planner.export.files import EXPORT_SUFFIXES, export, load_plan_or_run
+    from scp_planner.export import EXPORT_SUFFIXES
+    from scp_planner.plan import Plan
 
     start_logging(quiet, False)
     suffix = output.suffix.lower()
@@ -44,10 +51,23 @@ def export(
     if suffix == "" and output.exists():
         raise bad_option("--output", output, "exists already; a bag's folder must be a new one")
     check_target("--output", output, source)
-    subject = load_plan_or_run(source)
+    subject = _load(source)
+    sampled = {"samples": samples} if isinstance(subject, Plan) else {}
     try:
-        export(subject, output, samples=samples, frame=frame, body=body, epoch=epoch)
+        subject.export(output, frame=frame, body=body, epoch=epoch, **sampled)
     except ValueError as error:
         raise bad_option("--epoch", epoch, str(error)) from None
     if not quiet:
         tell(f"wrote {output}")
+
+
+def _load(source: Path) -> Plan | Run:
+    """Read a plan file or a run file, whichever it is."""
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
+
+    try:
+        data = json.loads(source.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise PlanError(str(source), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+    return Run.load(source) if isinstance(data, dict) and "course" in data else Plan.load(source)

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.export.ros import BODY, FRAME, MCAP_SUFFIX, plan_messages, run_messages, save_messages
 from scp_planner.export.tables import SAMPLES, TABLE_SUFFIXES, plan_table, run_table, save_table
-from scp_planner.plan import Plan
-from scp_planner.run import Run
+
+if TYPE_CHECKING:
+    from scp_planner.plan import Plan
+    from scp_planner.run import Run
 
 EXPORT_SUFFIXES = (*TABLE_SUFFIXES, MCAP_SUFFIX)
 """Of files; a name without suffix is the folder of a bag."""
 
 
-def export(
-    subject: Plan | Run,
-    path: str | PathLike[str],
-    *,
-    samples: int = SAMPLES,
-    frame: str = FRAME,
-    body: str = BODY,
-    epoch: float = 0.0,
-) -> None:
+def export(subject: Plan | Run, path: str | PathLike[str], **options: Any) -> None:
     """Write a plan or a run for other programs.
 
     Parameters
@@ -33,8 +26,37 @@ def export(
     path : path
         .csv or .npz: a table, see `plan_table` and `run_table`; .mcap, or without suffix a bag's folder: messages,
         see `plan_messages` and `run_messages`.
+    **options
+        See `export_plan` and `export_run`.
+
+    Raises
+    ------
+    ImportError
+        If messages are asked for and `rosbags` is not installed.
+    ValueError
+        If the suffix is another one, there are too few samples, or a time is none of ROS.
+    """
+    subject.export(path, **options)
+
+
+def export_plan(
+    plan: Plan,
+    path: str | PathLike[str],
+    *,
+    samples: int = SAMPLES,
+    frame: str = FRAME,
+    body: str = BODY,
+    epoch: float = 0.0,
+) -> None:
+    """Write a plan for other programs.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : path
+        See `export`.
     samples : int
-        Of a plan, at least 2; a run has its own times.
+        At least 2.
     frame, body : str
         Of messages: names of the frame that positions are in and of the vehicle.
     epoch : float
@@ -47,35 +69,42 @@ def export(
     ValueError
         If the suffix is another one, there are too few samples, or a time is none of ROS.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in (*EXPORT_SUFFIXES, ""):
-        raise ValueError(f"{path}: must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix for a bag")
-    if suffix in TABLE_SUFFIXES:
-        save_table(run_table(subject) if isinstance(subject, Run) else plan_table(subject, samples), path)
-    elif isinstance(subject, Run):
-        save_messages(run_messages(subject, frame=frame, body=body, epoch=epoch), path)
+    if _is_table(path):
+        save_table(plan_table(plan, samples), path)
     else:
-        save_messages(plan_messages(subject, samples, frame=frame, body=body, epoch=epoch), path)
+        save_messages(plan_messages(plan, samples, frame=frame, body=body, epoch=epoch), path)
 
 
-def load_plan_or_run(path: str | PathLike[str]) -> Plan | Run:
-    """Read a plan file or a run file, whichever it is.
+def export_run(
+    run: Run, path: str | PathLike[str], *, frame: str = FRAME, body: str = BODY, epoch: float = 0.0
+) -> None:
+    """Write a run, at its own times, for other programs.
 
     Parameters
     ----------
+    run : Run
     path : path
-
-    Returns
-    -------
-    Plan or Run
+        See `export`.
+    frame, body : str
+        Of messages: names of the frame that positions are in and of the vehicle.
+    epoch : float
+        Of messages: ROS time at time 0 of the run, s.
 
     Raises
     ------
-    PlanError
-        If it is neither.
+    ImportError
+        If messages are asked for and `rosbags` is not installed.
+    ValueError
+        If the suffix is another one, or a time is none of ROS.
     """
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise PlanError(str(path), [Fault("", MISSING, f"not a JSON file: {error}")]) from None
-    return Run.load(path) if isinstance(data, dict) and "course" in data else Plan.load(path)
+    if _is_table(path):
+        save_table(run_table(run), path)
+    else:
+        save_messages(run_messages(run, frame=frame, body=body, epoch=epoch), path)
+
+
+def _is_table(path: str | PathLike[str]) -> bool:
+    suffix = Path(path).suffix.lower()
+    if suffix not in (*EXPORT_SUFFIXES, ""):
+        raise ValueError(f"{path}: must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix for a bag")
+    return suffix in TABLE_SUFFIXES
