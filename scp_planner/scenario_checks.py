@@ -247,7 +247,9 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
         except Unknown:
             continue
         if distance < radius:
-            text = f"must be at least {radius:g} m, the radius, from obstacles[{i}]; it is {distance:.6g} m"
+            name = _known(obstacle, "id")
+            which = f"obstacles[{i}]" if name is None else f"obstacles[{i}] ({name:.40})"
+            text = f"must be at least {radius:g} m, the radius, from {which}; it is {distance:.6g} m"
             yield Problem(("start", "position"), start.position, text)
 
 

@@ -198,14 +198,14 @@ CASES = [
         {"obstacles.0.motion": {"position": [0.7, 0]}},
         "start.position",
         "[0.0, 0.0]",
-        "from obstacles[0]; it is 0.2 m",
+        "from obstacles[0] (crosser); it is 0.2 m",
     ),
     Case(
         "start inside an obstacle on a course",
         {"obstacles.0.motion": {"time": [-1, 1], "position": [[0.5, -2], [0.9, 2]]}},
         "start.position",
         "[0.0, 0.0]",
-        "from obstacles[0]; it is 0.2 m",
+        "from obstacles[0] (crosser); it is 0.2 m",
     ),
     Case(
         "course with too few covariances",

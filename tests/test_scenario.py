@@ -239,7 +239,7 @@ def test_models_and_dictionaries_mix(scenario_data: dict[str, Any]) -> None:
     mixed = Scenario(**{**scenario_data, "vehicle": whole.vehicle, "obstacles": list(whole.obstacles)})
     assert mixed == whole
     inside = Obstacle(id="x", shape=Disc(disc=3.0), motion=Motion(position=(0.0, 0.0)))
-    with pytest.raises(ScenarioError, match=r"from obstacles\[0\]; it is 0 m"):
+    with pytest.raises(ScenarioError, match=r"from obstacles\[0\] \(x\); it is 0 m"):
         Scenario(**{**scenario_data, "obstacles": [inside]})
 
 
