@@ -257,7 +257,7 @@ class _Planning:
             else:
                 cutoff = np.inf
             self.tried += 1
-            attempt = self._attempt(branch.start(SMOOTHING), cutoff)
+            attempt = self._attempt(branch.start(SMOOTHING), cutoff, None if cutoff == np.inf else best)
             if not attempt.run.feasible and cutoff == np.inf:
                 failed.append(branch)
             branch.touched = _touched(self.problem, attempt.run)
@@ -324,15 +324,17 @@ class _Planning:
         start = self.problem.space.trajectory(self.problem.ends.theta, beta, near)
         return self._attempt(start, cutoff)
 
-    def _attempt(self, start: Trajectory, cutoff: float) -> _Attempt:
+    def _attempt(self, start: Trajectory, cutoff: float, rival: _Attempt | None = None) -> _Attempt:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
         loop, problem = self.loop, self.problem
         for repeat in range(TIGHTENINGS + 1):
             clock = perf_counter()
-            run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline)
+            against = None if rival is None else rival.run.evaluation
+            run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline, rival=against)
             self.timings["scp"] += perf_counter() - clock
             self.iterations += len(run.record)
-            if np.isfinite(cutoff) and (not run.feasible or run.evaluation.trajectory.travel_time >= cutoff):
+            slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
+            if run.status is Status.SAME_WAY or (np.isfinite(cutoff) and slower):
                 return _Attempt(run, None)
             clock = perf_counter()
             certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)

@@ -46,6 +46,7 @@ SMALLEST_SHRINK = 0.1
 WATCH = 0.5  # largest violation of a trip that is taken on trial
 WATCH_LOSS = 1.0  # s of merit that it may cost
 HOPE = 4.0  # times the next step's gain that a run may still become faster
+SAME_WAY = 0.2  # m; trips that are never farther apart than this end as one
 PATIENCE = 3  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
 MENDED = 2e-3  # a step from a larger violation than this may lead to a place from where others lead on
@@ -67,6 +68,7 @@ class Status(Enum):
     TIME_LIMIT = "time limit"
     SOLVER_FAILED = "solver failed"
     SLOWER = "slower than the best"
+    SAME_WAY = "the way of the best"
 
 
 @dataclass(frozen=True)
@@ -190,10 +192,21 @@ class _Trial:
 
 @dataclass
 class _Cutoff:
-    """Runs are given up when they can hardly become faster than this time, s; in a race the fastest run sets it."""
+    """Runs are given up when they can hardly become faster than this time, s; in a race the fastest run sets it.
+
+    They are given up as well when they come to go the way of a rival.
+    """
 
     time: float
     race: bool
+    rival: Evaluation | None = None
+
+    def same_way(self, trip: Evaluation) -> bool:
+        """Whether a trip has come so near to the rival that it would end as that did."""
+        if self.rival is None or trip.worst_violation > WATCH:
+            return False
+        apart = trip.points.path.position - self.rival.points.path.position
+        return bool(np.abs(apart).max() < SAME_WAY)
 
     def hear(self, run: Run) -> None:
         if self.race and run.status is Status.CONVERGED:
@@ -249,6 +262,7 @@ class ScpLoop:
         deadline: float = np.inf,
         trust: TrustRegion = FIRST_TRUST,
         enough: int | None = None,
+        rival: Evaluation | None = None,
     ) -> Run:
         """Improve a trip until it has converged.
 
@@ -264,12 +278,14 @@ class ScpLoop:
             The first one.
         enough : int, optional
             After so many iterations a trip without grave violations is good enough, though not the fastest.
+        rival : Evaluation, optional
+            The best trip so far, of the same problem: the run is given up when it goes the same way.
 
         Returns
         -------
         Run
         """
-        return self.run_all([start], max_iterations, cutoff, deadline, trust, enough)[0]
+        return self.run_all([start], max_iterations, cutoff, deadline, trust, enough, rival=rival)[0]
 
     def run_all(
         self,
@@ -281,6 +297,7 @@ class ScpLoop:
         enough: int | None = None,
         *,
         race: bool = False,
+        rival: Evaluation | None = None,
     ) -> list[Run]:
         """Improve several trips in step with each other, so that they share the cost of looking at them.
 
@@ -289,7 +306,7 @@ class ScpLoop:
         starts : sequence of Trajectory
         max_iterations : int
             Of each.
-        cutoff, deadline, trust, enough
+        cutoff, deadline, trust, enough, rival
             As in :meth:`run`.
         race : bool
             A run that has converged cuts off those that can hardly become faster. Without it each run ends as it would
@@ -300,7 +317,7 @@ class ScpLoop:
         list of Run
             One for each start.
         """
-        goal = _Cutoff(cutoff, race)
+        goal = _Cutoff(cutoff, race, rival)
         steps = [self._steps(start, max_iterations, goal, deadline, trust, enough) for start in starts]
         wishes: dict[int, Trajectory | _Wish] = {k: next(some) for k, some in enumerate(steps)}
         runs: dict[int, Run] = {}
@@ -390,7 +407,7 @@ class ScpLoop:
             elif trial is not None:
                 run.evaluation, step, trust = trial.evaluation, trial.step, trial.trust
             trial = None
-            ended = self._ended(run, step, penalties, cutoff.time)
+            ended = self._ended(run, step, penalties, cutoff)
             violation = run.evaluation.worst_violation
             if violation < max(PROGRESS * progress.violation, GRAVE):
                 progress = _Progress(number, violation)
@@ -474,13 +491,15 @@ class ScpLoop:
         moved = self.problem.space.trajectory(theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
         return moved if np.isfinite(moved.travel_time) else None
 
-    def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: float) -> Status | None:
+    def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: _Cutoff) -> Status | None:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""
         current = run.evaluation
         violation = current.worst_violation
         # What is still violated can only take more time.
-        if current.trajectory.travel_time - HOPE * max(step.sooner, 0.0) > cutoff:
+        if current.trajectory.travel_time - HOPE * max(step.sooner, 0.0) > cutoff.time:
             return Status.SLOWER
+        if cutoff.same_way(current):
+            return Status.SAME_WAY
         tolerance = self.problem.settings.tolerance
         if violation <= FEASIBILITY and step.before <= MENDED and abs(step.sooner) < tolerance:
             return Status.CONVERGED

@@ -7,7 +7,10 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.problem import Limits, straight_travel_time
+from scp_planner.problem import Limits, build_problem, straight_travel_time
+from scp_planner.scp import ScpLoop, Status
+from scp_planner.seeds import bows
+from scp_planner.solvers import solver_named
 
 SCENES = {
     "crossers": scene(*CROSSERS),
@@ -165,3 +168,27 @@ def test_far_obstacles_change_nothing() -> None:
     both = sp.plan(scene(*CROSSERS, *far))
     assert both.certified
     assert both.travel_time == pytest.approx(near.travel_time, rel=1e-9)
+
+
+def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
+    problem = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
+    loop = ScpLoop(problem, solver_named("daqp"))
+    best = loop.run(next(iter(bows(problem))), 60)
+    assert best.status is Status.CONVERGED
+    trip = best.evaluation.trajectory
+    theta = trip.theta.copy()
+    theta[problem.ends.free] += 0.3 * np.sin(np.linspace(0.0, np.pi, len(theta)))[problem.ends.free]
+    near = problem.space.trajectory(theta, 0.9 * trip.beta, trip.travel_time)
+    alone, against = loop.run(near, 60), loop.run(near, 60, rival=best.evaluation)
+    assert alone.evaluation.trajectory.travel_time == pytest.approx(trip.travel_time, abs=1e-3)
+    assert against.status is Status.SAME_WAY
+    assert len(against.record) < len(alone.record)
+    others = 0
+    for start in bows(problem):
+        alone = loop.run(start, 60)
+        if alone.feasible and alone.evaluation.trajectory.travel_time > trip.travel_time + 0.1:
+            against = loop.run(start, 60, rival=best.evaluation)
+            assert against.status is alone.status
+            assert against.evaluation.trajectory.travel_time == alone.evaluation.trajectory.travel_time
+            others += 1
+    assert others > 0
