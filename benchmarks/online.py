@@ -122,8 +122,7 @@ def loops(options: argparse.Namespace) -> int:
         {"family": LOOP_FAMILIES[seed % 2], "seed": seed, "level": LEVEL}
         for seed in range(options.seed, options.seed + options.count)
     ]
-    rows = ledger.fill(wanted, loop)
-    say_table(["family", *LOOP_HEADINGS], [[name, *loop_cells(some)] for name, some in by(rows, "family")])
+    sys.stdout.write(loop_table(ledger.fill(wanted, loop)) + "\n")
     return 0
 
 
@@ -135,8 +134,7 @@ def levels(options: argparse.Namespace) -> int:
         for level in LEVELS
         for seed in range(options.seed, options.seed + options.count)
     ]
-    rows = ledger.fill(wanted, loop)
-    say_table(["level", *LOOP_HEADINGS], [[name, *loop_cells(some)] for name, some in by(rows, "level")[:-1]])
+    sys.stdout.write(level_table(ledger.fill(wanted, loop)) + "\n")
     return 0
 
 
@@ -172,8 +170,15 @@ def by(rows: Sequence[Row], key: str) -> list[tuple[str, list[Row]]]:
     return [*((name, [row for row in rows if str(row[key]) == name]) for name in names), ("all", list(rows))]
 
 
-def say_table(headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    sys.stdout.write(common.table(headings, rows) + "\n")
+def loop_table(rows: Sequence[Row]) -> str:
+    """What came of closed loops, by family."""
+    return common.table(["family", *LOOP_HEADINGS], [[name, *loop_cells(some)] for name, some in by(rows, "family")])
+
+
+def level_table(rows: Sequence[Row]) -> str:
+    """What came of closed loops, by level."""
+    lines = [[name, *loop_cells(some)] for name, some in by(rows, "level")[:-1]]
+    return common.table(["level", *LOOP_HEADINGS], lines)
 
 
 # replans
@@ -185,7 +190,6 @@ def replan(options: argparse.Namespace) -> int:
     scenarios = [families.as_scenario(data) for data in common.load_family(folder, options.family)]
     simulate(scenarios[0], seed=options.seed, time_limit=1.0)  # imports, caches
     rows: list[Row] = []
-    stages: dict[str, list[float]] = {}
     measured = Planner.replan
 
     def timed(self: Planner, *arguments: Any, **choices: Any) -> Any:
@@ -199,10 +203,9 @@ def replan(options: argparse.Namespace) -> int:
                     "outcome": str(plan.outcome),
                     "iterations": plan.iterations,
                     "reason": plan.reason,
+                    **{f"{stage}_ms": 1e3 * plan.timings.get(stage, 0.0) for stage in STAGES},
                 }
             )
-            for stage in STAGES:
-                stages.setdefault(stage, []).append(1e3 * plan.timings.get(stage, 0.0))
         return plan
 
     Planner.replan = timed  # type: ignore[method-assign]
@@ -221,13 +224,15 @@ def replan(options: argparse.Namespace) -> int:
         Planner.replan = measured  # type: ignore[method-assign]
     common.write_csv(options.output / "online-replan.csv", rows[: options.count])
     common.write_environment(options.output / "online-environment.csv", common.environment())
-    table = [
-        ["all", *_distribution(values(rows, "wall_ms"))],
-        ["all, processor time", *_distribution(values(rows, "processor_ms"))],
-    ]
-    table += [[name, *_distribution(np.array(times))] for name, times in stages.items()]
-    say_table(["stage", "median, ms", "90 %", "99 %", "longest"], table)
+    sys.stdout.write(replan_table(rows[: options.count]) + "\n")
     return 0
+
+
+def replan_table(rows: Sequence[Row]) -> str:
+    """Distribution of the times of replans, by stage."""
+    columns = {"all": "wall_ms", "all, processor time": "processor_ms", **{stage: f"{stage}_ms" for stage in STAGES}}
+    lines = [[name, *_distribution(values(rows, column))] for name, column in columns.items()]
+    return common.table(["stage", "median, ms", "90 %", "99 %", "longest"], lines)
 
 
 STAGES = ("zones", "problem", "scp", "certificate", "search")
@@ -267,6 +272,12 @@ def faults(options: argparse.Namespace) -> int:
         }
 
     rows = ledger.fill([{"seed": seed} for seed in range(options.seed, options.seed + options.count)], run)
+    sys.stdout.write(fault_table(rows) + "\n")
+    return int(any(int(row["raised"]) or int(row["refused"]) or int(row["unsaid"]) for row in rows))
+
+
+def fault_table(rows: Sequence[Row]) -> str:
+    """What came of runs with faults, by kind."""
     headings = ["fault", "runs", "replans", "checked", "raised", "refused", "unsaid", "arrived, %", "braking, %"]
     table = []
     for kind in ("solver", "vanish", "jump", "late", "doubled", "appears", "all"):
@@ -276,8 +287,7 @@ def faults(options: argparse.Namespace) -> int:
         sums = [int(values(some, key).sum()) for key in ("cycles", "checked", "raised", "refused", "unsaid")]
         rates = values(some, "arrived").mean(), values(some, "braking").sum() / max(sums[0], 1)
         table.append([kind, len(some), *sums, *(common.number(100.0 * rate, 1) for rate in rates)])
-    say_table(headings, table)
-    return int(any(int(row["raised"]) or int(row["refused"]) or int(row["unsaid"]) for row in rows))
+    return common.table(headings, table)
 
 
 def crowds(options: argparse.Namespace) -> int:
@@ -291,14 +301,19 @@ def crowds(options: argparse.Namespace) -> int:
         for way in online_crowds.WAYS
     ]
     rows = ledger.fill(wanted, lambda row: online_crowds.drive(tracks[row["place"]], row))
+    sys.stdout.write(crowd_table(rows) + "\n")
+    return 0
+
+
+def crowd_table(rows: Sequence[Row]) -> str:
+    """What came of trips through crowds, by place and way of driving."""
     headings = ["place", "how", "runs", "contact, %", "touched standing, %", "arrived, %", "mean time, s", "median ms"]
     table = [
         [place, way, *online_crowds.cells(chosen)]
         for place, some in by(rows, "place")
         for way, chosen in by(some, "way")[:-1]
     ]
-    say_table(headings, table)
-    return 0
+    return common.table(headings, table)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,7 +1,7 @@
 """The results page: ``python -m benchmarks.report`` writes ``docs/benchmarks.md`` and its figures from the CSV files.
 
-Every number on the page comes from the files that ``benchmarks.planning`` and ``benchmarks.peers`` wrote; parts whose
-file is missing are left out.
+Every number on the page comes from the files that ``benchmarks.planning``, ``benchmarks.peers`` and
+``benchmarks.online`` wrote; parts whose file is missing are left out.
 """
 
 from __future__ import annotations
@@ -48,6 +48,11 @@ SECTIONS = {
     "random": ("random scenarios", "benchmarks.planning --random"),
     "peers": ("other methods", "benchmarks.peers"),
     "peers-random": ("other methods in random scenarios", "benchmarks.peers --random"),
+    "online-replan": ("replans", "benchmarks.online replan"),
+    "online-loops": ("closed loops", "benchmarks.online loops"),
+    "online-levels": ("the price of safety", "benchmarks.online levels"),
+    "online-crowds": ("recorded crowds", "benchmarks.online crowds"),
+    "online-faults": ("faults on purpose", "benchmarks.online faults"),
 }
 """Files of results, without .csv: the titles of their sections, lower case, and the commands that write them."""
 
@@ -398,6 +403,54 @@ def peers_figure(rows: list[Row], pairs: list[tuple[str, str]], plans: dict[str,
     return figures.save(figure, "peers", "Other methods: wall time, travel time, rate of certified answers")
 
 
+def online_part(name: str, title: str, rows: list[Row]) -> list[str]:
+    """Section on planning while driving."""
+    from benchmarks import online
+
+    table, text = {
+        "online-replan": (
+            online.replan_table,
+            f"{len(rows)} replans, warm, among 10 obstacles that are seen with noise; the first plans are not counted.",
+        ),
+        "online-loops": (
+            online.loop_table,
+            f"{len(rows)} closed loops at 10 Hz among obstacles that accelerate and are seen with 0.05 to 0.3 m of "
+            f"noise, at the joint level {online.LEVEL}. `truth` is the plan with the true motions.",
+        ),
+        "online-levels": (online.level_table, "The same loops at other levels of confidence."),
+        "online-crowds": (
+            online.crowd_table,
+            "Trips through recorded crowds that do not react, at 1.5 m/s: with zones, with predictions of constant "
+            "velocity instead, and standing still until the way is free. People walk into what stands in their way "
+            "in the recordings, which knew nothing of a vehicle: *touched standing*.",
+        ),
+        "online-faults": (
+            online.fault_table,
+            "Runs with faults. `refused` counts certified plans and stops that the dense check refuses; `unsaid` plans "
+            "without a reason.",
+        ),
+    }[name]
+    return [f"## {title.capitalize()}", text, table(rows)]
+
+
+def _rows(path: Path) -> list[Row]:
+    return common.read_csv(path) if path.is_file() else []
+
+
+def _online_rows(results: Path, name: str) -> list[Row]:
+    """Rows of a file of results; loops at the usual level and those at others share one."""
+    from benchmarks.online import LEVEL
+
+    rows = _rows(results / f"{'online-loops' if name == 'online-levels' else name}.csv")
+    if name == "online-loops":
+        return [row for row in rows if float(row["level"]) == LEVEL]
+    if name == "online-levels":
+        others = {row["seed"] for row in rows if float(row["level"]) != LEVEL}
+        chosen = [row for row in rows if row["seed"] in others]
+        return sorted(chosen, key=lambda row: float(row["level"]))
+    return rows
+
+
 def _environment(path: Path) -> str:
     return ", ".join(f"{row['what']} {row['value']}" for row in common.read_csv(path))
 
@@ -413,10 +466,10 @@ def page(results: Path, figures: Figures) -> str:
     sections: list[str] = []
     made_by = []
     for name, (title, command) in SECTIONS.items():
-        path = results / f"{name}.csv"
-        if not path.is_file():
+        online = name.startswith("online-")
+        rows = _online_rows(results, name) if online else _rows(results / f"{name}.csv")
+        if not rows:
             continue
-        rows = common.read_csv(path)
         made_by.append(f"[{title}](#{title.replace(',', '').replace(' ', '-')}) by `{command}`")
         if name == "planning":
             sections += reference_part(rows, figures)
@@ -424,14 +477,18 @@ def page(results: Path, figures: Figures) -> str:
             sections += scaling_part(rows, figures)
         elif name == "random":
             sections += random_part(rows)
+        elif online:
+            sections += online_part(name, title, rows)
         elif name == "peers":
             sections += peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
         else:
             sections += random_peers_part(rows, common.read_csv(results / "peers-random-starts.csv"))
     if not sections:
-        raise FileNotFoundError(f"{results} holds no results: run benchmarks.planning or benchmarks.peers first")
+        raise FileNotFoundError(
+            f"{results} holds no results: run benchmarks.planning, benchmarks.peers or benchmarks.online first"
+        )
     sections.append("## Machine and versions")
-    for name in ("planning", "peers", "peers-random"):
+    for name in ("planning", "peers", "peers-random", "online"):
         path = results / f"{name}-environment.csv"
         if path.is_file():
             sections.append(f"`{name}.csv`: {_environment(path)}.")

@@ -159,6 +159,28 @@ def test_peers_run_on_random_scenarios_and_the_page_says_what_they_did(tmp_path:
     assert [cell.strip() for cell in plan_row.strip("|").split("|")][2:4] == ["2/2", "2/2"]
 
 
+def test_the_page_tells_what_closed_loops_came_to(tmp_path: Path) -> None:
+    results, page = tmp_path / "results", tmp_path / "benchmarks.md"
+    loop = {"family": "crossing5", "noise": 0.1, "arrived": 1, "contact": 0, "contact_standing": 0, "truth_time": 8.0}
+    loop |= {"cycles": 80, "braking": 4, "unsafe": 0}
+    common.write_csv(
+        results / "online-loops.csv",
+        [
+            {**loop, "seed": 0, "level": 0.5, "contact": 1, "travel_time": 8.2},
+            {**loop, "seed": 0, "level": 0.99, "travel_time": 8.4},
+            {**loop, "seed": 1, "level": 0.99, "travel_time": 8.8},
+        ],
+    )
+    replan = {"wall_ms": 2.0, "processor_ms": 1.9, **{f"{stage}_ms": 0.5 for stage in online.STAGES}}
+    common.write_csv(results / "online-replan.csv", [replan, {**replan, "wall_ms": 4.0}])
+    assert report.main(["--results", str(results), "--page", str(page)]) == 0
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.read_text().splitlines()]
+    assert ["all", "2", "0.0", "0.0", "100.0", "1.075", "5.00", "0.00"] in cells, "both seeds at the usual level"
+    assert ["0.5", "1", "100.0", "0.0", "100.0", "1.025", "5.00", "0.00"] in cells
+    assert ["0.99", "1", "0.0", "0.0", "100.0", "1.050", "5.00", "0.00"] in cells, "of the seed that other levels have"
+    assert ["all", "3.00", "3.80", "3.98", "4.00"] in cells
+
+
 def test_random_scenarios_for_the_peers_do_not_depend_on_the_other_families() -> None:
     def names_and_places(families: list[str]) -> dict[str, object]:
         options = peers.parser().parse_args(["--random", "2", "--seed", "3"])
