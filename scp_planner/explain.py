@@ -85,10 +85,15 @@ def explain(
 
 
 def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -> list[Violation]:
-    """Return the violations of a certificate, gravest first, without the trifles that come along with them."""
+    """Return the violations of a certificate, gravest first, without the trifles that come along with them.
+
+    What several discs of a vehicle do is told once.
+    """
     severity = {violation: _severity(scenario, trip, violation) for violation in certificate.violations}
     trifle = min(TRIFLE * max(severity.values(), default=0.0), SMALL)
-    return sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
+    grave = sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
+    first = {(each.what, each.obstacle): each for each in reversed(grave)}
+    return [each for each in grave if first[each.what, each.obstacle] is each]
 
 
 def _severity(scenario: Scenario, trip: Trip, violation: Violation) -> float:

@@ -105,6 +105,7 @@ def test_small_excesses_beside_a_grave_one_are_left_out_and_grave_ones_are_sorte
         "limit": Violation("curvature", 1.5, 1.0, 3.0),
         "small, but alone of its kind": Violation("excess over given constraint 1", 1e-3, 2e-4, 0.0),
         "gravest": Violation("clearance", -2.4, 0.0, 4.0, "shelf"),
+        "of another disc": Violation("clearance", -2.3, 0.0, 4.1, "shelf"),
         "outside": Violation("workspace bounds", -0.2, 0.0, 4.0),
     }
     certificate = Certificate(False, Clearance(-2.4, "shelf", 4.0), {}, tuple(found.values()))

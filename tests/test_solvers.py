@@ -458,6 +458,16 @@ def test_polish_completes_a_rough_answer(seed: int) -> None:
     assert polished.x == pytest.approx(x, abs=1e-9)
 
 
+def test_polish_gives_up_where_rounding_has_made_the_hessian_indefinite() -> None:
+    program, _ = known_program(0)
+    exact = solver_named("daqp").solve(program)
+    steepest = float(np.linalg.eigvalsh(program.hessian)[-1])
+    _, ways = np.linalg.eigh(program.hessian)
+    weakest = -1e-12 * steepest - float(np.linalg.eigvalsh(program.hessian)[0])
+    spoilt = replace(program, hessian=program.hessian + weakest * np.outer(ways[:, 0], ways[:, 0]))
+    assert polish(spoilt, exact) is None
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_polish_mends_even_a_wrong_answer(seed: int) -> None:
     program, x = known_program(seed, weak=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, lu_factor, lu_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, lu_factor, lu_solve
 
 from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
 
@@ -36,10 +36,14 @@ def polish(program: QuadraticProgram, guess: Solution) -> Solution | None:
     Returns
     -------
     Solution or None
-        Optimal within rounding: feasible, stationary and complementary. None if the guess led nowhere.
+        Optimal within rounding: feasible, stationary and complementary. None if the guess led nowhere, or rounding
+        has made the Hessian indefinite.
     """
     sides = _Sides(program)
-    pivots = _Pivots(sides)
+    try:
+        pivots = _Pivots(sides)
+    except LinAlgError:
+        return None
     active = sides.touched(guess)
     for _ in range(PASSES):
         mended = pivots.mended(active)
