@@ -39,6 +39,7 @@ _ENDS = {
     Status.TIME_LIMIT: "the time limit was reached",
     Status.SOLVER_FAILED: "the solver failed on the last subproblem",
     Status.SLOWER: "the run was given up as slower than another",
+    Status.SAME_WAY: "the run was given up as going the way of another",
 }
 
 
