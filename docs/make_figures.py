@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 import scp_planner as sp
+from docs.make_gallery import shrink
 from scp_planner import builtin
 from scp_planner.plotting import animate_plan, plot_plan, plot_space_time
 from scp_planner.viewer import save_viewer
@@ -26,6 +27,8 @@ def main() -> None:
     animate_plan(plan, scenario, FIGURES / "demo.gif")
     plot_space_time(plan, scenario, FIGURES / "space_time.png")
     _photograph_viewer(plan, scenario)
+    for name in ("demo", "space_time", "viewer"):
+        shrink(FIGURES / f"{name}.png", FIGURES / f"{name}.png")
 
 
 def _photograph_viewer(plan: sp.Plan, scenario: sp.Scenario) -> None:

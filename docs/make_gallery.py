@@ -39,7 +39,7 @@ def main(*names: str) -> None:
                 logging.warning("no figure of %s", example.name)
                 continue
             for figure in (*folder.glob("*.png"), *folder.glob("*.gif")):
-                _shrink(figure, GALLERY / f"{example.stem}{figure.suffix}")
+                shrink(figure, GALLERY / f"{example.stem}{figure.suffix}")
     if not names:
         _draw_tutorial()
 
@@ -53,15 +53,18 @@ def _run(example: Path, *arguments: str) -> int:
     return 0
 
 
-def _shrink(source: Path, target: Path) -> None:
+def shrink(source: Path, target: Path) -> None:
     """Copy a picture, no wider than the page and with no more colours than it needs."""
     if source.suffix == ".gif":
         target.write_bytes(source.read_bytes())
         return
     with Image.open(source) as picture:
-        height = round(picture.height * WIDTH / picture.width)
-        small = picture.convert("RGB").resize((WIDTH, height), Image.Resampling.LANCZOS)
-        small.quantize(256).save(target, optimize=True)
+        width = min(WIDTH, picture.width)
+        height = round(picture.height * width / picture.width)
+        small = picture.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)
+        # No dots, and few steps in a bar of colours
+        few = small.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
+        few.save(target, optimize=True)
 
 
 def _draw_tutorial() -> None:
@@ -74,7 +77,7 @@ def _draw_tutorial() -> None:
         file.write_text(found.group(1), encoding="utf-8")
         scenario = sp.Scenario.load(file)
         plot_plan(sp.plan(scenario), scenario, figure)
-        _shrink(figure, DOCS / "figures" / "tutorial_plan.png")
+        shrink(figure, DOCS / "figures" / "tutorial_plan.png")
 
 
 if __name__ == "__main__":

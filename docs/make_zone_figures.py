@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from docs.make_gallery import shrink
 from scp_planner.confidence import LEVELS, region_scale
 from scp_planner.estimation import MotionPrior, estimate_motion
 from scp_planner.motion_estimate import MotionEstimate
@@ -45,9 +46,11 @@ def main() -> None:
     folder = os.environ.get("SCP_PLANNER_DATA")
     if folder is None:
         logging.warning("no figure of real people: SCP_PLANNER_DATA is not set")
-        return
-    with style():
-        draw_recorded(Path(folder) / "pedestrians")
+    else:
+        with style():
+            draw_recorded(Path(folder) / "pedestrians")
+    for name in ("coverage", "zones_growth", "zones_models", *([] if folder is None else ["zones_people"])):
+        shrink(FIGURES / f"{name}.png", FIGURES / f"{name}.png")
 
 
 def seen(count: int = len(TIMES)) -> np.ndarray:

@@ -152,7 +152,8 @@ def plot_comparison(trials: Sequence[Trial], path: str | PathLike[str] | None = 
         by_evaluations.set_ylabel("merit above the best, relative")
         by_time.set_xlabel("wall time (s)")
         _draw_outcomes(outcome, trials, methods)
-        by_time.legend(loc="lower left")
+        handles, labels = by_time.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
         if path is not None:
             save(figure, path)
     return figure
