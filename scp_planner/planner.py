@@ -43,6 +43,7 @@ logger = logging.getLogger(__name__)
 TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
+PROOF_TIME = 1.0  # s; what a proof that there is no trip may take
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
 ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
@@ -380,7 +381,7 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
 def _verdict(search: _Planning, run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
     if certificate.holds:
         return PlanStatus.CERTIFIED, None
-    prove = search.deadline == np.inf and (certificate.late or not run.feasible)
+    prove = search.deadline - perf_counter() > PROOF_TIME and (certificate.late or not run.feasible)
     zones, trip = search.threat_zones, search.trip(run)
     reason = explain(search.scenario, zones, trip, run, certificate, search.tried, prove=prove)
     if certificate.late:

@@ -42,6 +42,13 @@ def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
     assert "far" not in text and "beside" not in text
 
 
+@pytest.mark.parametrize(("time_limit", "proved"), [(30.0, True), (0.9, False)])
+def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool) -> None:
+    plan = sp.plan(scene(disc("crate", (20.0, 0.3), radius=1.0)), time_limit=time_limit)
+    assert plan.reason is not None
+    assert ("No trip at all" in plan.reason) is proved
+
+
 def test_a_wall_across_the_workspace_is_named_with_the_room_beside_it() -> None:
     text = reason(block("wall", (10.0, 0.1), (1.0, 5.4)), bounds=BOX)
     # 3.0 + 0.1 - 2.7 below it, less above; the vehicle is 0.6 m wide.
