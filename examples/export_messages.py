@@ -58,6 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("."), help="folder to write into")
     options = parser.parse_args(argv)
+    options.output.mkdir(exist_ok=True)
     table_file, array_file, message_file, figure_file = (
         options.output / name for name in ("plan.csv", "plan.npz", "plan.mcap", "plan.png")
     )

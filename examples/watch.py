@@ -27,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenario = builtin.load(name) if name in builtin.names() else sp.Scenario.load(name)
     plan = sp.plan(scenario)
 
+    options.output.mkdir(exist_ok=True)
     page, film = options.output / f"{scenario.name}.html", options.output / f"{scenario.name}.gif"
     save_viewer(plan, scenario, page)
     animate_plan(plan, scenario, film)
