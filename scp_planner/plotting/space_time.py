@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 PLANS_SHOWN = 12
-GRID = 240
+GRID = 480
 """Points of the grid in time and in space; regions are drawn to about a pixel."""
 
 
