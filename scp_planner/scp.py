@@ -306,11 +306,13 @@ class ScpLoop:
         starts : sequence of Trajectory
         max_iterations : int
             Of each.
-        cutoff, deadline, trust, enough, rival
+        cutoff, deadline, trust, enough
             As in :meth:`run`.
         race : bool
             A run that has converged cuts off those that can hardly become faster. Without it each run ends as it would
             alone, up to rounding.
+        rival
+            As in :meth:`run`.
 
         Returns
         -------
