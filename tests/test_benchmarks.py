@@ -181,6 +181,18 @@ def test_the_page_tells_what_closed_loops_came_to(tmp_path: Path) -> None:
     assert ["all", "3.00", "3.80", "3.98", "4.00"] in cells
 
 
+def test_rates_count_reference_and_random_scenarios_together() -> None:
+    rows: list[dict[str, object]] = [
+        {"method": method, "start_set": "ten", "scenario": name, "certified": certified}
+        for method, answers in (("a", (1, 1, 1)), ("b", (1, 0, 1)))
+        for name, certified in zip("xyz", answers, strict=True)
+    ]
+    assert [line.split("|")[1:4] for line in peers.rates(rows).splitlines()[2:]] == [
+        [" a      ", " ten    ", "       3/3 "],
+        [" b      ", " ten    ", "       2/3 "],
+    ]
+
+
 def test_random_scenarios_for_the_peers_do_not_depend_on_the_other_families() -> None:
     def names_and_places(families: list[str]) -> dict[str, object]:
         options = peers.parser().parse_args(["--random", "2", "--seed", "3"])

@@ -27,6 +27,9 @@ from benchmarks.peers.starts import TEN_STARTS, Start
 RANDOM_FAMILIES = ("crossing10", "crossing20", "crossing30", "headon", "convoy")
 """Those of `benchmarks.families` whose obstacles are discs with known motions, as the peers have them."""
 
+HARDER_FAMILIES = ("crossing20", "crossing40", "convoy", "headon")
+"""Families of random scenarios that follow the reference scenarios in the same run: most starts fail in these."""
+
 PACKAGES = ("numpy", "scipy", "daqp", "casadi", "openscvx", "jax", "cvxpy")
 REFERENCE = "scp_planner.plan"
 REFERENCE_RUN = "scp_planner one run"
@@ -267,6 +270,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--repeat", type=int, default=1, help="timed calls a start, the median counts (default: 1)")
     made.add_argument("--random", type=int, metavar="N",
                       help="N random scenarios of each family instead of the reference scenarios")  # fmt: skip
+    made.add_argument("--harder", type=int, default=0, metavar="N",
+                      help=f"in the same run, also N random ones of each of {', '.join(HARDER_FAMILIES)}")  # fmt: skip
     made.add_argument("--seed", type=int, default=0, help="of the random scenarios (default: 0)")
     made.add_argument("--data", type=Path, help="folder of the reference scenarios")
     made.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
@@ -278,18 +283,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     if options.families is None:
         options.families = common.REFERENCE_FAMILIES if options.random is None else RANDOM_FAMILIES
+    parts = [options]
+    if options.harder and options.random is None:
+        parts.append(argparse.Namespace(**{**vars(options), "random": options.harder, "families": HARDER_FAMILIES}))
     try:
-        summaries, details = measure(options)
         known = {} if options.random is not None else common.best_known(common.scenario_folder(options.data))
+        measured = [measure(part) for part in parts]
     except common.MissingDataError as error:
         common.say(f"benchmarks.peers: {error}")
         return 2
     facts = common.environment(PACKAGES)
-    common.write_environment(options.output / f"{file_stem(options)}-environment.csv", facts)
+    for part in parts:
+        common.write_environment(options.output / f"{file_stem(part)}-environment.csv", facts)
     print(", ".join(f"{name} {value}" for name, value in facts.items()))
-    print()
-    print(report(summaries, details, known))
+    for part, (summaries, details) in zip(parts, measured, strict=True):
+        print(f"\n## {'Random' if part.random is not None else 'Reference'} scenarios\n")
+        print(report(summaries, details, known))
+    if len(parts) > 1:
+        print(f"## {' and '.join(str(len(scenarios_of(rows))) for rows, _ in measured)} scenarios together\n")
+        print(rates([row for summaries, _ in measured for row in summaries]))
     return 0
+
+
+def scenarios_of(rows: Sequence[dict[str, Any]]) -> set[str]:
+    """Names of the scenarios that rows are about."""
+    return {row["scenario"] for row in rows}
+
+
+def rates(rows: Sequence[dict[str, Any]]) -> str:
+    """Table of the certified answers of each method to all scenarios."""
+    lines = []
+    for method, start_set in dict.fromkeys((row["method"], row["start_set"]) for row in rows):
+        chosen = [row for row in rows if (row["method"], row["start_set"]) == (method, start_set)]
+        lines.append([method, start_set, f"{sum(row['certified'] for row in chosen)}/{len(chosen)}"])
+    return common.table(["method", "starts", "certified"], lines) + "\n"
 
 
 if __name__ == "__main__":
