@@ -216,11 +216,17 @@ class PiecewisePolynomials:
 
 def expanded(coefficients: Array, shift: Array) -> Array:
     """Coefficients (n, P, d) of ascending powers of x to those of powers of x - shift, (n,)."""
-    order = coefficients.shape[1]
-    if order == 1:
+    if coefficients.shape[1] == 1:
         return coefficients
+    return np.matmul(shift_matrices(coefficients.shape[1], shift), coefficients)
+
+
+def shift_matrices(order: int, shift: Array) -> Array:
+    """Matrices from ascending coefficients of powers of x to those of powers of x - shift, (n,) to (n, P, P)."""
     factors, exponents = _shift_table(order)
-    return np.matmul(_powers(shift, order)[:, exponents] * factors, coefficients)
+    matrices: Array = _powers(shift, order)[:, exponents]
+    matrices *= factors
+    return matrices
 
 
 def _powers(x: Array, order: int) -> Array:

@@ -18,6 +18,7 @@ from bisect import bisect, bisect_left
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from scp_planner.knobs import Knobs, Range
 from scp_planner.least_squares import MotionPrior
 from scp_planner.motion_estimate import POLYNOMIAL_TERMS, MotionEstimate
 from scp_planner.motion_models import MotionFilter, ProcessEstimate
-from scp_planner.polynomials import PiecewisePolynomials
+from scp_planner.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.recursive import RecursiveEstimator
 from scp_planner.scenario import (
     Confidence,
@@ -176,8 +177,8 @@ class Prediction:
     def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
         """Probability to see something as far away as a position, or farther, at a time."""
         lag = time - self.origin
-        powers = lag ** np.arange(len(self.center))
-        x, y = np.asarray(position) - powers @ self.center
+        powers = lag ** np.arange(max(len(self.center), len(self.covariance)))
+        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
         xx, xy, yy = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
         determinant = xx * yy - xy * xy
         if determinant <= 0.0 or xx <= 0.0:
@@ -425,16 +426,12 @@ class ObstacleTracks:
         last = np.array([track.times[-1] for track in tracks])
         inverse = np.linalg.inv(factor)
         spread = inverse @ inverse.transpose(0, 2, 1)
-        shift = _shift(order, start - middle, np.ones_like(middle))
+        shift = _shift(order, start - middle, _ONE)
         count, terms = len(tracks), order + 1
-        center = np.zeros((count, POLYNOMIAL_TERMS, 2))
-        center[:, :terms] = shift @ (inverse @ right)
+        center = shift @ (inverse @ right)
         center[:, 0] += origin
         local = shift @ spread @ shift.transpose(0, 2, 1)
-        growth = np.zeros((count, POLYNOMIAL_TERMS))
-        for k in range(terms):
-            for m in range(terms):
-                growth[:, k + m] += local[:, k, m]
+        growth = local.reshape(count, -1) @ _products(terms)
         noise = np.array([track.covariance for track in tracks])[:, [0, 0, 1], [0, 1, 1]]
         half = np.where(last > first, 0.5 * (last - first), 1.0)
         about = _shift(order, 0.5 * (first + last) - middle, half)
@@ -581,13 +578,24 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     return seen
 
 
+_ONE = np.ones(1)
+
+
 def _shift(order: int, shift: Array, scale: Array) -> Array:
     """Matrices from coefficients of powers of u to those of s, where u = shift + scale s, (K, p, p)."""
-    matrix = np.zeros((len(shift), order + 1, order + 1))
-    for j in range(order + 1):
-        for k in range(j + 1):
-            matrix[:, k, j] = math.comb(j, k) * shift ** (j - k) * scale**k
+    matrix = shift_matrices(order + 1, shift)
+    matrix *= scale[:, None, None] ** np.arange(order + 1)[:, None]
     return matrix
+
+
+@lru_cache(maxsize=8)
+def _products(terms: int) -> Array:
+    """Matrix from the products of coefficients k and m, in rows, to the coefficient k + m."""
+    matrix = np.zeros((terms, terms, POLYNOMIAL_TERMS))
+    for k in range(terms):
+        for m in range(terms):
+            matrix[k, m, k + m] = 1.0
+    return matrix.reshape(-1, POLYNOMIAL_TERMS)
 
 
 def _lengths(spread: Array, start: Array, stop: Array) -> Array:
