@@ -465,12 +465,12 @@ def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
         "scp_planner.online.ScpLoop.run", _never_good_enough(online.ScpLoop.run)
     )  # a feasible trip would end the work
     steps = []
-    for k, deadline in ((1, 0.030), (2, 0.015), (3, 0.008), (4, 0.003)):
+    for k, deadline in ((1, 0.030), (2, 0.009), (3, 0.003)):
         plan = follow(planner, k * PERIOD, deadline=deadline)
         assert plan.safe
         assert plan.wall_time <= deadline + planner.online.reserve  # the clock ticks in falling back, too
         steps.append(plan.iterations)
-    assert steps[0] > steps[1] > steps[2] >= steps[3] == 0
+    assert steps[0] > steps[1] > steps[2] == 0
 
 
 def _never_good_enough(run: Any) -> Any:
