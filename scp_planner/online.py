@@ -76,6 +76,10 @@ LOOK_RUNS = 2
 """Ways that are looked at in turn while there is a plan."""
 FEWEST_LOOK_STEPS = 2
 """Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way."""
+UNFINISHED_SOONER = 2
+"""A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
+SPARED = 1
+"""Steps fewer of a look are taken in a replan while there is a plan to drive."""
 HOPELESS = 0.05
 """Relative excess over a limit, or m outside of the workspace, from which on no way is begun."""
 NEARLY_CLEAR = 5e-3
@@ -231,6 +235,7 @@ class Planner:
         self._look_time = FIRST_LOOK_TIME
         self._look: _Look | None = None
         self._improved = self._looked = 0
+        self._good_enough = True
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
         self._work = Lock()
 
@@ -463,7 +468,7 @@ class Planner:
             kept = self._vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if last is not None and self._cycle - self._improved < self.online.improve_every:
+        if last is not None and self._cycle - self._improved < self._improve_every:
             kept = self._vetting.vet_on(now.moment, last.trip, self._foreseen, last.branch_time, last.certified)
             now.lap("certificate")
             if kept is not None:
@@ -483,7 +488,14 @@ class Planner:
             if kept is not None:
                 why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
                 return self._plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
+        self._good_enough = best.feasible
         return self._plan_of(best, now, Outcome.IMPROVED, why)
+
+    @property
+    def _improve_every(self) -> int:
+        """Replans between improvements: fewer after one that is not good enough yet."""
+        every = self.online.improve_every
+        return every if self._good_enough else max(every // UNFINISHED_SOONER, 1)
 
     def _keep(self, now: _Replan, kept: Vetted) -> OnlinePlan:
         """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
@@ -567,7 +579,9 @@ class Planner:
         """
         problem, first = loop.problem, self.plan is None
         most = self.settings.max_iterations if first else self.online.look_iterations
-        left = most * self.online.first_runs if first else self.online.look_steps
+        left = most * self.online.first_runs
+        if not first:
+            left = max(self.online.look_steps - (0 if any_will_do else SPARED), 1)
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:
@@ -687,7 +701,9 @@ class Planner:
             since = moment.state.time if trip.frame.time < moment.state.time else None
             if since is not None and since >= stop.stands:
                 continue
-            certificate = moment.certify(trip, since=since, until=stop.stands, ends=Ends.START)
+            certificate = moment.certify(
+                trip, since=since, until=stop.stands, ends=Ends.START, motions=self._vetting.motions
+            )
             if certificate.holds:
                 text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
                 return self._plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, text)

@@ -61,15 +61,16 @@ class OnlineSettings(Knobs):
         Steps of the loop in one replan, at most; one is enough where it ends clear of all zones. More: better plans
         sooner, and longer replans.
     improve_every : int
-        Replans from one improvement of the plan to the next. In between it is kept while it holds, with a new stop.
-        Larger: less work, and a plan that follows what is seen a little later.
+        Replans from one improvement of the plan to the next; half as many while it does not keep all limits yet. In
+        between it is kept while it holds, with a new stop. Larger: less work, and a plan that follows what is seen a
+        little later.
     look_every : int
         Replans from one look at other ways round to the next. Smaller: other ways are found sooner, and more work.
     look_iterations : int
         Steps of the loop from another way, at most. More: ways that need more work are found too.
     look_steps : int
-        Steps of the loop from other ways in one replan: a look is spread over several. More: other ways are found
-        sooner, and longer replans.
+        Steps of the loop from other ways in one replan, one less while there is a plan to drive: a look is spread over
+        several. More: other ways are found sooner, and longer replans.
     first_runs : int
         Ways that a first plan is started from, at most.
     reserve : float
@@ -88,7 +89,7 @@ class OnlineSettings(Knobs):
     safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
-    improve_every: Annotated[int, Range(1, 1000)] = 3
+    improve_every: Annotated[int, Range(1, 1000)] = 5
     look_every: Annotated[int, Range(1, 1_000_000)] = 10
     look_iterations: Annotated[int, Range(1, 1000)] = 16
     look_steps: Annotated[int, Range(1, 1000)] = 4

@@ -153,6 +153,18 @@ class PiecewisePolynomials:
             value += local[:, power]
         return value
 
+    def at_with_rate(self, index: Index, times: Array) -> tuple[Array, Array]:
+        """Values of chosen polynomials and their derivatives, each at its own time, (n, d) each."""
+        piece, elapsed = self.locate(index, times)
+        local, x = self.coefficients[index, piece], elapsed[:, None]
+        value, rate = local[:, -1].copy(), np.zeros_like(local[:, -1])
+        for power in range(local.shape[1] - 2, -1, -1):
+            rate *= x
+            rate += value
+            value *= x
+            value += local[:, power]
+        return value, rate
+
     def taylor(self, index: Index, times: Array) -> Array:
         """Taylor coefficients of chosen polynomials, each about its own time: (n,) and (n,) s to (n, P, d)."""
         piece, elapsed = self.locate(index, times)

@@ -35,6 +35,8 @@ COMMITMENT = 1.75
 """s. A stop may leave a trip so much later than at the next replan. So many stops are looked at..."""
 STOPS_TRIED = 2
 """...and so many certified, at most."""
+PLENTY = 0.5
+"""m. Stops with more room than this are as good as each other."""
 NEAR = 0.1
 """m. Sampled clearances beyond this need not be exact."""
 LOOKS = 48
@@ -220,32 +222,35 @@ class Vetting:
         trip = Trip(problem.frame, trajectory)
         violation = math.inf if evaluation is None else evaluation.worst_violation
         why = ""
-        if not self.stops_will_do or self._may_hold(now, evaluation):
+        if not self.stops_will_do or self._may_hold(now, trip, evaluation):
             certificate = now.certify(trip, motions=self.motions)
             if certificate.holds:
                 return Vetted(trip, certificate, None, violation, iterations)
             why = _violations(certificate)
             if not self.stops_will_do:
                 return Refusal(why)
-        found = self._stop(now, trip, problem.limits.deceleration, branch)
+        found = self._stop(now, trip, branch)
         if isinstance(found, Refusal):
             return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part))
         stop, certificate = found
         return Vetted(trip, certificate, stop, violation, iterations)
 
-    @staticmethod
-    def _may_hold(now: Moment, evaluation: Evaluation | None) -> bool:
+    def _may_hold(self, now: Moment, trip: Trip, evaluation: Evaluation | None) -> bool:
         """Whether a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
-        if evaluation is None or evaluation.worst_violation > FEASIBILITY:
-            return evaluation is None
+        if evaluation is None:
+            ahead = self._samples(trip, 0.0)
+            return bool(now.batch.distances(ahead.time, ahead.position, NEAR).min(initial=np.inf) >= 0.0)
+        if evaluation.worst_violation > FEASIBILITY:
+            return False
         if not now.growing:
             return True
         points = evaluation.points
         return bool(now.batch.distances(points.time, points.path.position, NEAR).min() >= 0.0)
 
-    def _stop(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> tuple[Stop, Certificate] | Refusal:
+    def _stop(self, now: Moment, trip: Trip, branch: float) -> tuple[Stop, Certificate] | Refusal:
         """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
         driven = now.state.time - trip.frame.time
+        deceleration = now.scenario.vehicle.max_deceleration
         since = now.state.time if driven > 0.0 else None
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         why = "the goal is nearer than the distance to stop in"
@@ -273,7 +278,9 @@ class Vetting:
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
             yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
         room = room_to_stop(trip.trajectory, breaks[spans], deceleration, now.batch_in(trip.frame), driven)
-        for index in np.argsort(-room, kind="stable")[:STOPS_TRIED]:
+        # The latest of those with plenty of room: it will do for the most replans.
+        order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
+        for index in order[:STOPS_TRIED]:
             if room[index] >= 0.0:
                 yield int(spans[index])
 
@@ -314,7 +321,7 @@ class Vetting:
                 return Vetted(last, certificate, None, violation)
         if not self.stops_will_do:
             return None
-        found = self._stop(now, last, now.scenario.vehicle.max_deceleration, branch)
+        found = self._stop(now, last, branch)
         if isinstance(found, Refusal):
             return None
         return Vetted(last, found[1], found[0], violation)
@@ -341,14 +348,17 @@ class Vetting:
 
     def _ahead(self, now: Moment, trip: Trip) -> _Ahead | None:
         """Samples of what is left of a trip, if the vehicle is on it."""
+        first = min(max((now.state.time - trip.frame.time) / trip.trajectory.travel_time, 0.0), 1.0)
+        ahead = self._samples(trip, first)
+        return ahead if self._is_at(now, trip.frame, ahead.position[0]) else None
+
+    @staticmethod
+    def _samples(trip: Trip, first: float) -> _Ahead:
+        """Samples of a trip from a normalised time on."""
         trajectory = trip.trajectory
-        first = min(max((now.state.time - trip.frame.time) / trajectory.travel_time, 0.0), 1.0)
         sigma = first + (1.0 - first) * _SHARES
         parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
-        position = trajectory.path.points(parameters).position
-        if not self._is_at(now, trip.frame, position[0]):
-            return None
-        return _Ahead(trajectory.travel_time * sigma, position)
+        return _Ahead(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)
 
     def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:
         x, y = frame.to_world(position)

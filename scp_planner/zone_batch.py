@@ -269,16 +269,22 @@ class ZoneBatch:
         squared += dy * dy
         distance = np.sqrt(squared)
         if self.covariances is not None:
-            columns = self.uncertain
+            columns = self.uncertain if len(self.uncertain) < self.size else _ALL
             covariance = self.covariances.grid(times)
             # The support in the direction of the centre gives a lower bound; exact only where that is close.
-            offset = np.stack([dx[:, columns], dy[:, columns]], axis=-1)
-            length = np.maximum(distance[:, columns], 1e-300)
-            bound = length - support(covariance, offset / length[..., None])
+            x, y = dx[:, columns], dy[:, columns]
+            quadratic = covariance[..., 0] * x * x
+            quadratic += (2.0 * covariance[..., 1]) * x * y
+            quadratic += covariance[..., 2] * y * y
+            quadratic /= np.maximum(squared[:, columns], 1e-300)
+            bound = distance[:, columns] - np.sqrt(np.maximum(quadratic, 0.0, out=quadratic))
             near = bound < exact_below + self.radius[columns]
-            near[:, self.outline_slot[columns] >= 0] = False
-            if near.any():
-                bound[near] = ellipse_contact(offset[near], covariance[near]).distance
+            if self.outlines is not None:
+                near[:, self.outline_slot[columns] >= 0] = False
+            row, column = np.nonzero(near)
+            if len(row):
+                offset = np.stack([x[row, column], y[row, column]], axis=1)
+                bound[row, column] = ellipse_contact(offset, covariance[row, column]).distance
             distance[:, columns] = bound
         distance -= self.radius
         if self.outlines is not None:
@@ -319,27 +325,29 @@ class ZoneBatch:
         -------
         ZoneContacts
         """
-        offset = points - self.centers.at(index, times)
-        distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
-        normal = offset / np.maximum(distance, 1e-12)[:, None]
-        rate = -np.einsum("ij,ij->i", normal, self.velocities.at(index, times))
-        if self.covariances is not None:
+        center, velocity = self.centers.at_with_rate(index, times)
+        offset = points - center
+        rows: Index | slice = _ALL
+        if self.covariances is None or len(self.uncertain) < self.size:
+            distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+            normal = offset / np.maximum(distance, 1e-12)[:, None]
+            growth = np.zeros_like(distance)
             rows = np.flatnonzero(self.slot[index] >= 0)
-            if len(rows):
-                slot = self.slot[index[rows]]
-                covariance = self.covariances.at(slot, times[rows])
-                exact = ellipse_contact(offset[rows], covariance)
-                growth = _support_rate(covariance, self.covariances.derivative.at(slot, times[rows]), exact.normal)
-                velocity = self.velocities.at(index[rows], times[rows])
-                normal[rows] = exact.normal
-                distance[rows] = exact.distance
-                rate[rows] = -np.einsum("ij,ij->i", exact.normal, velocity) - growth
+        else:
+            distance, normal, growth = np.empty(len(offset)), np.empty_like(offset), np.empty(len(offset))
+        if self.covariances is not None:
+            covariance, change = self.covariances.at_with_rate(self.slot[index[rows]], times[rows])
+            exact = ellipse_contact(offset[rows], covariance)
+            normal[rows], distance[rows] = exact.normal, exact.distance
+            growth[rows] = _support_rate(covariance, change, exact.normal)
+        rate = -(normal[:, 0] * velocity[:, 0] + normal[:, 1] * velocity[:, 1]) - growth
         if self.outlines is not None:
-            rows = np.flatnonzero(self.outline_slot[index] >= 0)
-            if len(rows):
-                shaped = self._outline_contacts(index[rows], times[rows], offset[rows])
-                normal[rows], distance[rows] = shaped.normal, shaped.distance
-                rate[rows] = self._outline_rate(index[rows], times[rows], offset[rows], shaped.normal)
+            with_outline = np.flatnonzero(self.outline_slot[index] >= 0)
+            if len(with_outline):
+                those, when, away = index[with_outline], times[with_outline], offset[with_outline]
+                shaped = self._outline_contacts(those, when, away)
+                normal[with_outline], distance[with_outline] = shaped.normal, shaped.distance
+                rate[with_outline] = self._outline_rate(those, when, away, shaped.normal)
         return ZoneContacts(distance - self.radius[index], normal, rate)
 
     def _outline_contacts(self, index: Index, times: Array, offset: Array) -> Contact:
@@ -737,6 +745,7 @@ def _size_bound(polynomials: PiecewisePolynomials, index: Index, times: Array, h
 
 
 _NONE: Index = np.zeros(0, dtype=np.intp)
+_ALL = slice(None)
 
 
 def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> list[Array]:

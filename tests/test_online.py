@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import count
+from itertools import count, pairwise
 from threading import Thread
 from typing import Any
 
@@ -18,7 +18,7 @@ from scp_planner import online
 from scp_planner.braking import standing_from, stop_after
 from scp_planner.confidence import StudentErrors
 from scp_planner.online import OnlinePlan, OnlineSettings, Outcome, Planner, Safety
-from scp_planner.plan import Trip
+from scp_planner.plan import PlanStatus, Trip
 from scp_planner.problem import build_problem
 from scp_planner.refresh import Prediction
 from scp_planner.remaining import State, remaining_trip
@@ -297,6 +297,42 @@ def test_zones_are_those_of_all_that_was_observed() -> None:
     for zone, other in zip(planner.zones, made, strict=True):
         assert zone.center(times) == pytest.approx(other.center(times), abs=1e-8)
         assert zone.signed_distance(times, points) == pytest.approx(other.signed_distance(times, points), abs=1e-5)
+
+
+def test_plan_that_breaks_a_limit_yet_is_improved_sooner() -> None:
+    """From a stand before something that goes away: the first trip drives too fast, until it has been improved."""
+    scenario = scene(bounds={"min": (-2.0, -1.0), "max": (21.0, 1.0)})
+    planner = Planner(scenario)
+    begin(planner, scenario)
+    post = float(follow(planner, 2.0).position(2.0)[0]) + 5.0
+    planner.add_obstacle(disc("post", (post, 0.0), radius=0.9))
+    for k in range(21, 51):
+        follow(planner, k * PERIOD)
+    planner.remove_obstacle("post")
+    improved = []
+    for k in range(51, 80):
+        plan = follow(planner, k * PERIOD)
+        if plan.outcome is Outcome.IMPROVED:
+            improved.append((k, plan.status))
+    every = planner.online.improve_every
+    gaps = [(later - k, status) for (k, status), (later, _) in pairwise(improved)]
+    assert {gap for gap, status in gaps if status is PlanStatus.INFEASIBLE} == {every // online.UNFINISHED_SOONER}
+    assert {gap for gap, status in gaps if status is PlanStatus.CERTIFIED} == {every}
+
+
+def test_stop_of_a_plan_that_is_kept_is_the_same_to_the_bit() -> None:
+    """So that its limits need not be checked again."""
+    scenario = scene(observed(seen("a", (12.0, -6.0), (0.0, 0.8), 0.1, order=2)))
+    planner = Planner(scenario)
+    plans = [begin(planner, scenario), *(follow(planner, k * PERIOD) for k in range(1, 12))]
+    same = 0
+    for last, plan in pairwise(plans):
+        if plan.outcome is Outcome.KEPT and plan.stop is not None and plan.branch_time == last.branch_time:
+            assert last.stop is not None
+            ours, theirs = plan.stop.trajectory, last.stop.trajectory
+            assert np.array_equal(ours.beta, theirs.beta) and np.array_equal(ours.theta, theirs.theta)
+            same += 1
+    assert same >= 3
 
 
 def test_observation_during_a_replan_is_in_its_certificate() -> None:
