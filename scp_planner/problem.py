@@ -427,7 +427,13 @@ def path_spans(guide: Guide, settings: Settings) -> int:
     """Number of spans of the offset's spline: so that the pieces of a curved guide are the cells of the quadrature."""
     if isinstance(guide, CurvedGuide) and guide.pieces % CELLS_PER_SPAN == 0:
         return guide.pieces // CELLS_PER_SPAN
-    return max(4, round(guide.length / settings.path_span))
+    return _spans(guide.length, settings, straight=guide.straight)
+
+
+def _spans(length: float, settings: Settings, *, straight: bool) -> int:
+    """Spans on a length, m; over a curved guide there are as many as its bends need."""
+    wanted = round(length / settings.path_span)
+    return max(4, min(wanted, settings.max_path_spans) if straight else wanted)
 
 
 def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: Settings) -> Guide:
@@ -481,7 +487,7 @@ def _shortened(points: Array, length: float) -> Array:
 
 def guide_along(path: Path, settings: Settings) -> CurvedGuide:
     """Return the guide that is a path over another guide."""
-    count = CELLS_PER_SPAN * max(4, round(path.arc_length / settings.path_span))
+    count = CELLS_PER_SPAN * _spans(path.arc_length, settings, straight=path.space.guide.straight)
     stations = path.parameter_at(np.linspace(0.0, path.arc_length, count + 1))
     direction = path.points(stations).direction
     headings = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))

@@ -28,7 +28,10 @@ class Settings(Knobs):
     path_degree : int
         Degree of the offset's B-spline. Higher: smoother curvature, and wider turns between obstacles.
     path_span : float
-        Wanted length of a span of the offset's B-spline. Smaller: tighter bends fit, and every step takes longer.
+        Wanted length of a span of the offset's B-spline. Smaller: tighter bends fit, and every step takes longer. They
+        get longer where there would be more than ``max_path_spans``.
+    max_path_spans : int
+        Spans over a straight guide, at most. More: narrower gaps fit on long trips, and every step takes longer.
     acceleration_degree : int
         Degree of the acceleration's B-spline. 0, piecewise constant, is the fastest trip; from 1 on the acceleration
         has no jumps.
@@ -61,6 +64,7 @@ class Settings(Knobs):
     solver: Annotated[str, Choice(solver_names)] = "daqp"
     path_degree: Annotated[int, Range(3, 5)] = 3
     path_span: Annotated[float, Range(0.1, 1000.0, "m")] = 1.5
+    max_path_spans: Annotated[int, Range(4, 5000)] = 100
     acceleration_degree: Annotated[int, Range(0, 2)] = 0
     acceleration_spans: Annotated[int, Range(1, 200)] = 20
     samples: Annotated[int, Range(10, 5000)] = 160

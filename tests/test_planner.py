@@ -7,7 +7,7 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.problem import Limits, build_problem, straight_travel_time
+from scp_planner.problem import Limits, Problem, build_problem, straight_travel_time
 from scp_planner.scp import ScpLoop, Status
 from scp_planner.seeds import bows
 from scp_planner.solvers import solver_named
@@ -192,3 +192,29 @@ def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
             assert against.evaluation.trajectory.travel_time == alone.evaluation.trajectory.travel_time
             others += 1
     assert others > 0
+
+
+def test_spans_of_long_straight_trips_grow_instead_of_their_number() -> None:
+    blocks = [
+        {"id": f"block {x}", "shape": {"rectangle": [6.0, 2.0], "heading": 0.0}, "motion": {"position": [x, side]}}
+        for x, side in ((40.0, 1.5), (100.0, -1.5), (160.0, 1.2), (215.0, -1.2))
+    ]
+    vehicle = {"max_speed": 20.0, "max_acceleration": 3.0, "max_deceleration": 6.0, "max_curvature": 0.2}
+    long_trip = scene(*blocks, vehicle=vehicle, start={"speed": 10.0}, goal={"position": [250.0, 0.0]})
+    plan = sp.plan(long_trip)
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 1.005 * plan.lower_bound
+    spans = [
+        len(problem_of(each, settings).space.path.widths)
+        for each, settings in (
+            (long_trip, None),
+            (long_trip, sp.Settings(max_path_spans=160)),
+            (long_trip, sp.Settings(path_span=5.0)),
+            (scene(), None),
+        )
+    ]
+    assert spans == [100, 160, 50, 13]
+
+
+def problem_of(scenario: sp.Scenario, settings: sp.Settings | None) -> Problem:
+    return build_problem(scenario, sp.zones(scenario), settings or sp.Settings())
