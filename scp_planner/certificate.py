@@ -11,8 +11,11 @@ acceleration are one polynomial each. Then, with interval enclosures of their de
 - Curvature and lateral acceleration by the mean value form q(m) + [q'] h, q' enclosed by interval arithmetic.
 - Speed and acceleration by the control points of their splines (convex hull).
 
-Intervals whose bound does not decide are halved, until all hold, a violation is found at a midpoint, or the
-intervals get too short.
+For clearance, nu is the direction from the centre at first, for all intervals and zones at once, and the exact normal
+where that does not decide. Intervals whose bound does not decide are halved or quartered, until all hold, a violation
+is found at a midpoint, or the intervals get too short.
+
+Of a trip that is driven on, limits that it was once found to keep are known (`Motions`); only the zones are new.
 """
 
 from __future__ import annotations
@@ -79,6 +82,7 @@ FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is loo
 MOST_MOTIONS = 8  # that are remembered
 _BOTH_ENDS = np.array([0.0, 1.0])
 _NO_KNOTS = np.zeros(0)
+_QUARTERS = np.array([-3.0, -1.0, 1.0, 3.0])
 
 
 @dataclass(frozen=True)
@@ -230,6 +234,10 @@ class _Pieces:
     def halves(self, keep: NDArray[np.bool_]) -> _Pieces:
         middle, half = self.middle[keep], 0.5 * self.half[keep]
         return _Pieces(np.concatenate([middle - half, middle + half]), np.concatenate([half, half]))
+
+    def quarters(self, keep: NDArray[np.bool_]) -> _Pieces:
+        middle, half = self.middle[keep], 0.25 * self.half[keep]
+        return _Pieces((middle + _QUARTERS[:, None] * half).ravel(), np.tile(half, len(_QUARTERS)))
 
 
 @dataclass(frozen=True)
@@ -606,10 +614,10 @@ class _Check:
         return np.abs(coefficients[span]).sum(axis=1)
 
     def _bend_limit(self, name: str, limit: float, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
-        """Curvature, its rate or lateral acceleration, by halving."""
+        """Curvature, its rate or lateral acceleration, by quartering: rounds cost much, pieces little."""
         allowed = limit * (1.0 + RELATIVE_TOLERANCE)
         best, best_sigma = -1.0, 0.0
-        for _ in range(MAX_HALVINGS):
+        for _ in range(MAX_HALVINGS // 2):
             if name == "curvature":
                 value, bound = enclosure.curvature, enclosure.curvature_bound
             elif name == "curvature_rate":
@@ -627,7 +635,7 @@ class _Check:
             undecided = bound > allowed
             if not undecided.any():
                 break
-            pieces = pieces.halves(undecided)
+            pieces = pieces.quarters(undecided)
             enclosure = self._enclose(pieces)
         else:
             self._note(name, best, limit, best_sigma, True)
