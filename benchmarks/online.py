@@ -177,6 +177,7 @@ def loop_table(rows: Sequence[Row]) -> str:
 
 def level_table(rows: Sequence[Row]) -> str:
     """What came of closed loops, by level."""
+    rows = sorted(rows, key=lambda row: float(row["level"]))
     lines = [[name, *loop_cells(some)] for name, some in by(rows, "level")[:-1]]
     return common.table(["level", *LOOP_HEADINGS], lines)
 
