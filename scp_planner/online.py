@@ -523,7 +523,10 @@ class Planner:
         best: Vetted | None = None
         why, refused = "first plan", ""
         if ahead is not None:
-            run = loop.run(ahead, self.online.iterations, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+            most = self.online.iterations
+            if self.plan is not None and self._vetting.is_on(now.moment, self.plan.trip):
+                most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
             now.lap("scp")
             found = self._vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
             if isinstance(found, Vetted):

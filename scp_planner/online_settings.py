@@ -58,8 +58,8 @@ class OnlineSettings(Knobs):
         Time that zones are looked at as they are foreseen, see `scp_planner.refresh`. None: the time to react, to the
         next replan and to stop, and somewhat more, since a stop need not begin at once.
     iterations : int
-        Steps of the loop in one replan, at most; one is enough where it ends clear of all zones. More: better plans
-        sooner, and longer replans.
+        Steps of the loop in one replan, at most; one is enough where it ends clear of all zones, and half as many where
+        the vehicle is where the last plan has it. More: better plans sooner, and longer replans.
     improve_every : int
         Replans from one improvement of the plan to the next; half as many while it does not keep all limits yet. In
         between it is kept while it holds, with a new stop. Larger: less work, and a plan that follows what is seen a
