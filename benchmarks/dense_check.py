@@ -44,6 +44,7 @@ PositionFunction = Callable[[Array], ArrayLike]
 
 SAMPLES = 20_000
 SPEED_WINDOW = 1e-3  # s, one chord
+SLOW = 0.1  # m/s; ends slower than this are looked at over the samples, not over chords of their own
 END_WINDOW = 1e-4  # s; a longer one would be blurred by a jump of the acceleration just inside the end
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
@@ -253,7 +254,7 @@ def _ends(
             require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
         if place.get("heading") is not None:
             # Seen from the goal the chords point backwards.
-            heading = _first_heading(positions[::order]) + (0.0 if order == 1 else math.pi)
+            heading = _end_heading(position, positions[::order], when, order) + (0.0 if order == 1 else math.pi)
             gap = abs(math.remainder(heading - float(place["heading"]), 2.0 * math.pi))
             require(f"{name}_heading", heading, float(place["heading"]), gap, allowed.heading, when)
     return found
@@ -266,10 +267,18 @@ def _end_speed(position: PositionFunction, end: float, window: float) -> float:
     return float(np.linalg.norm(velocity))
 
 
-def _first_heading(positions: Array) -> float:
-    """Heading at the first point: the directions of the first two chords, extrapolated over arc length."""
-    chosen = _points_by_length(positions)
-    chords = np.diff(positions[chosen[:3]], axis=0)
+def _end_heading(position: PositionFunction, positions: Array, end: float, order: int) -> float:
+    """Heading to the inside at an end, over two chords as short as allowed, however far apart the samples are."""
+    speed = _end_speed(position, end, order * END_WINDOW)
+    if speed <= SLOW:
+        return _first_heading(positions[_points_by_length(positions)[:3]])
+    window = order * CHORD_LENGTH / speed
+    return _first_heading(np.asarray(position(end + window * np.arange(3)), dtype=float))
+
+
+def _first_heading(three: Array) -> float:
+    """Heading at the first of three points: the directions of two chords, extrapolated over arc length."""
+    chords = np.diff(three, axis=0)
     first, second = np.arctan2(chords[:, 1], chords[:, 0])
     lengths = np.linalg.norm(chords, axis=1)
     turn = math.remainder(second - first, 2.0 * math.pi)
