@@ -309,6 +309,10 @@ class ZoneBatch:
         radius[:, self.uncertain] += np.sqrt(np.maximum(mean + spread, 0.0))
         return radius
 
+    def _uncertain_among(self, index: Index) -> Index | slice:
+        """Where some zones, (n,), are uncertain: a slice of all if all zones are."""
+        return _ALL if len(self.uncertain) == self.size else np.flatnonzero(self.slot[index] >= 0)
+
     def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
         """Exact contacts of points with chosen zones.
 
@@ -327,12 +331,11 @@ class ZoneBatch:
         """
         center, velocity = self.centers.at_with_rate(index, times)
         offset = points - center
-        rows: Index | slice = _ALL
-        if self.covariances is None or len(self.uncertain) < self.size:
+        rows = self._uncertain_among(index)
+        if self.covariances is None or rows is not _ALL:
             distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
             normal = offset / np.maximum(distance, 1e-12)[:, None]
             growth = np.zeros_like(distance)
-            rows = np.flatnonzero(self.slot[index] >= 0)
         else:
             distance, normal, growth = np.empty(len(offset)), np.empty_like(offset), np.empty(len(offset))
         if self.covariances is not None:
@@ -517,11 +520,9 @@ class ZoneBatch:
         bend = acceleration + _second_bound(np.sqrt(np.einsum("ikd,ikd->ik", center, center)), half)
         distance = np.sqrt(np.einsum("id,id->i", offset, offset))
         normal = offset / np.maximum(distance, 1e-12)[:, None]
-        rows: Index | slice = slice(None)
         growth = np.zeros_like(distance)
         if self.covariances is not None:
-            if len(self.uncertain) < self.size:
-                rows = np.flatnonzero(self.slot[index] >= 0)
+            rows = self._uncertain_among(index)
             covariance = self.covariances.taylor(self.slot[index[rows]], times[rows])
             contact = ellipse_contact(offset[rows], covariance[:, 0])
             distance[rows], normal[rows] = contact.distance, contact.normal

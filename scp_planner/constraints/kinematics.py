@@ -26,7 +26,6 @@ OPPOSITE = 0.5  # of a limit; where more is used on one side, no step is expecte
 
 QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
 _NOWHERE: Array = np.zeros(0)
-_NOBODY: Index = np.zeros(0, dtype=np.intp)
 
 
 class KinematicRows:
@@ -337,8 +336,6 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, 
         return Rows.none(problem.step_size)
     curvature = stacked([site.curvature for site in sites])
     owner, station = np.nonzero(np.abs(curvature) > within * limit)
-    if len(owner) == 0:
-        return Rows.none(problem.step_size)
     tables = problem.space.tables
     rows, slopes, bends = tables.station_rows[station], tables.station_slopes[station], tables.station_bends[station]
     bend = _bends_at(sites, owner, station, straight=problem.space.guide.straight)
@@ -392,25 +389,22 @@ def lateral_rows(
     )
     keys = 3 * station
     peaks = StationSites.joined([site.peaks for site in sites])
-    counts = [len(site.peaks.parameters) for site in sites]
-    peak_owner = np.arange(len(sites)).repeat(counts)
-    loud = [k for k, site in enumerate(sites) if site.jumps is not None and len(site.jumps.lateral)]
-    jumps = _JumpPlaces.of(problem, points, loud)
-    between = _StationBasis.at(
-        bundle, np.concatenate([peak_owner, jumps.owner]), np.concatenate([peaks.parameters, jumps.parameters])
-    )
-    if len(peak_owner):
-        basis = basis.joined(between.take(slice(len(peak_owner))))
-        fixed = StationSites.joined([fixed, peaks])
+    loud = [(k, site.jumps) for k, site in enumerate(sites) if site.jumps is not None and len(site.jumps.lateral)]
+    jumps = _JumpPlaces.of(problem, points, [k for k, _ in loud])
+    moving = np.concatenate([peaks.parameters, jumps.parameters])
+    if len(moving):
+        counts = [len(site.peaks.parameters) for site in sites]
+        peak_owner = np.arange(len(sites)).repeat(counts)
+        between = _StationBasis.at(bundle, np.concatenate([peak_owner, jumps.owner]), moving)
+        at_peaks, at_jumps = between.take(slice(len(peak_owner))), between.take(slice(len(peak_owner), None))
+        basis, fixed = basis.joined(at_peaks), StationSites.joined([fixed, peaks])
         number = np.concatenate([np.arange(count) for count in counts])
         keys, owner = np.concatenate([keys, 3 * number + 1]), np.concatenate([owner, peak_owner])
     gradient, value = _lateral_gradient(problem, bundle, owner, fixed, basis), fixed.lateral
     if loud:
-        found = [site.jumps for site in sites if site.jumps is not None and len(site.jumps.lateral)]
-        bend = PathBend.joined([jump.bend for jump in found])
-        basis = between.take(slice(len(peak_owner), None))
-        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, points, jumps, bend, basis)])
-        value = np.concatenate([value, *[jump.lateral for jump in found]])
+        bend = PathBend.joined([jump.bend for _, jump in loud])
+        gradient = np.concatenate([gradient, _jump_gradient(problem, bundle, points, jumps, bend, at_jumps)])
+        value = np.concatenate([value, *[jump.lateral for _, jump in loud]])
         keys = np.concatenate([keys, 3 * jumps.number + 2])
         owner = np.concatenate([owner, jumps.owner])
     gradient /= limit
@@ -455,10 +449,8 @@ class _JumpPlaces:
 
     @classmethod
     def of(cls, problem: Problem, points: TripPoints, trips: Sequence[int]) -> _JumpPlaces:
-        if not trips:
-            return cls(_NOBODY, _NOBODY, _NOBODY, _NOWHERE)
         count, each = len(problem.jumps.sigma), len(problem.samples.sigma)
-        owner = np.array(trips).repeat(count)
+        owner = np.array(trips, dtype=np.intp).repeat(count)
         number = np.tile(np.arange(count), len(trips))
         sample = problem.grid + number + each * owner
         return cls(owner, number, sample, points.parameter[sample])
