@@ -749,14 +749,9 @@ _NONE: Index = np.zeros(0, dtype=np.intp)
 _ALL = slice(None)
 
 
-def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> list[Array]:
-    """Taylor coefficients, (n, d) each, of chosen polynomials about their times."""
-    terms, factor = [], 1.0
-    for order in range(polynomials.coefficients.shape[2]):
-        terms.append(polynomials.at(index, times) / factor)
-        polynomials = polynomials.derivative
-        factor *= order + 1
-    return terms
+def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> Array:
+    """Taylor coefficients of chosen polynomials about their times, by their orders, (P, n, d)."""
+    return polynomials.taylor(index, times).transpose(1, 0, 2)
 
 
 def _broken(polynomials: PiecewisePolynomials, first: float, last: float) -> NDArray[np.bool_]:
@@ -767,9 +762,8 @@ def _broken(polynomials: PiecewisePolynomials, first: float, last: float) -> NDA
 
 
 def _magnitude_bound(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> Array:
-    terms = _taylor(polynomials, index, times)
     bound = np.zeros(len(index))
-    for order, term in enumerate(terms):
+    for order, term in enumerate(_taylor(polynomials, index, times)):
         bound += np.hypot(term[:, 0], term[:, 1]) * half**order
     return bound
 
