@@ -39,7 +39,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from scp_planner.arrays import Array
+
 PositionFunction = Callable[[Array], ArrayLike]
 
 SAMPLES = 20_000

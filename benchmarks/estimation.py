@@ -20,11 +20,11 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.confidence import region_scale
-from scp_planner.estimation import estimate_motion
-from scp_planner.motion_models import MotionFilter, estimate_process
-from scp_planner.process_model import ProcessModel
-from scp_planner.recursive import RecursiveEstimator
+from scp_planner.estimation.confidence import region_scale
+from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
+from scp_planner.estimation.recursive import RecursiveEstimator
+from scp_planner.scenario.process_model import ProcessModel
 
 OBSTACLES = (1, 60, 200, 1000)
 SIGMA = np.array([[0.01, 0.002], [0.002, 0.01]])

@@ -27,8 +27,8 @@ import numpy as np
 import scp_planner as sp
 from benchmarks import families, online_crowds
 from benchmarks.online_faults import injected_run
-from scp_planner.online import Planner
-from scp_planner.simulation import simulate
+from scp_planner.online.planner import Planner
+from scp_planner.simulation.loop import simulate
 
 Row = dict[str, Any]
 

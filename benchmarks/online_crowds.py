@@ -25,12 +25,13 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from scp_planner.motion_fitting import fit_motion_model
-from scp_planner.process_model import ProcessModel
-from scp_planner.sensors import Sensor
-from scp_planner.simulation import simulate
-from scp_planner.tracks import Track, Tracks
-from scp_planner.worlds import Course, track_course
+from scp_planner.estimation.motion_fitting import fit_motion_model
+from scp_planner.estimation.track_files import Track
+from scp_planner.estimation.tracks import Tracks
+from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.simulation.loop import simulate
+from scp_planner.simulation.sensors import Sensor
+from scp_planner.simulation.worlds import Course, track_course
 
 WAYS = ("zones", "prediction", "waiting")
 FILES = {"eth": "eth_obsmat.txt", "hotel": "hotel_obsmat.txt", "univ": "univ_obsmat.txt"}

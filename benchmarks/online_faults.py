@@ -22,13 +22,15 @@ import numpy as np
 import scp_planner as sp
 from benchmarks import families
 from benchmarks.dense_check import check_trip
-from scp_planner.braking import standing_from
-from scp_planner.confidence import region_scale
-from scp_planner.estimation import estimate_obstacle
-from scp_planner.online import OnlinePlan, OnlineSettings, Outcome, Planner
-from scp_planner.plan import Trip
+from scp_planner.estimation.confidence import region_scale
+from scp_planner.estimation.estimate import estimate_obstacle
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.planner import Planner
+from scp_planner.online.stops import standing_from
+from scp_planner.settings.online import OnlineSettings
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus
-from scp_planner.zones import HORIZON
+from scp_planner.threat_zones.of_scenario import HORIZON
+from scp_planner.trips.trip import Trip
 
 __all__ = ["KINDS", "FaultRun", "FlakySolver", "common", "injected_run"]
 

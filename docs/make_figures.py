@@ -10,7 +10,7 @@ import scp_planner as sp
 from docs.make_gallery import shrink
 from scp_planner import builtin
 from scp_planner.plotting import animate_plan, plot_plan, plot_space_time
-from scp_planner.viewer import save_viewer
+from scp_planner.plotting.viewer import save_viewer
 from tests.browser import Browser, find_browser
 
 FIGURES = Path(__file__).parent / "figures"

@@ -15,10 +15,9 @@ from typing import Any
 from typer.models import ArgumentInfo
 
 from scp_planner.cli.application import COMMANDS, Command, ExitCode
-from scp_planner.knobs import Knob, Knobs, Range, knobs
-from scp_planner.online_settings import OnlineSettings
-from scp_planner.refresh import Newcomers
-from scp_planner.settings import Settings
+from scp_planner.settings.knobs import Knob, Knobs, Range, knobs
+from scp_planner.settings.online import Newcomers, OnlineSettings
+from scp_planner.settings.planning import Settings
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 REMADE = "<!-- Written by docs/make_reference.py; a change here is lost. -->"
@@ -113,7 +112,7 @@ def _settings_page() -> Iterator[str]:
             "`scp_planner.OnlineSettings`, for `Planner` and `simulate`; on the command line for `simulate`, where"
             " `--rate` gives the period.",
         ),
-        "Newcomers": (Newcomers, "`scp_planner.refresh.Newcomers`, in `OnlineSettings(newcomers=...)`."),
+        "Newcomers": (Newcomers, "`scp_planner.settings.online.Newcomers`, in `OnlineSettings(newcomers=...)`."),
     }
     for title, (settings, text) in titles.items():
         yield from ("", f"## {title}", "", text, "", "| name | default | unit | range | effect |")

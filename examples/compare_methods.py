@@ -11,8 +11,8 @@ from pathlib import Path
 
 import scp_planner as sp
 from scp_planner import builtin
-from scp_planner.comparison import Method, compare, save_trials, summary_table
-from scp_planner.plotting.studies import plot_comparison
+from scp_planner.baseline.comparison import Method, compare, save_trials, summary_table
+from scp_planner.studies.figures import plot_comparison
 
 
 def main(argv: Sequence[str] | None = None) -> int:

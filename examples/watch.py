@@ -14,7 +14,7 @@ from pathlib import Path
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.plotting import animate_plan
-from scp_planner.viewer import save_viewer
+from scp_planner.plotting.viewer import save_viewer
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -6,93 +6,91 @@ The public names are loaded when they are first used, so that importing the pack
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scp_planner.certificate import certify as certify
-    from scp_planner.constraints.given import TripVariables as TripVariables
+    from scp_planner.baseline.penalty_descent import penalty_descent as penalty_descent
+    from scp_planner.certificate.check import certify as certify
+    from scp_planner.certificate.lower_bound import lower_bound as lower_bound
     from scp_planner.errors import EstimationError as EstimationError
     from scp_planner.errors import PlanError as PlanError
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
-    from scp_planner.estimation import estimate_motion as estimate_motion
-    from scp_planner.lower_bound import lower_bound as lower_bound
-    from scp_planner.online import OnlinePlan as OnlinePlan
-    from scp_planner.online import OnlineSettings as OnlineSettings
-    from scp_planner.online import Outcome as Outcome
-    from scp_planner.online import Planner as Planner
-    from scp_planner.online import Safety as Safety
-    from scp_planner.penalty_descent import penalty_descent as penalty_descent
-    from scp_planner.plan import Plan as Plan
-    from scp_planner.planner import plan as plan
-    from scp_planner.run import Run as Run
-    from scp_planner.scenario import Bounds as Bounds
-    from scp_planner.scenario import Confidence as Confidence
-    from scp_planner.scenario import ConfidenceLevel as ConfidenceLevel
-    from scp_planner.scenario import Course as Course
-    from scp_planner.scenario import Disc as Disc
-    from scp_planner.scenario import Ellipse as Ellipse
-    from scp_planner.scenario import Goal as Goal
-    from scp_planner.scenario import Model as Model
-    from scp_planner.scenario import Motion as Motion
-    from scp_planner.scenario import Observations as Observations
-    from scp_planner.scenario import Obstacle as Obstacle
-    from scp_planner.scenario import PolygonShape as PolygonShape
-    from scp_planner.scenario import Rectangle as Rectangle
-    from scp_planner.scenario import Scenario as Scenario
-    from scp_planner.scenario import SpeedLimit as SpeedLimit
-    from scp_planner.scenario import Start as Start
-    from scp_planner.scenario import Vehicle as Vehicle
-    from scp_planner.sensors import Sensor as Sensor
-    from scp_planner.settings import Settings as Settings
-    from scp_planner.simulation import Follower as Follower
-    from scp_planner.simulation import simulate as simulate
-    from scp_planner.zones import zones as zones
+    from scp_planner.estimation.estimate import estimate_motion as estimate_motion
+    from scp_planner.online.plan import OnlinePlan as OnlinePlan
+    from scp_planner.online.plan import Outcome as Outcome
+    from scp_planner.online.planner import Planner as Planner
+    from scp_planner.planning.offline import plan as plan
+    from scp_planner.planning.plan import Plan as Plan
+    from scp_planner.scenario.models import Bounds as Bounds
+    from scp_planner.scenario.models import Confidence as Confidence
+    from scp_planner.scenario.models import ConfidenceLevel as ConfidenceLevel
+    from scp_planner.scenario.models import Course as Course
+    from scp_planner.scenario.models import Disc as Disc
+    from scp_planner.scenario.models import Ellipse as Ellipse
+    from scp_planner.scenario.models import Goal as Goal
+    from scp_planner.scenario.models import Model as Model
+    from scp_planner.scenario.models import Motion as Motion
+    from scp_planner.scenario.models import Observations as Observations
+    from scp_planner.scenario.models import Obstacle as Obstacle
+    from scp_planner.scenario.models import PolygonShape as PolygonShape
+    from scp_planner.scenario.models import Rectangle as Rectangle
+    from scp_planner.scenario.models import Scenario as Scenario
+    from scp_planner.scenario.models import SpeedLimit as SpeedLimit
+    from scp_planner.scenario.models import Start as Start
+    from scp_planner.scenario.models import Vehicle as Vehicle
+    from scp_planner.scp.given import TripVariables as TripVariables
+    from scp_planner.settings.online import OnlineSettings as OnlineSettings
+    from scp_planner.settings.online import Safety as Safety
+    from scp_planner.settings.planning import Settings as Settings
+    from scp_planner.simulation.loop import Follower as Follower
+    from scp_planner.simulation.loop import simulate as simulate
+    from scp_planner.simulation.run import Run as Run
+    from scp_planner.simulation.sensors import Sensor as Sensor
+    from scp_planner.threat_zones.of_scenario import zones as zones
 
 __version__ = "0.1.0"
 
 _MODULE_OF = {
-    "Bounds": "scenario",
-    "Confidence": "scenario",
-    "ConfidenceLevel": "scenario",
-    "Course": "scenario",
-    "Disc": "scenario",
-    "Ellipse": "scenario",
+    "Bounds": "scenario.models",
+    "Confidence": "scenario.models",
+    "ConfidenceLevel": "scenario.models",
+    "Course": "scenario.models",
+    "Disc": "scenario.models",
+    "Ellipse": "scenario.models",
     "EstimationError": "errors",
-    "Goal": "scenario",
-    "Model": "scenario",
-    "Motion": "scenario",
-    "Observations": "scenario",
-    "Obstacle": "scenario",
-    "OnlinePlan": "online",
-    "OnlineSettings": "online",
-    "Outcome": "online",
-    "Plan": "plan",
+    "Goal": "scenario.models",
+    "Model": "scenario.models",
+    "Motion": "scenario.models",
+    "Observations": "scenario.models",
+    "Obstacle": "scenario.models",
+    "OnlinePlan": "online.plan",
+    "OnlineSettings": "settings.online",
+    "Outcome": "online.plan",
+    "Plan": "planning.plan",
     "PlanError": "errors",
-    "PolygonShape": "scenario",
-    "Rectangle": "scenario",
-    "Planner": "online",
-    "Run": "run",
-    "Safety": "online",
-    "Scenario": "scenario",
+    "PolygonShape": "scenario.models",
+    "Rectangle": "scenario.models",
+    "Planner": "online.planner",
+    "Run": "simulation.run",
+    "Safety": "settings.online",
+    "Scenario": "scenario.models",
     "ScenarioError": "errors",
     "ScpPlannerError": "errors",
-    "Sensor": "sensors",
-    "Settings": "settings",
-    "SpeedLimit": "scenario",
-    "Start": "scenario",
-    "TripVariables": "constraints.given",
-    "Vehicle": "scenario",
-    "Follower": "simulation",
-    "certify": "certificate",
-    "estimate_motion": "estimation",
-    "lower_bound": "lower_bound",
-    "penalty_descent": "penalty_descent",
-    "plan": "planner",
-    "simulate": "simulation",
-    "zones": "zones",
+    "Sensor": "simulation.sensors",
+    "Settings": "settings.planning",
+    "SpeedLimit": "scenario.models",
+    "Start": "scenario.models",
+    "TripVariables": "scp.given",
+    "Vehicle": "scenario.models",
+    "Follower": "simulation.loop",
+    "certify": "certificate.check",
+    "estimate_motion": "estimation.estimate",
+    "lower_bound": "certificate.lower_bound",
+    "penalty_descent": "baseline.penalty_descent",
+    "plan": "planning.offline",
+    "simulate": "simulation.loop",
+    "zones": "threat_zones.of_scenario",
 }
 
 __all__ = ["__version__", *_MODULE_OF]
@@ -108,18 +106,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Package(ModuleType):
-    """Keeps `scp_planner.plan` and `scp_planner.zones` the functions, although modules bear these names too.
-
-    The import machinery binds every imported submodule to its name in the package.
-    `from scp_planner.plan import Plan` works all the same: it does not go by that name.
-    """
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _MODULE_OF and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

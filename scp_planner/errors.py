@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import difflib
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+
+
+def nearest(key: object, known: Iterable[str]) -> str | None:
+    """Find the known key that `key` may be a misspelling of."""
+    near = difflib.get_close_matches(str(key).lower(), list(known), n=1)
+    return near[0] if near else None
 
 
 class Missing(Enum):

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.dense_check import DenseReport, Tolerances, check_trip
 from benchmarks.peers.starts import Start
+from scp_planner.arrays import Array
 
-Array = NDArray[np.float64]
 Scenario = Mapping[str, Any]
 
 # The same for every method. Clearance: 5 mm. The others are about a thousandth of the reference scenarios'

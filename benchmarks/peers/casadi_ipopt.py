@@ -22,12 +22,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.peers.base import TIME_LIMIT, Attempt, MissingPeerError, Scenario, disc_arrays, require_plain
 from benchmarks.peers.starts import Start, first_guess
-
-Array = NDArray[np.float64]
+from scp_planner.arrays import Array
 
 INTERVALS_PER_SECOND = 5.6  # of the trip at top speed: 40 for 20 m, 60 (the most) for 40 m
 MOST_INTERVALS = 60

@@ -24,13 +24,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.peers.base import TIME_LIMIT, Attempt, MissingPeerError, Scenario, disc_arrays, require_plain
 from benchmarks.peers.casadi_ipopt import ArcTrip
 from benchmarks.peers.starts import FirstGuess, Start, first_guess
-
-Array = NDArray[np.float64]
 
 NODES_PER_SECOND = 4.0  # of the trip at top speed: 30 for 20 m, 50 (the most) for 40 m
 MOST_NODES = 50

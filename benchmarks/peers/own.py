@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.families import as_scenario
 from benchmarks.peers.base import TIME_LIMIT, Attempt, Scenario
 from benchmarks.peers.starts import Start, first_guess
-
-Array = NDArray[np.float64]
+from scp_planner.arrays import Array
 
 
 class WholePlan:
@@ -68,11 +66,11 @@ class OneRun:
         return self._runs(scenario, [start])[0]
 
     def _runs(self, scenario: Scenario, starts: Sequence[Start]) -> list[Attempt]:
-        from scp_planner.problem import build_problem
-        from scp_planner.scp import ScpLoop
-        from scp_planner.settings import Settings
+        from scp_planner.problem.build import build_problem
+        from scp_planner.scp.loop import ScpLoop
+        from scp_planner.settings.planning import Settings
         from scp_planner.solvers import solver_named
-        from scp_planner.zones import ZonesOf
+        from scp_planner.threat_zones.of_scenario import ZonesOf
 
         model, settings = self._scenarios[scenario["name"]], Settings()
         problem = build_problem(model, ZonesOf(model), settings)
@@ -93,8 +91,8 @@ class InStep(OneRun):
 
 def _attempt(problem: Any, run: Any) -> Attempt:
     """The end of a run of the loop, without a certificate."""
-    from scp_planner.plan import Trip
-    from scp_planner.scp import Status
+    from scp_planner.scp.record import Status
+    from scp_planner.trips.trip import Trip
 
     trajectory = run.evaluation.trajectory
     trip, begin = Trip(problem.frame, trajectory), problem.frame.time
@@ -130,10 +128,10 @@ class PenaltyDescent:
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:
         """Descend from the start; what the certificate finds missing is settled once more."""
-        from scp_planner.penalty_descent import penalty_descent
-        from scp_planner.problem import build_problem
-        from scp_planner.settings import Settings
-        from scp_planner.zones import zones
+        from scp_planner.baseline.penalty_descent import penalty_descent
+        from scp_planner.problem.build import build_problem
+        from scp_planner.settings.planning import Settings
+        from scp_planner.threat_zones.of_scenario import zones
 
         model, settings = self._scenarios[scenario["name"]], Settings()
         problem = build_problem(model, zones(model), settings)

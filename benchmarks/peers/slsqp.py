@@ -20,8 +20,7 @@ from scipy.optimize import minimize
 
 from benchmarks.peers.base import TIME_LIMIT, Attempt, Scenario, disc_arrays, require_plain
 from benchmarks.peers.starts import Start, first_guess
-
-Array = NDArray[np.float64]
+from scp_planner.arrays import Array
 
 PATH_DEGREE = 4  # the curvature has no kinks, so that samples of it can be trusted
 PATH_SPAN = 1.5  # m, of the offset's B-spline

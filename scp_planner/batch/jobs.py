@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass, field, fields
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from scp_planner.settings import Settings
+from scp_planner.settings.planning import Settings
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from scp_planner.plan import Plan
-    from scp_planner.scenario import Scenario
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
 
 BAD_INPUT = "bad_input"
 """Status of a scenario that is refused; others are those of plans, and the fates of work that came to nothing."""
@@ -167,12 +167,12 @@ def carry_out(job: Job) -> JobResult:
 def _plan(job: Job) -> Plan:
     options = job.options
     if options.method == "penalty-descent":
-        from scp_planner.penalty_descent import penalty_descent
+        from scp_planner.baseline.penalty_descent import penalty_descent
 
         return penalty_descent(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
-    from scp_planner import planner
+    from scp_planner.planning import offline
 
-    return planner.plan(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
+    return offline.plan(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
 
 
 def digest_of(scenario: Scenario) -> str:

@@ -13,8 +13,8 @@ from scp_planner.batch.jobs import BAD_INPUT, Job, JobResult, Options, Row, carr
 from scp_planner.batch.table import Table, TableError, opened, read
 from scp_planner.errors import ScenarioError
 from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, write_text
-from scp_planner.plan import PlanStatus
-from scp_planner.scenario import Scenario
+from scp_planner.planning.plan import PlanStatus
+from scp_planner.scenario.models import Scenario
 
 SCENARIO_SUFFIXES = (*YAML_SUFFIXES, JSON_SUFFIX)
 PLAN_SUFFIX = ".plan.json"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from scp_planner.errors import Fault, ScenarioError
 
 if TYPE_CHECKING:
-    from scp_planner.scenario import Scenario
+    from scp_planner.scenario.models import Scenario
 
 _SUFFIX = ".yaml"
 
@@ -36,8 +36,8 @@ def load(name: str) -> Scenario:
     ScenarioError
         If there is no scenario of that name.
     """
-    from scp_planner.scenario import Scenario
-    from scp_planner.validation import nearest
+    from scp_planner.errors import nearest
+    from scp_planner.scenario.models import Scenario
 
     if name not in names():
         near = nearest(name, names())

@@ -14,8 +14,8 @@ from scp_planner.cli.output import start_logging, tell
 from scp_planner.errors import MISSING, Fault, PlanError
 
 if TYPE_CHECKING:
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
+    from scp_planner.planning.plan import Plan
+    from scp_planner.simulation.run import Run
 
 
 def export(
@@ -40,7 +40,7 @@ def export(
     trajectory_msgs/MultiDOFJointTrajectory of a plan, nav_msgs/Odometry and nav_msgs/Path of a run.
     """
     from scp_planner.export import EXPORT_SUFFIXES
-    from scp_planner.plan import Plan
+    from scp_planner.planning.plan import Plan
 
     start_logging(quiet, False)
     suffix = output.suffix.lower()
@@ -63,8 +63,8 @@ def export(
 
 def _load(source: Path) -> Plan | Run:
     """Read a plan file or a run file, whichever it is."""
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
+    from scp_planner.planning.plan import Plan
+    from scp_planner.simulation.run import Run
 
     try:
         data = json.loads(source.read_text(encoding="utf-8"))

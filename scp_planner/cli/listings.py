@@ -15,7 +15,7 @@ from scp_planner.cli.output import print_json
 
 def schema() -> None:
     """Print the JSON schema of the scenario file."""
-    from scp_planner.scenario import Scenario
+    from scp_planner.scenario.models import Scenario
 
     typer.echo(json.dumps(Scenario.json_schema(), indent=2))
 
@@ -67,9 +67,9 @@ class SettingEntry:
 
 def setting_entries() -> list[SettingEntry]:
     """Give all settings that can be set by text, in order."""
-    from scp_planner.knobs import knobs
-    from scp_planner.online_settings import OnlineSettings
-    from scp_planner.settings import Settings
+    from scp_planner.settings.knobs import knobs
+    from scp_planner.settings.online import OnlineSettings
+    from scp_planner.settings.planning import Settings
 
     headings = {"Settings of plans": Settings, "Settings of the closed loop": OnlineSettings}
     return [
@@ -82,7 +82,7 @@ def setting_entries() -> list[SettingEntry]:
 
 def _found(name: str, listed: list[SettingEntry]) -> SettingEntry:
     from scp_planner.errors import MISSING, SettingsError
-    from scp_planner.knobs import unknown_name
+    from scp_planner.settings.knobs import unknown_name
 
     for entry in listed:
         if entry.name == name:

@@ -100,7 +100,7 @@ def batch(
     from scp_planner.batch.executor import ExecutorError
     from scp_planner.batch.jobs import Options
     from scp_planner.batch.runner import rows_done, run_batch, scenario_files
-    from scp_planner.settings import Settings
+    from scp_planner.settings.planning import Settings
 
     settings = replace(Settings(), **keyword_settings(assignments, solver))
     options = Options(method.value, settings, seed, time_limit, samples)
@@ -188,8 +188,8 @@ def compare(
 
     Sequential convex programming and the published method run on the same objective from the same starts.
     """
-    from scp_planner import comparison
-    from scp_planner.settings import Settings
+    from scp_planner.baseline import comparison
+    from scp_planner.settings.planning import Settings
 
     start_logging(quiet, verbose)
     check_target("--output", output)
@@ -213,7 +213,7 @@ def compare(
     if output is not None:
         comparison.save_trials(trials, output)
     if plot is not None:
-        from scp_planner.plotting.studies import plot_comparison
+        from scp_planner.studies.figures import plot_comparison
 
         plot_comparison(trials, plot)
     if as_json:

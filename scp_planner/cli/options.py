@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from scp_planner.scenario import Scenario
+    from scp_planner.scenario.models import Scenario
 
 BUILT_IN = "builtin:"
 """What the name of a built-in scenario follows where a file is wanted."""
@@ -54,24 +54,24 @@ def _known_demos(incomplete: str) -> Iterable[str]:
 
 
 def _known_solvers(incomplete: str) -> Iterable[str]:
-    from scp_planner.settings import solver_names
+    from scp_planner.settings.planning import solver_names
 
     return [name for name in solver_names() if name.startswith(incomplete)]
 
 
 def known_settings(incomplete: str) -> Iterable[str]:
     """Complete the names of settings, those of closed loops too."""
-    from scp_planner.knobs import knobs
-    from scp_planner.online_settings import OnlineSettings
-    from scp_planner.settings import Settings
+    from scp_planner.settings.knobs import knobs
+    from scp_planner.settings.online import OnlineSettings
+    from scp_planner.settings.planning import Settings
 
     return [name for name in [*knobs(Settings), *knobs(OnlineSettings)] if name.startswith(incomplete)]
 
 
 def _assigned_settings(context: typer.Context, incomplete: str) -> Iterable[str]:
     """Complete the names of the settings that a command takes."""
-    from scp_planner.knobs import knobs
-    from scp_planner.settings import Settings
+    from scp_planner.settings.knobs import knobs
+    from scp_planner.settings.planning import Settings
 
     drives = context.info_name == "simulate"
     return [f"{name}=" for name in known_settings(incomplete) if drives or name in knobs(Settings)]
@@ -149,10 +149,10 @@ def load_scenario(source: str) -> Scenario:
     if source.lower().endswith(COMMONROAD_SUFFIX):
         if importlib.util.find_spec("commonroad") is None:
             raise bad_option("SCENARIO", source, "needs commonroad-io: pip install 'scp-planner[commonroad]'")
-        from scp_planner.commonroad import load_commonroad
+        from scp_planner.scenario.commonroad import load_commonroad
 
         return load_commonroad(source)
-    from scp_planner.scenario import Scenario
+    from scp_planner.scenario.models import Scenario
 
     return Scenario.load(source)
 
@@ -164,7 +164,7 @@ def bad_option(option: str, value: object, message: str) -> typer.BadParameter:
 
 def check_solver(solver: str | None, method: Method = Method.SCP) -> None:
     """Refuse a solver that is not there, or has nothing to do."""
-    from scp_planner.settings import solver_names
+    from scp_planner.settings.planning import solver_names
 
     if solver is not None and method is not Method.SCP:
         raise bad_option("--solver", solver, f"--method {method} solves no subproblems")
@@ -206,8 +206,8 @@ def check_target(option: str, target: Path | None, source: str | Path = "", *, i
 
 def keyword_settings(assignments: list[str] | None, solver: str | None) -> dict[str, Any]:
     """Read the values of ``--set`` and ``--solver``."""
-    from scp_planner.knobs import parse_assignments
-    from scp_planner.settings import Settings
+    from scp_planner.settings.knobs import parse_assignments
+    from scp_planner.settings.planning import Settings
 
     values = parse_assignments(assignments or (), Settings)
     return values if solver is None else {**values, "solver": solver}

@@ -24,7 +24,7 @@ from scp_planner.cli.options import (
 from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
 
 if TYPE_CHECKING:
-    from scp_planner.tracks import Tracks
+    from scp_planner.estimation.tracks import Tracks
 
 
 def consistency(
@@ -63,7 +63,7 @@ def consistency(
     result = run_consistency(settings, folder=output, workers=processes, progress=not quiet)
     written = result.save(output)
     if pictures.can_plot():
-        from scp_planner.plotting.studies import plot_border, plot_consistency
+        from scp_planner.studies.figures import plot_border, plot_consistency
 
         plot_consistency(result, output / "consistency.png")
         plot_border(border(), output / "border.png")
@@ -157,7 +157,7 @@ def fit_motion(
     check_target("--output", output, tracks_file)
     if output.suffix not in (".yaml", ".yml", ".json"):
         raise bad_option("--output", output, "must end in .yaml, .yml or .json")
-    from scp_planner.motion_fitting import fit_motion_model
+    from scp_planner.estimation.motion_fitting import fit_motion_model
 
     model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window)
     model.save(output)
@@ -169,7 +169,7 @@ def fit_motion(
 
 def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
     """Load recorded tracks, each with a short name."""
-    from scp_planner.tracks import Tracks
+    from scp_planner.estimation.tracks import Tracks
 
     return [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in paths]
 

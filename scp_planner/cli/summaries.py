@@ -6,10 +6,10 @@ import statistics
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scp_planner.certificate import Certificate
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
-    from scp_planner.scenario import Scenario
+    from scp_planner.certificate.verdict import Certificate
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
+    from scp_planner.simulation.run import Run
 
 
 def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:

@@ -36,9 +36,9 @@ from scp_planner.cli.options import (
 from scp_planner.cli.output import progress_bar, report, start_logging, tell
 
 if TYPE_CHECKING:
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
-    from scp_planner.scenario import Scenario
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
+    from scp_planner.simulation.run import Run
 
 DEMO_SCENARIO = "radar"
 SLOWEST_RATE = 1e-3  # Hz
@@ -124,8 +124,8 @@ def check(
     verbose: Verbose = False,
 ) -> None:
     """Certify a plan file against a scenario."""
-    from scp_planner.certificate import certify
-    from scp_planner.plan import Plan
+    from scp_planner.certificate.check import certify
+    from scp_planner.planning.plan import Plan
 
     start_logging(quiet, verbose)
     scenario = load_scenario(scenario_file)
@@ -183,16 +183,16 @@ def _plan(
     seed: int = 0,
     time_limit: float | None = None,
 ) -> Plan:
-    from scp_planner.settings import Settings
+    from scp_planner.settings.planning import Settings
 
     settings = replace(Settings(), **(values or {}))  # type: ignore[arg-type]  # Settings checks them
     match method:
         case Method.SCP:
-            from scp_planner import planner
+            from scp_planner.planning import offline
 
-            return planner.plan(scenario, settings, seed=seed, time_limit=time_limit)
+            return offline.plan(scenario, settings, seed=seed, time_limit=time_limit)
         case Method.PENALTY_DESCENT:
-            from scp_planner.penalty_descent import penalty_descent
+            from scp_planner.baseline.penalty_descent import penalty_descent
 
             return penalty_descent(scenario, settings, seed=seed, time_limit=time_limit)
 
@@ -201,7 +201,7 @@ def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
     """Raise the lower bound of a certified plan to the one among the obstacles; another's gap would say nothing."""
     if not made.certified:
         return made
-    from scp_planner.lower_bound import lower_bound
+    from scp_planner.certificate.lower_bound import lower_bound
 
     return replace(made, lower_bound=max(made.lower_bound, lower_bound(scenario, at_most=made.travel_time)))
 
@@ -215,11 +215,11 @@ def _drive(
     solver: str | None = None,
     assignments: list[str] | None = None,
 ) -> Run:
-    from scp_planner.knobs import knobs, parse_assignments
-    from scp_planner.online import SETTINGS
-    from scp_planner.online_settings import OnlineSettings
-    from scp_planner.settings import Settings
-    from scp_planner.simulation import FORGET_AFTER, Follower, simulate
+    from scp_planner.online.planner import SETTINGS
+    from scp_planner.settings.knobs import knobs, parse_assignments
+    from scp_planner.settings.online import OnlineSettings
+    from scp_planner.settings.planning import Settings
+    from scp_planner.simulation.loop import FORGET_AFTER, Follower, simulate
 
     given = parse_assignments(assignments or (), Settings, OnlineSettings)
     if "period" in given:

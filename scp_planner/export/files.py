@@ -10,8 +10,8 @@ from scp_planner.export.ros import BODY, FRAME, MCAP_SUFFIX, plan_messages, run_
 from scp_planner.export.tables import SAMPLES, TABLE_SUFFIXES, plan_table, run_table, save_table
 
 if TYPE_CHECKING:
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
+    from scp_planner.planning.plan import Plan
+    from scp_planner.simulation.run import Run
 
 EXPORT_SUFFIXES = (*TABLE_SUFFIXES, MCAP_SUFFIX)
 """Of files; a name without suffix is the folder of a bag."""

@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scp_planner.arrays import Array
 from scp_planner.export.tables import SAMPLES, plan_table
 from scp_planner.files import replacing
 
 if TYPE_CHECKING:
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
-
-Array = NDArray[np.float64]
+    from scp_planner.planning.plan import Plan
+    from scp_planner.simulation.run import Run
 
 MCAP_SUFFIX = ".mcap"
 FRAME, BODY = "map", "base_link"

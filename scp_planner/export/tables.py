@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scp_planner.arrays import Array
 from scp_planner.files import replacing, write_text
 
 if TYPE_CHECKING:
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
+    from scp_planner.planning.plan import Plan
+    from scp_planner.simulation.run import Run
 
-Array = NDArray[np.float64]
 Table = dict[str, NDArray[Any]]
 
 SAMPLES = 200

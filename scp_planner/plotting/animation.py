@@ -14,20 +14,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.arrays import Array
 from scp_planner.files import replacing
 from scp_planner.plotting.maps import border_of, draw_ends, draw_tracks, key_to_symbols, lay_out, outline_of
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
+from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
 from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
-from scp_planner.recording import ObstacleRecord, Recording, Truth, discs_at, record_plan
+from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from scp_planner.plan import Plan
-    from scp_planner.scenario import Scenario
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 ANIMATION_SUFFIXES = (".gif", ".mp4")
@@ -58,7 +59,7 @@ def animate_plan(
     path : path
         .gif, or .mp4 if ffmpeg is installed.
     truth : mapping, optional
-        What obstacles really did, see `scp_planner.recording.Truth`.
+        What obstacles really did, see `scp_planner.plotting.recording.Truth`.
     frames_per_second : float
         1/s; less if the trip is very long.
 

@@ -6,21 +6,21 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scp_planner.arrays import Array
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
+from scp_planner.plotting.recording import Recording, Truth, record_plan
+from scp_planner.plotting.scales import nearest_indices, nice_times
 from scp_planner.plotting.style import COLOURS, FIGURE_SUFFIXES, check_suffix, save, settle, style
-from scp_planner.recording import Recording, Truth, nearest_indices, nice_times, record_plan
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
-    from scp_planner.scenario import Scenario
-
-Array = NDArray[np.float64]
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
+    from scp_planner.simulation.run import Run
 
 SAMPLES = 300
 DPI = 150
@@ -49,7 +49,7 @@ def plot_plan(
     path : path, optional
         Where to save the figure: .png, .pdf or .svg.
     truth : mapping, optional
-        What obstacles really did, see `scp_planner.recording.Truth`.
+        What obstacles really did, see `scp_planner.plotting.recording.Truth`.
     times : (n,) array, optional
         Absolute times to show on the map, s, at most 7; default: up to 6 round ones.
 
@@ -106,7 +106,7 @@ def plot_profiles(
     path : path, optional
         Where to save the figure: .png, .pdf or .svg.
     truth : mapping, optional
-        What obstacles really did, see `scp_planner.recording.Truth`.
+        What obstacles really did, see `scp_planner.plotting.recording.Truth`.
 
     Returns
     -------

@@ -7,18 +7,17 @@ from itertools import compress
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scp_planner.arrays import Array, Index
+from scp_planner.plotting.borders import borders_of
+from scp_planner.plotting.recording import ObstacleRecord, Recording
 from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, time_text
-from scp_planner.recording import ObstacleRecord, Recording, borders_of, discs_at
+from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.path import Path
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 NEAR = 0.12
 """Zones no farther from the vehicle than this part of the trip's extent are filled."""

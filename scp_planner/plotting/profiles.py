@@ -6,16 +6,13 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scp_planner.arrays import Array, Index
+from scp_planner.plotting.recording import Profile, Recording
 from scp_planner.plotting.style import COLOURS, FAINT, GREY, INK, WARNING, limit_times, time_label
-from scp_planner.recording import Profile, Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 def draw_profiles(

@@ -8,8 +8,9 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scp_planner.arrays import Array
+from scp_planner.plotting.scales import clock_of
 from scp_planner.plotting.style import (
     COLOURS,
     FIGURE_SUFFIXES,
@@ -21,19 +22,16 @@ from scp_planner.plotting.style import (
     style,
     time_label,
 )
-from scp_planner.recording import clock_of
-from scp_planner.zones import zones
+from scp_planner.threat_zones.of_scenario import zones
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
-    from scp_planner.scenario import Scenario, Vehicle
-    from scp_planner.zones import ThreatZone
-
-Array = NDArray[np.float64]
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario, Vehicle
+    from scp_planner.simulation.run import Run
+    from scp_planner.threat_zones.zone import ThreatZone
 
 PLANS_SHOWN = 12
 GRID = 480

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from scp_planner.recording import Recording
+    from scp_planner.plotting.recording import Recording
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8C6D00")
 """Okabe and Ito's, neighbours apart in lightness too; but for their yellow, which is too light on white."""

@@ -10,14 +10,14 @@ from scp_planner.plotting.animation import ANIMATION_SUFFIXES, animate, animate_
 from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
 from scp_planner.plotting.style import FIGURE_SUFFIXES, check_suffix
-from scp_planner.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
+from scp_planner.plotting.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scp_planner.plan import Plan
-    from scp_planner.run import Run
-    from scp_planner.scenario import Scenario
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
+    from scp_planner.simulation.run import Run
 
 PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *ANIMATION_SUFFIXES, *VIEWER_SUFFIXES)
 

@@ -15,7 +15,8 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus, StepOrigin
+from scp_planner.arrays import Array
+from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus, StepOrigin
 from scp_planner.solvers.polishing import polish, violation
 from scp_planner.solvers.scaling import Scaling, equilibrate
 

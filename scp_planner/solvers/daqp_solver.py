@@ -8,7 +8,8 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
+from scp_planner.arrays import Array
+from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.scaling import equilibrate
 
 _ACTIVE, _LOWER, _EQUALITY = 1, 2, 5

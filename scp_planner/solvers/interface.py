@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from scp_planner.arrays import Array
 
 
 class SolverStatus(Enum):

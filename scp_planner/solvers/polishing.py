@@ -8,12 +8,10 @@ active-set method put right the others, and one linear system gives the digits. 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lu_factor, lu_solve
 
-from scp_planner.solvers.interface import Array, QuadraticProgram, Solution, SolverStatus
-
-Index = NDArray[np.intp]
+from scp_planner.arrays import Array, Index
+from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 
 MAX_PIVOTS = 400
 PASSES = 4  # of pivots and an exact solution; the second one mends what rounding hid from the first

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.solvers.interface import Array, QuadraticProgram, Solution
+from scp_planner.arrays import Array
+from scp_planner.solvers.interface import QuadraticProgram, Solution
 
 PASSES = 12
 NARROWEST = 1e-12  # norm of a row or column that is taken as nothing: scaling it up would only blow up rounding

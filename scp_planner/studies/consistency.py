@@ -20,13 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scp_planner.arrays import Array
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.errors import StudyError
 from scp_planner.files import write_text
 from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Study, Task, ZoneKind, border
 from scp_planner.studies.result_file import ResultFile
-
-Array = NDArray[np.float64]
 
 RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv", "border.csv"
 BAND = 0.95  # of the confidence bands of means and slopes

@@ -28,10 +28,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scp_planner.confidence import LEVELS, region_scale
-from scp_planner.estimation import estimate_motion
+from scp_planner.arrays import Array
+from scp_planner.estimation.confidence import LEVELS, region_scale
+from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.files import write_text
-from scp_planner.motion_estimate import Array, PolynomialEstimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

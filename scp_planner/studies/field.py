@@ -28,17 +28,17 @@ from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.descent import path_scaling
-from scp_planner.objective import Hinge, PenalisedObjective, Weights, soft_excess, zone_excess
-from scp_planner.problem import Problem, build_problem
-from scp_planner.scenario import Scenario
-from scp_planner.settings import Settings
-from scp_planner.starts import starts
-from scp_planner.zones import ZoneBatch, zones
-
-Array = NDArray[np.float64]
+from scp_planner.arrays import Array
+from scp_planner.baseline.descent import path_scaling
+from scp_planner.baseline.objective import Hinge, PenalisedObjective, Weights, soft_excess, zone_excess
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.models import Scenario
+from scp_planner.search.starts import starts
+from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import zones
 
 MAX_TRAVEL_TIME = 12.0  # s; of the trips in the compact set
 LARGEST_OFFSET = 3.0  # m; of the control points in the compact set

@@ -4,7 +4,7 @@ Half of the tracks (every other one) is fitted, the other half tested, and then 
 every stretch of positions of a tested track its motion is predicted, and at each lead time it is counted how
 often the recorded position is in the region, and compared how large the region is:
 
-- ``random_walk`` and the other kinds of `scp_planner.process_model`, fitted;
+- ``random_walk`` and the other kinds of `scp_planner.scenario.process_model`, fitted;
 - ``quadratic`` and ``linear``: polynomial motions believed exactly, the noise estimated from the residuals,
   as the published method does;
 - ``quadratic, inflated`` and ``linear, inflated``: discs about the same predictions, just so large that they
@@ -30,13 +30,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.confidence import HotellingErrors, StudentErrors, uniform_scale
+from scp_planner.arrays import Array
+from scp_planner.estimation.confidence import uniform_scale
+from scp_planner.estimation.error_laws import HotellingErrors, StudentErrors
+from scp_planner.estimation.motion_filter import estimate_process
+from scp_planner.estimation.motion_fitting import LEAD_TIMES, fit_motion_model, prediction_errors, stretches_of
+from scp_planner.estimation.tracks import Tracks
 from scp_planner.files import write_text
-from scp_planner.motion_estimate import Array
-from scp_planner.motion_fitting import LEAD_TIMES, fit_motion_model, prediction_errors, stretches_of
-from scp_planner.motion_models import estimate_process
-from scp_planner.process_model import ProcessModel
-from scp_planner.tracks import Tracks
+from scp_planner.scenario.process_model import ProcessModel
 
 KINDS = ("random_walk", "mean_reverting")
 WINDOW = 8

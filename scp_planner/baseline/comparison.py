@@ -1,0 +1,404 @@
+"""Sequential convex programming beside penalty descent: the same objective, splines, starts and certificate.
+
+Every method runs from every start by itself, without the planner's search for the best of several, so that what differs
+is the method. Runs are timed one after the other in this process.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from itertools import islice
+from os import PathLike
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.baseline.descent import Descent, DescentSettings, Moment, Variant, checked_descent
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.verdict import Certificate
+from scp_planner.files import write_text
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.problem.tightening import TIGHTENINGS, tightened
+from scp_planner.scenario.models import Scenario
+from scp_planner.scp.evaluation import Evaluation, evaluate_trip
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.merit import Penalties
+from scp_planner.scp.record import NEAR
+from scp_planner.search.starts import starts
+from scp_planner.settings.planning import Settings
+from scp_planner.solvers import solver_named
+from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+CURVE_PRICE = 50.0  # s per m, or per unit of excess: the merit of convergence curves, the same for all methods
+CLEARLY_FASTER = 1e-3  # relative difference of travel times that counts
+
+
+class Method(StrEnum):
+    """What is compared."""
+
+    SCP = "scp"
+    LBFGS = "l-bfgs"
+    GRADIENT = "gradient-descent"
+    MONTE_CARLO = "monte-carlo"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """How a run went on: the least merit so far, at one price for all methods.
+
+    Attributes
+    ----------
+    evaluations : (n,) array of int
+        Of the trip, until then.
+    seconds : (n,) array
+        Since the run began.
+    merit : (n,) array
+        Travel time + CURVE_PRICE * violations, s.
+    """
+
+    evaluations: NDArray[np.int64]
+    seconds: Array
+    merit: Array
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One method from one start.
+
+    Attributes
+    ----------
+    scenario : str
+    start : int
+        Number of the start, from 0.
+    method : Method
+    status : str
+        What the method says of itself.
+    certified : bool
+    travel_time : float
+        s.
+    least_clearance : float
+        To the zones, m; certified if the trip is.
+    worst_violation : float
+        Of the sampled constraints: m or relative.
+    iterations, evaluations : int
+        An evaluation is one of a trip and its violations: with gradient or linearisation except for Monte Carlo.
+    wall_time : float
+        s, without the certificate.
+    violations : str
+        What the certificate found.
+    curve : Curve
+    """
+
+    scenario: str
+    start: int
+    method: Method
+    status: str
+    certified: bool
+    travel_time: float
+    least_clearance: float
+    worst_violation: float
+    iterations: int
+    evaluations: int
+    wall_time: float
+    violations: str
+    curve: Curve
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One method over all trials.
+
+    Attributes
+    ----------
+    method : Method
+    trials : int
+    certified : int
+    excess : float
+        Median over certified trials of the travel time beyond the best certified one of the same scenario by any method
+        from any start, relative.
+    excess_worst : float
+        The largest.
+    faster, slower : int
+        Trials in which this method is certified and by more than CLEARLY_FASTER faster (slower) than SCP from the same
+        start; where only one of both is certified, that one is faster.
+    evaluations : float
+        Median.
+    wall_time, wall_time_high : float
+        Median and 90 % quantile, s.
+    """
+
+    method: Method
+    trials: int
+    certified: int
+    excess: float
+    excess_worst: float
+    faster: int
+    slower: int
+    evaluations: float
+    wall_time: float
+    wall_time_high: float
+
+
+def compare(
+    scenarios: Sequence[Scenario],
+    *,
+    starts_each: int = 3,
+    methods: Sequence[Method] = (Method.SCP, Method.LBFGS),
+    settings: Settings | None = None,
+    seed: int = 0,
+    progress: Callable[[Trial], None] | None = None,
+) -> list[Trial]:
+    """Run all methods from the same starts.
+
+    Parameters
+    ----------
+    scenarios : sequence of Scenario
+    starts_each : int
+        Starts of each scenario, at most: the planner's different ways round, the fastest estimate first.
+    methods : sequence of Method
+    settings : Settings, optional
+        Of the planner; the same for all.
+    seed : int
+        Of the Monte Carlo search.
+    progress : callable, optional
+        Called with each trial.
+
+    Returns
+    -------
+    list of Trial
+    """
+    trials = []
+    for scenario in scenarios:
+        for trial in _trials(scenario, starts_each, methods, settings or Settings(), seed):
+            trials.append(trial)
+            if progress is not None:
+                progress(trial)
+    return trials
+
+
+def _trials(
+    scenario: Scenario, starts_each: int, methods: Sequence[Method], settings: Settings, seed: int
+) -> Iterator[Trial]:
+    threat_zones = zones(scenario)
+    problem = build_problem(scenario, threat_zones, settings)
+    found = islice(starts(problem, settings.searches), starts_each)
+    for number, (_, start) in enumerate(found):
+        for method in methods:
+            if method is Method.SCP:
+                yield _scp_trial(problem, threat_zones, start, number)
+            else:
+                yield _descent_trial(problem, threat_zones, start, number, Variant(method.value), seed + number)
+
+
+def _descent_trial(
+    problem: Problem,
+    threat_zones: tuple[ThreatZone, ...],
+    start: Trajectory,
+    number: int,
+    variant: Variant,
+    seed: int,
+) -> Trial:
+    timings: dict[str, float] = {}
+    descent = Descent(problem, start, DescentSettings(variant=variant), seed=seed, keep_moments=True)
+    checked = checked_descent(problem, threat_zones, descent, timings)
+    run = checked.run
+    return _trial(
+        problem,
+        number,
+        Method(variant.value),
+        run.status.value,
+        checked.certificate,
+        evaluate_trip(problem, run.trajectory, NEAR),
+        run.iterations,
+        run.evaluations,
+        timings["descent"],
+        [Moment(0, 0.0, start), *descent.run_so_far.moments],
+    )
+
+
+class _WatchedLoop(ScpLoop):
+    """The loop, with every trip that it steps to written down."""
+
+    moments: list[Moment]
+    began: float
+
+    def _moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
+        moved = super()._moved(trajectory, z)
+        self.moments.append(Moment(len(self.moments), perf_counter() - self.began, moved or trajectory))
+        return moved
+
+
+def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory, number: int) -> Trial:
+    """Run the loop, and repeat it with what its certificate finds missing, as the planner does."""
+    settings = problem.settings
+    moments, began, checking, iterations = [Moment(0, 0.0, start)], perf_counter(), 0.0, 0
+    current, asked = start, problem
+    for _ in range(TIGHTENINGS + 1):
+        loop = _WatchedLoop(asked, solver_named(settings.solver), "clarabel")
+        loop.moments, loop.began = moments, began + checking
+        run = loop.run(current, settings.max_iterations)
+        iterations += len(run.record)
+        clock = perf_counter()
+        trip = Trip(problem.frame, run.evaluation.trajectory)
+        certificate = certify_trip(problem.scenario, trip, threat_zones)
+        checking += perf_counter() - clock
+        if certificate.holds or not run.feasible:
+            break
+        asked, current = tightened(asked, certificate), run.evaluation.trajectory
+    wall_time = perf_counter() - began - checking
+    evaluation = evaluate_trip(problem, run.evaluation.trajectory, NEAR)
+    return _trial(
+        problem,
+        number,
+        Method.SCP,
+        run.status.value,
+        certificate,
+        evaluation,
+        iterations,
+        len(moments),
+        wall_time,
+        moments,
+    )
+
+
+def _trial(
+    problem: Problem,
+    number: int,
+    method: Method,
+    status: str,
+    certificate: Certificate,
+    evaluation: Evaluation,
+    iterations: int,
+    evaluations: int,
+    wall_time: float,
+    moments: list[Moment],
+) -> Trial:
+    return Trial(
+        problem.scenario.name,
+        number,
+        method,
+        status,
+        certificate.holds,
+        evaluation.trajectory.travel_time,
+        certificate.clearance.minimum,
+        evaluation.worst_violation,
+        iterations,
+        evaluations,
+        wall_time,
+        "; ".join(str(violation) for violation in certificate.violations),
+        _curve(problem, moments),
+    )
+
+
+def _curve(problem: Problem, moments: list[Moment]) -> Curve:
+    prices = Penalties.uniform(problem, CURVE_PRICE)
+    merits = [evaluate_trip(problem, moment.trajectory, NEAR).merit(prices) for moment in moments]
+    return Curve(
+        np.array([moment.evaluations for moment in moments]),
+        np.array([moment.seconds for moment in moments]),
+        np.minimum.accumulate(np.array(merits)),
+    )
+
+
+def summaries(trials: Sequence[Trial]) -> list[Summary]:
+    """Summarise each method over all trials, in the order in which they first appear."""
+    best: dict[str, float] = {}
+    reference = {}
+    for trial in trials:
+        if trial.certified:
+            best[trial.scenario] = min(best.get(trial.scenario, np.inf), trial.travel_time)
+        if trial.method is Method.SCP:
+            reference[trial.scenario, trial.start] = trial
+    return [
+        _summary(method, [trial for trial in trials if trial.method is method], best, reference)
+        for method in dict.fromkeys(trial.method for trial in trials)
+    ]
+
+
+def _summary(
+    method: Method, trials: list[Trial], best: dict[str, float], reference: dict[tuple[str, int], Trial]
+) -> Summary:
+    excess = [trial.travel_time / best[trial.scenario] - 1.0 for trial in trials if trial.certified]
+    outcomes = [
+        _outcome(trial, reference[trial.scenario, trial.start])
+        for trial in trials
+        if (trial.scenario, trial.start) in reference
+    ]
+    times = [trial.wall_time for trial in trials]
+    return Summary(
+        method,
+        len(trials),
+        sum(trial.certified for trial in trials),
+        float(np.median(excess)) if excess else np.nan,
+        max(excess, default=np.nan),
+        sum(outcome < 0 for outcome in outcomes),
+        sum(outcome > 0 for outcome in outcomes),
+        float(np.median([trial.evaluations for trial in trials])),
+        float(np.median(times)),
+        float(np.quantile(times, 0.9)),
+    )
+
+
+def _outcome(trial: Trial, other: Trial) -> int:
+    """-1 where the trial is better than the other, 1 where it is worse, 0 where neither is."""
+    if trial.certified != other.certified:
+        return -1 if trial.certified else 1
+    if not trial.certified:
+        return 0
+    ratio = trial.travel_time / other.travel_time - 1.0
+    return 0 if abs(ratio) <= CLEARLY_FASTER else (-1 if ratio < 0.0 else 1)
+
+
+def summary_table(trials: Sequence[Trial]) -> str:
+    """Write the summaries as a table for a terminal, one line a method."""
+    heads = ("method", "trials", "certified", "excess", "worst", "faster", "slower", "evaluations", "time", "time 90%")
+    rows = [
+        (
+            summary.method.value,
+            str(summary.trials),
+            f"{summary.certified} ({summary.certified / summary.trials:.0%})",
+            f"{summary.excess:.2%}",
+            f"{summary.excess_worst:.2%}",
+            str(summary.faster),
+            str(summary.slower),
+            f"{summary.evaluations:.0f}",
+            f"{1e3 * summary.wall_time:.0f} ms",
+            f"{1e3 * summary.wall_time_high:.0f} ms",
+        )
+        for summary in summaries(trials)
+    ]
+    widths = [max(len(row[column]) for row in [heads, *rows]) for column in range(len(heads))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if column == 0 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in [heads, *rows]
+    )
+
+
+def trial_record(trial: Trial) -> dict[str, str | int | float | bool]:
+    """Return a trial as plain values, without its curve."""
+    record = asdict(trial)
+    del record["curve"]
+    return {**record, "method": trial.method.value}
+
+
+def save_trials(trials: Sequence[Trial], path: str | PathLike[str]) -> None:
+    """Write the trials as CSV, one row each, without the curves."""
+    text = io.StringIO()
+    records = [trial_record(trial) for trial in trials]
+    writer = csv.DictWriter(text, fieldnames=list(records[0]) if records else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    write_text(path, text.getvalue())

@@ -1,0 +1,97 @@
+"""Pieces of a trip, and what encloses each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.trips.path import PathPoints
+
+_QUARTERS = np.array([-3.0, -1.0, 1.0, 3.0])
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Intervals of time, none across a knot: middles and half widths in normalised time."""
+
+    middle: Array
+    half: Array
+
+    def halves(self, keep: NDArray[np.bool_]) -> _Pieces:
+        middle, half = self.middle[keep], 0.5 * self.half[keep]
+        return _Pieces(np.concatenate([middle - half, middle + half]), np.concatenate([half, half]))
+
+    def quarters(self, keep: NDArray[np.bool_]) -> _Pieces:
+        middle, half = self.middle[keep], 0.25 * self.half[keep]
+        return _Pieces((middle + _QUARTERS[:, None] * half).ravel(), np.tile(half, len(_QUARTERS)))
+
+
+@dataclass(frozen=True)
+class _Enclosure:
+    """What holds on whole intervals.
+
+    Attributes
+    ----------
+    time, half : (n,) arrays
+        Middles on the planning clock and half widths, s.
+    speed : (n,) array
+        At the middles, m/s.
+    path : PathPoints
+        At the middles.
+    curvature, lateral : (n,) arrays
+        At the middles, signed.
+    curvature_bound, lateral_bound, acceleration_bound : (n,) arrays
+        Upper bounds of the absolute values on the whole intervals.
+    curvature_rate : (n,) array
+        Upper bounds of the absolute rate of the curvature over time, 1/(m s).
+    """
+
+    time: Array
+    half: Array
+    speed: Array
+    path: PathPoints
+    curvature: Array
+    lateral: Array
+    curvature_bound: Array
+    lateral_bound: Array
+    acceleration_bound: Array
+    curvature_rate: Array
+
+    def disc(self, offset: float) -> MovingPoint:
+        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m.
+
+        It is at q = r + o T, with q' = v T + o w N and w = v kappa the rate of the heading, so that
+        |q''| <= |r''| + |o| |(w', w^2)|, w' = v dkappa/dt + a kappa.
+        """
+        unit = self.path.direction / self.path.speed[:, None]
+        own = np.sqrt(self.acceleration_bound**2 + self.lateral_bound**2)
+        velocity = self.speed[:, None] * unit
+        if offset == 0.0:
+            return MovingPoint(self.time, self.half, self.path.position, velocity, own)
+        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        fastest = self.speed + self.acceleration_bound * self.half
+        turning = fastest * self.curvature_bound
+        change = fastest * self.curvature_rate + self.acceleration_bound * self.curvature_bound
+        return MovingPoint(
+            self.time,
+            self.half,
+            self.path.position + offset * unit,
+            velocity + (offset * self.speed * self.curvature)[:, None] * across,
+            own + abs(offset) * np.hypot(change, turning**2),
+        )
+
+
+@lru_cache(maxsize=64)
+def _greville(breakpoints: tuple[float, ...], degree: int) -> Array:
+    """Sites in normalised time that the control points of a clamped spline belong to."""
+    breaks = np.array(breakpoints)
+    if degree == 0:
+        return 0.5 * (breaks[1:] + breaks[:-1])
+    knots = np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
+    count = len(knots) - degree - 1
+    return np.array([knots[k + 1 : k + degree + 1].mean() for k in range(count)])

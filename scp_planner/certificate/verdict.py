@@ -1,0 +1,146 @@
+"""What a certificate says: its measures and violations, and the tolerances that it grants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Flag, auto
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Least signed distance between the vehicle's disc and the zones.
+
+    Attributes
+    ----------
+    minimum : float
+        m; a certified lower bound if the plan is certified; inf without obstacles.
+    obstacle : str or None
+        Id of the obstacle.
+    time : float or None
+        Absolute time, s.
+    """
+
+    minimum: float
+    obstacle: str | None = None
+    time: float | None = None
+
+
+@dataclass(frozen=True)
+class LimitUse:
+    """The worst value of a limited quantity over a trip.
+
+    Attributes
+    ----------
+    worst : float
+        In the quantity's SI unit.
+    limit : float or None
+        In the same unit; None: unbounded.
+    time : float
+        Absolute time of the worst value, s.
+    """
+
+    worst: float
+    limit: float | None
+    time: float
+
+
+RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
+END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
+GOAL_SPEED_TOLERANCE = 1e-3  # m/s
+CLEARANCE_TOLERANCE = 1e-9  # m
+ARRIVAL_TOLERANCE = 1e-3  # s, around the earliest and latest arrival
+LATEST = "latest arrival"
+UNITS = {
+    "clearance": "m",
+    "workspace bounds": "m",
+    "distance beyond the path": "m",
+    "distance from the start": "m",
+    "distance from the goal": "m",
+    "start time": "s",
+    "earliest arrival": "s",
+    LATEST: "s",
+    "start heading": "rad",
+    "goal heading": "rad",
+    "speed": "m/s",
+    "speed_limits": "m/s",
+    "start speed": "m/s",
+    "goal speed error": "m/s",
+    "acceleration": "m/s2",
+    "start acceleration error": "m/s2",
+    "lateral_acceleration": "m/s2",
+    "jerk": "m/s3",
+    "curvature": "1/m",
+    "curvature_rate": "1/(m s)",
+}
+"""Of what can be violated; what users' own constraints exceed has none."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Something that a plan does not keep.
+
+    Attributes
+    ----------
+    what : str
+        ``clearance``, a limit's name, or an end condition.
+    value : float
+        The value found, SI.
+    allowed : float
+        What is allowed, SI.
+    time : float
+        Absolute time, s.
+    obstacle : str or None
+        Id, for clearance.
+    """
+
+    what: str
+    value: float
+    allowed: float
+    time: float
+    obstacle: str | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of value and allowed, after a space; empty without one."""
+        unit = UNITS.get(self.what.partition("[")[0])
+        return "" if unit is None else f" {unit}"
+
+    def __str__(self) -> str:
+        whom = f" to {self.obstacle}" if self.obstacle is not None else ""
+        found, allowed = f"{self.value:.6g}{self.unit}", f"{self.allowed:.6g}{self.unit}"
+        if self.obstacle is not None and self.value > -CLEARANCE_TOLERANCE:
+            found, allowed = "too near 0 m to tell from contact", "0 m"
+        return f"{self.what}{whom} {found} at t = {self.time:.3f} s, allowed {allowed}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The outcome of a check in continuous time.
+
+    Attributes
+    ----------
+    holds : bool
+        Whether every limit and clearance is kept at all times.
+    clearance : Clearance
+        Least signed distance of the vehicle's disc to the zones; a lower bound if it holds.
+    limits : dict of str to LimitUse
+    violations : tuple of Violation
+    """
+
+    holds: bool
+    clearance: Clearance
+    limits: dict[str, LimitUse]
+    violations: tuple[Violation, ...] = field(default=())
+
+    @property
+    def late(self) -> bool:
+        """Whether the trip arrives later than it may, and nothing else is wrong with it."""
+        return bool(self.violations) and all(violation.what == LATEST for violation in self.violations)
+
+
+class Ends(Flag):
+    """Ends of a trip that must be those of the scenario."""
+
+    START = auto()
+    GOAL = auto()
+    BOTH = START | GOAL

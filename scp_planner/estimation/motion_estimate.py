@@ -1,0 +1,287 @@
+"""What is known of an obstacle's motion: where its centre is expected at any time, and how uncertain that is.
+
+`MotionEstimate` is the interface that zones are made from, whichever model the motion follows.
+`PolynomialEstimate` is a standing obstacle, one of constant velocity or one of constant acceleration; models
+with process noise are in `scp_planner.estimation.motion_filter`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array
+from scp_planner.errors import EstimationError
+from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors
+
+POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
+_LENGTH_TOLERANCE = 1e-7  # relative, of a standardised length
+_PANEL_NODES = 12
+_MOST_PANELS = 1024
+_ROUND = 1e-9  # relative difference of two eigenvalues below which they count as equal
+
+
+@dataclass(frozen=True)
+class MotionPolynomials:
+    """The estimated centre and its covariance over a span of time, as piecewise polynomials.
+
+    Piece i holds for ``breakpoints[i] <= t <= breakpoints[i + 1]`` in powers of ``t - breakpoints[i]``.
+
+    Attributes
+    ----------
+    breakpoints : (S + 1,) s
+        Increasing.
+    center : (S, 5, 2) m/s^k
+        Coefficient of power k of the estimated centre.
+    covariance : (S, 5, 3) m^2/s^k
+        Coefficient of power k of the entries xx, xy, yy of the covariance of the estimated centre, not scaled
+        by any confidence level.
+    center_error : float, m
+        Bound on the distance from `MotionEstimate.position`; 0 where the polynomials are exact.
+    covariance_error : float
+        Bound on the relative excess over `MotionEstimate.covariance`, which this covariance is never below; 0
+        where exact.
+    """
+
+    breakpoints: Array
+    center: Array
+    covariance: Array
+    center_error: float = 0.0
+    covariance_error: float = 0.0
+
+
+class MotionEstimate(ABC):
+    """A predicted centre and the covariance of its error at any time.
+
+    Attributes
+    ----------
+    reference_time : float, s
+        Time of the last observation; ``velocity`` and ``acceleration`` are at this time.
+    order : int
+        What the prediction keeps up: 0 the position, 1 the velocity, 2 the acceleration.
+    observations : int
+        How many the estimate is made from.
+    noise_covariance : (2, 2) m^2
+        Of one observation, as given or as estimated; the mean of those used where each has its own.
+    errors : ErrorLaw
+        The distribution of the standardised error.
+    regressors : int or None
+        p, if the error is that of a regression on p functions of time with one covariance for all
+        observations.
+    """
+
+    reference_time: float
+    order: int
+    observations: int
+    noise_covariance: Array
+    errors: ErrorLaw
+    regressors: int | None
+
+    @property
+    def degrees_of_freedom(self) -> float | None:
+        """Of the estimated noise covariance, a number; None if it is known."""
+        return self.errors.degrees_of_freedom if isinstance(self.errors, HotellingErrors) else None
+
+    @property
+    @abstractmethod
+    def velocity(self) -> Array:
+        """Estimated velocity at the reference time: (2,) m/s."""
+
+    @property
+    @abstractmethod
+    def acceleration(self) -> Array:
+        """Estimated acceleration at the reference time: (2,) m/s^2."""
+
+    @abstractmethod
+    def position(self, t: ArrayLike) -> Array:
+        """Estimated centre at times t (...), s: (..., 2) m."""
+
+    @abstractmethod
+    def covariance(self, t: ArrayLike) -> Array:
+        """Covariance of the error of the estimated centre at times t (...), s: (..., 2, 2) m^2."""
+
+    @abstractmethod
+    def polynomials(self, start: float, stop: float) -> MotionPolynomials:
+        """Centre and covariance over [start, stop], s, as piecewise polynomials in time."""
+
+    @abstractmethod
+    def standardised_length(self, start: float, stop: float) -> float:
+        """How much the standardised error moves over [start, stop]: what a region's scale depends on.
+
+        With w(t) = C(t)^-1/2 e(t), and Lambda(t) the covariance of dw/dt given w(t), it is the integral over
+        time of E[(u' Lambda u)^1/2], u uniform on the unit circle. If C(t) = h(t) Sigma, it is the length of
+        the curve x_t / |x_t| on the sphere, lengths measured by (X'X)^-1.
+        """
+
+
+@dataclass(frozen=True)
+class PolynomialEstimate(MotionEstimate):
+    """An estimated polynomial motion, in powers of s = (t - ``center_time``) / ``time_scale``.
+
+    Attributes
+    ----------
+    center_time, time_scale : float, s
+    coefficients : (p, 2) m
+        Of the powers of s; p = order + 1.
+    coefficient_covariance : (p, 2, p, 2) m^2
+        Covariance of their errors.
+    rejected : tuple of int
+        Observations, by their place in the input, that were left out: missing, repeated or gated.
+    """
+
+    reference_time: float
+    order: int
+    observations: int
+    noise_covariance: Array
+    errors: ErrorLaw
+    regressors: int | None
+    center_time: float
+    time_scale: float
+    coefficients: Array
+    coefficient_covariance: Array
+    rejected: tuple[int, ...] = ()
+
+    @property
+    def velocity(self) -> Array:
+        """Estimated velocity at the reference time: (2,) m/s."""
+        return self._rows(self.reference_time, 1) @ self.coefficients
+
+    @property
+    def acceleration(self) -> Array:
+        """Estimated acceleration at the reference time: (2,) m/s^2."""
+        return self._rows(self.reference_time, 2) @ self.coefficients
+
+    def position(self, t: ArrayLike) -> Array:
+        """Estimated centre at times t (...), s: (..., 2) m."""
+        return self._rows(t) @ self.coefficients
+
+    def covariance(self, t: ArrayLike) -> Array:
+        """Covariance of the error of the estimated centre at times t (...), s: (..., 2, 2) m^2."""
+        rows = self._rows(t)
+        return np.einsum("...j,jakb,...k->...ab", rows, self.coefficient_covariance, rows)
+
+    def polynomials(self, start: float, stop: float) -> MotionPolynomials:
+        """Centre and covariance over [start, stop], s: one piece, exact."""
+        check_span(start, stop)
+        p = self.order + 1
+        to_local = shift_powers(p, (start - self.center_time) / self.time_scale, self.time_scale)
+        center = np.zeros((1, POLYNOMIAL_TERMS, 2))
+        center[0, :p] = to_local @ self.coefficients
+        local = np.einsum("ki,iajb,lj->kalb", to_local, self.coefficient_covariance, to_local)
+        covariance = np.zeros((1, POLYNOMIAL_TERMS, 3))
+        for k in range(p):
+            for m in range(p):
+                block = local[k, :, m, :]
+                covariance[0, k + m] += (block[0, 0], 0.5 * (block[0, 1] + block[1, 0]), block[1, 1])
+        return MotionPolynomials(np.array([start, stop], dtype=float), center, covariance)
+
+    def standardised_length(self, start: float = -math.inf, stop: float = math.inf) -> float:
+        """How much the standardised error moves over [start, stop], which may be infinite."""
+        if not start <= stop:
+            raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
+        if self.order == 0 or start == stop:
+            return 0.0
+        # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
+        # standardising removes. So infinite times are as good as any other.
+        first, last = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
+        return integrate(self._angular_speed, first, last)
+
+    def _rows(self, t: ArrayLike, derivative: int = 0) -> Array:
+        """Give the derivative in time of the powers of s: t (...), s, to (..., p)."""
+        s = (np.asarray(t, dtype=float) - self.center_time) / self.time_scale
+        rows = np.zeros((*s.shape, self.order + 1))
+        for k in range(derivative, self.order + 1):
+            rows[..., k] = math.perm(k, derivative) / self.time_scale**derivative * s ** (k - derivative)
+        return rows
+
+    def _angular_speed(self, angles: Array) -> Array:
+        sine, cosine = np.sin(angles), np.cos(angles)
+        rows: list[Array] = []
+        slopes: list[Array] = []
+        for k in range(self.order + 1):
+            m = self.order - k
+            rows.append(sine**k * cosine**m)
+            slope = np.zeros_like(sine)
+            if k:
+                slope += k * sine ** (k - 1) * cosine ** (m + 1)
+            if m:
+                slope -= m * sine ** (k + 1) * cosine ** (m - 1)
+            slopes.append(slope)
+        both = np.stack([np.stack(rows), np.stack(slopes)])  # (2, p, nodes)
+        if self.regressors is not None:
+            # the covariance is a spread (p, p) times a matrix that standardising removes
+            spread = self.coefficient_covariance[:, 0, :, 0]
+            (error, cross), (_, rate) = np.einsum("ajn,jk,bkn->abn", both, spread, both)
+            return np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error
+        blocks = np.einsum("ajn,jckd,bkn->abncd", both, self.coefficient_covariance, both)
+        return standardised_speed(blocks[0, 0], blocks[0, 1], blocks[1, 1])
+
+
+def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
+    """Give E[(u' Lambda u)^1/2], with Lambda the covariance of the standardised error's rate given the error.
+
+    u is uniform on the unit circle; see `MotionEstimate.standardised_length`.
+
+    Parameters
+    ----------
+    error, cross, rate : (n, 2, 2)
+        Covariance of the error e, of e with its derivative, and of its derivative.
+
+    Returns
+    -------
+    (n,), per unit of what the derivative is with respect to
+    """
+    given = rate - np.swapaxes(cross, -1, -2) @ np.linalg.solve(error, cross)
+    # The eigenvalues of Lambda are those of error^-1 given, whichever square root standardises.
+    relative = np.linalg.solve(error, given)
+    half_trace = np.maximum(0.5 * np.trace(relative, axis1=-2, axis2=-1), 0.0)
+    determinant = np.linalg.det(relative)
+    spread = np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
+    large, small = half_trace + spread, np.maximum(half_trace - spread, 0.0)
+    if np.all(large - small <= _ROUND * large):
+        return np.sqrt(half_trace)
+    from scipy.special import ellipe
+
+    flatness = np.divide(large - small, large, out=np.zeros_like(large), where=large > 0.0)
+    return 2.0 / math.pi * np.sqrt(large) * np.asarray(ellipe(flatness))
+
+
+def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> float:
+    """Integrate a smooth function >= 0 by Gauss-Legendre panels, doubled until two answers agree."""
+    previous, panels = math.inf, 2
+    nodes, weights = _gauss_legendre()
+    while True:
+        edges = np.linspace(start, stop, panels + 1)
+        half = 0.5 * (stop - start) / panels
+        values = speed((edges[:-1, None] + half * (1.0 + nodes)).ravel())
+        total = half * float(values.reshape(panels, -1).sum(axis=0) @ weights)
+        if abs(total - previous) <= _LENGTH_TOLERANCE * total or panels >= _MOST_PANELS:
+            return total
+        previous, panels = total, 2 * panels
+
+
+@lru_cache(maxsize=1)
+def _gauss_legendre() -> tuple[Array, Array]:
+    nodes, weights = np.polynomial.legendre.leggauss(_PANEL_NODES)
+    return nodes, weights
+
+
+def shift_powers(count: int, shift: float, scale: float) -> Array:
+    """Give the square matrix from coefficients of powers of s to those of u, where s = shift + u / scale."""
+    matrix = np.zeros((count, count))
+    for j in range(count):
+        for k in range(j + 1):
+            matrix[k, j] = math.comb(j, k) * shift ** (j - k) / scale**k
+    return matrix
+
+
+def check_span(start: float, stop: float) -> None:
+    """Refuse a span of time that polynomials cannot be given over."""
+    if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
+        raise EstimationError(f"span of time: [{start!r}, {stop!r}] is not finite and increasing")

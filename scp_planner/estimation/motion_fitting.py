@@ -1,0 +1,399 @@
+"""Fit a motion with process noise to recorded tracks.
+
+First the parameters by maximum likelihood: the filter's innovations are independent and normal with
+covariances that the parameters give, so their densities multiply to the likelihood.
+
+Then the tails: real obstacles are mostly calm, and sometimes turn or stop. From every stretch of ``window``
+positions of every track the filter predicts, and the squared standardised errors at each lead time are fitted
+by a Student distribution. Only the outer tenth of them counts, by a likelihood that is censored below: what a
+region needs is the tail, and the calm majority says nothing about it.
+
+A fit to few tracks is uncertain, and a region that ignores this covers too little of the next tracks. So the tails are
+moved outwards by as much as their own error asks for: that is found by a jackknife over groups of tracks, as errors
+within a track are not independent. The model keeps one number of degrees of freedom for all lead times, so that its
+error is one Student process in time, and an inflation of the covariance for each lead time, right at the 95 % level.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.errors import EstimationError
+from scp_planner.estimation.dynamics import dynamics_of
+from scp_planner.estimation.motion_filter import FilterState, first_state, predict_state, update_state
+from scp_planner.estimation.track_files import Track
+from scp_planner.estimation.tracks import Tracks
+from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
+
+LEAD_TIMES = (0.4, 1.2, 2.4, 4.8)
+"""s; as the forecasts of pedestrians are usually judged."""
+
+TAIL_SHARE = 0.1
+"""The share of prediction errors, the largest, that the tails are fitted to."""
+
+_logger = logging.getLogger(__name__)
+
+_LONGEST_PIECE = 40  # positions; longer tracks are cut, so that the filter runs over many at once
+_GROUPS = 20  # of tracks, for the jackknife
+_FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
+_BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
+_TIME_CONSTANTS = (1e-2, 1e3)  # s
+_LEAD_TOLERANCE = 0.501  # of the usual time between positions: how near to a lead time one must be
+_LEVELS = np.array([0.05, 0.02, 0.01, 0.005])  # tail probabilities that one Student distribution is matched to
+_MATCHED = 0  # which of them exactly, for each lead time
+_MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
+_DEGREES = (1.0, 200.0)  # of freedom: bounds
+
+_STARTS: dict[str, dict[str, float]] = {
+    "random_walk": {"diffusion": 0.1},
+    "mean_reverting": {"diffusion": 0.1, "time_constant": 5.0},
+    # the deviation follows: what a short manoeuvre does to the velocity is told apart from how long it lasts
+    "singer": {"diffusion": 0.1, "time_constant": 1.0},
+}
+
+
+def fit_motion_model(
+    tracks: Tracks,
+    kind: str = "random_walk",
+    *,
+    window: int = 8,
+    lead_times: Sequence[float] = LEAD_TIMES,
+    tails: bool = True,
+) -> ProcessModel:
+    """Fit a motion with process noise to tracks.
+
+    Parameters
+    ----------
+    tracks : Tracks
+    kind : "random_walk", "mean_reverting" or "singer"
+        See `scp_planner.scenario.process_model`.
+    window : int
+        How many positions a prediction is made from, as will be in use.
+    lead_times : sequence of float, s
+        Increasing; times after the last observation for which the tails are fitted.
+    tails : bool
+        Whether they are; else errors are taken for normal.
+
+    Returns
+    -------
+    ProcessModel
+
+    Raises
+    ------
+    EstimationError
+        If the tracks are too few or too short.
+    """
+    if kind not in _STARTS:
+        raise EstimationError(f"kind: {kind!r} is not one of {', '.join(_STARTS)}")
+    if window < 1:
+        raise EstimationError(f"window: {window!r} is not a positive number")
+    model = _most_likely(tracks, kind)
+    if tails:
+        errors = prediction_errors(tracks, model, window=window, lead_times=lead_times)
+        model = model.model_copy(update={"tails": fit_tails(errors)})
+    about = FittedTo(source=tracks.source, tracks=len(tracks), observations=tracks.observations, window=window)
+    return model.model_copy(update={"fitted_to": about})
+
+
+def log_likelihood(tracks: Tracks, model: ProcessModel) -> float:
+    """Give the log likelihood of the tracks, each given its first position; long ones are cut in pieces."""
+    return _log_likelihood(_pieces(tracks), model)
+
+
+@dataclass(frozen=True)
+class PredictionErrors:
+    """Errors of predictions for one lead time.
+
+    Attributes
+    ----------
+    lead_time : float, s
+    squares : (m,)
+        Squared errors, standardised by the covariance that the model gives without its tails.
+    distances : (m,) m
+        Their lengths.
+    deviations : (m,) m
+        Square root of the covariance's mean diagonal entry: the radius of a region is about this times
+        sqrt(q).
+    tracks, stretches : (m,) int
+        Which track and which stretch each is from.
+    """
+
+    lead_time: float
+    squares: Array
+    distances: Array
+    deviations: Array
+    tracks: NDArray[np.intp]
+    stretches: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Positions that predictions are made from.
+
+    Attributes
+    ----------
+    times, positions : (N, window) s and (N, window, 2) m
+    tracks : (N,)
+        Place of the track that each is from.
+    """
+
+    times: Array
+    positions: Array
+    tracks: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Positions that are predicted for one lead time.
+
+    Attributes
+    ----------
+    stretches : (M,)
+        From which stretch each is predicted.
+    times, positions : (M,) s and (M, 2) m
+    """
+
+    stretches: NDArray[np.intp]
+    times: Array
+    positions: Array
+
+
+def stretches_of(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tuple[Stretches, list[Targets]]:
+    """Cut every track into all its stretches of ``window`` positions, each with what came at the lead times."""
+    steps = np.concatenate([np.diff(track.times) for track in tracks])
+    if not len(steps):
+        raise EstimationError("tracks: none has more than one position")
+    tolerance = _LEAD_TOLERANCE * float(np.median(steps))
+    long = [(i, track) for i, track in enumerate(tracks) if len(track) > window]
+    times = [np.lib.stride_tricks.sliding_window_view(track.times[:-1], window) for _, track in long]
+    positions = [np.lib.stride_tricks.sliding_window_view(t.positions[:-1], window, axis=0) for _, t in long]
+    owners = [np.full(len(track) - window, i, dtype=np.intp) for i, track in long]
+    stretches = Stretches(
+        np.concatenate([np.zeros((0, window)), *times]),
+        np.concatenate([np.zeros((0, window, 2)), *(np.swapaxes(each, 1, 2) for each in positions)]),
+        np.concatenate([np.zeros(0, dtype=np.intp), *owners]),
+    )
+    firsts = np.cumsum([0, *(len(each) for each in owners)])
+    return stretches, [_targets([t for _, t in long], firsts, window, lead, tolerance) for lead in lead_times]
+
+
+def _targets(
+    tracks: Sequence[Track], firsts: NDArray[np.intp], window: int, lead_time: float, tolerance: float
+) -> Targets:
+    """Find the position of each track that is nearest to each stretch's end plus the lead time, if it is near."""
+    places, times, positions = [np.zeros(0, dtype=np.intp)], [np.zeros(0)], [np.zeros((0, 2))]
+    for track, first in zip(tracks, firsts, strict=False):
+        ends = np.arange(window - 1, len(track) - 1)
+        wanted = track.times[ends] + lead_time
+        after = np.clip(np.searchsorted(track.times, wanted), 1, len(track) - 1)
+        nearer = wanted - track.times[after - 1] < track.times[after] - wanted
+        found = after - nearer
+        good = (found > ends) & (np.abs(track.times[found] - wanted) <= tolerance)
+        places.append(first + np.flatnonzero(good))
+        times.append(track.times[found[good]])
+        positions.append(track.positions[found[good]])
+    return Targets(np.concatenate(places), np.concatenate(times), np.concatenate(positions))
+
+
+def prediction_errors(
+    tracks: Tracks, model: ProcessModel, *, window: int = 8, lead_times: Sequence[float] = LEAD_TIMES
+) -> list[PredictionErrors]:
+    """Predict from every stretch of ``window`` positions of every track, and compare with what came.
+
+    A lead time counts where the track has a position within half of the usual time step of it; the
+    prediction is for the time of that position.
+    """
+    stretches, targets = stretches_of(tracks, window, lead_times)
+    if not len(stretches.times):
+        raise EstimationError(f"tracks: none has more than {window} positions")
+    state = _run_filter(model, stretches.times, stretches.positions)
+    dynamics = dynamics_of(model)
+    errors = []
+    for lead_time, target in zip(lead_times, targets, strict=True):
+        rows = target.stretches
+        later = FilterState(state.times[rows], state.mean[rows], state.covariance[rows])
+        predict_state(dynamics, later, target.times)
+        offsets, covariance = target.positions - later.mean[:, 0], later.covariance[:, :2, :2]
+        squares = np.einsum("na,na->n", offsets, np.linalg.solve(covariance, offsets[..., None])[..., 0])
+        deviations = np.sqrt(0.5 * np.trace(covariance, axis1=1, axis2=2))
+        errors.append(
+            PredictionErrors(
+                float(lead_time),
+                squares,
+                np.linalg.norm(offsets, axis=1),
+                deviations,
+                stretches.tracks[rows],
+                rows,
+            )
+        )
+    return errors
+
+
+def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
+    """Fit Student tails to prediction errors; lead times that too few tracks reach are left out."""
+    usable = [e for e in errors if len(np.unique(e.tracks)) >= _FEWEST_TRACKS]
+    for e in errors:
+        if e not in usable:
+            _logger.warning("lead time %g s: fewer than %d tracks reach it; left out", e.lead_time, _FEWEST_TRACKS)
+    if not usable:
+        raise EstimationError(
+            f"tracks: fewer than {_FEWEST_TRACKS} reach any of the lead times, too few to fit the tails to"
+        )
+    quantiles = np.array([_tail_quantiles(e) for e in usable])
+    degrees = _common_degrees(quantiles)
+    inflations = quantiles[:, _MATCHED] / _student_quantiles(degrees)[_MATCHED]
+    return Tails(
+        degrees_of_freedom=degrees,
+        lead_time=tuple(e.lead_time for e in usable),
+        inflation=tuple(inflations.tolist()),
+    )
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Pieces of tracks, the longest first, filled up with their last position: (N, n) s, (N, n, 2) m, (N,)."""
+
+    times: Array
+    positions: Array
+    lengths: NDArray[np.intp]
+
+
+def _pieces(tracks: Tracks) -> _Pieces:
+    pieces: list[Track] = []
+    for track in tracks:
+        parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / _LONGEST_PIECE))
+        pieces += [Track(track.id, track.times[part], track.positions[part]) for part in parts if len(part) > 1]
+    if not pieces:
+        raise EstimationError("tracks: none has more than one position")
+    pieces.sort(key=len, reverse=True)
+    rows = np.minimum(np.arange(len(pieces[0])), np.array([len(p) - 1 for p in pieces])[:, None])
+    return _Pieces(
+        np.array([p.times[row] for p, row in zip(pieces, rows, strict=True)]),
+        np.array([p.positions[row] for p, row in zip(pieces, rows, strict=True)]),
+        np.array([len(p) for p in pieces], dtype=np.intp),
+    )
+
+
+def _log_likelihood(pieces: _Pieces, model: ProcessModel) -> float:
+    dynamics = dynamics_of(model)
+    state = _first(model, pieces.times, pieces.positions)
+    noise = _noise(model, len(pieces.times))
+    total = 0.0
+    for i in range(1, pieces.times.shape[1]):
+        left = int(np.searchsorted(-pieces.lengths, -i, "left"))  # those longer than i come first
+        state = FilterState(state.times[:left], state.mean[:left], state.covariance[:left])
+        total += float(
+            update_state(dynamics, state, pieces.times[:left, i], pieces.positions[:left, i], noise[:left]).sum()
+        )
+    return total
+
+
+def _run_filter(model: ProcessModel, times: Array, positions: Array) -> FilterState:
+    """Run the filter over sequences of one length; give the last states."""
+    dynamics, state, noise = dynamics_of(model), _first(model, times, positions), _noise(model, len(times))
+    for i in range(1, times.shape[1]):
+        update_state(dynamics, state, times[:, i], positions[:, i], noise)
+    return state
+
+
+def _first(model: ProcessModel, times: Array, positions: Array) -> FilterState:
+    dynamics, noise = dynamics_of(model), _noise(model, len(times))
+    return first_state(dynamics, model.velocity_deviation**2, times[:, 0], positions[:, 0], noise)
+
+
+def _noise(model: ProcessModel, count: int) -> Array:
+    return np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
+
+
+def _most_likely(tracks: Tracks, kind: str) -> ProcessModel:
+    """Maximise the likelihood over the logarithms of the parameters."""
+    from scipy.optimize import minimize
+
+    pieces = _pieces(tracks)
+    count = int(np.sum(pieces.lengths - 1))
+    names = [*_STARTS[kind], "velocity_deviation", "noise_deviation"]
+    start = np.log([*_STARTS[kind].values(), 1.0, 0.05])
+
+    def model_at(logs: Array) -> ProcessModel:
+        values = dict(zip(names, np.exp(logs).tolist(), strict=True))
+        velocity, noise = values.pop("velocity_deviation"), values.pop("noise_deviation")
+        if kind == "singer":
+            values["deviation"] = math.sqrt(0.5 * values.pop("diffusion") / values["time_constant"])
+        return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=noise)
+
+    result = minimize(
+        lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,
+        start,
+        method="L-BFGS-B",
+        bounds=[tuple(np.log(_TIME_CONSTANTS if "time" in name else _BOUNDS)) for name in names],
+    )
+    _logger.info("log likelihood %.6g per position after %d iterations: %s", -result.fun, result.nit, result.message)
+    return model_at(result.x)
+
+
+def _tail_quantiles(errors: PredictionErrors) -> Array:
+    """Give the squares that the next tracks' errors exceed with each of `_LEVELS`, the fit's own error counted in.
+
+    The logarithm of a fitted quantile has a standard deviation tau, by a jackknife over groups of tracks. Where the
+    fitted chance P(q) falls as q^-e, a quantile that is off by a normal factor exp(tau z) is exceeded
+    exp(e^2 tau^2 / 2) times as often on average; so the quantile for a chance that much smaller is taken.
+    """
+    best = _censored_fit(errors.squares, np.log([1.0, 6.0]))
+    places = np.unique(errors.tracks, return_inverse=True)[1]
+    groups = places * _GROUPS // (places.max() + 1)  # of neighbours: people who walk together are in one
+    numbers = np.unique(groups)
+    left_out = np.array([_censored_fit(errors.squares[groups != g], best) for g in numbers])
+    logs = np.array([each[0] + np.log(_student_quantiles(math.exp(each[1]))) for each in left_out])
+    spread = np.minimum((len(numbers) - 1.0) * np.var(logs, axis=0), _MOST_SPREAD**2)
+    inflation, degrees = np.exp(best)
+    steepness = 0.5 * degrees * (1.0 - _LEVELS ** (2.0 / degrees))
+    quantiles = inflation * _student_quantiles(degrees, _LEVELS * np.exp(-0.5 * steepness**2 * spread))
+    # a Student distribution is not quite the right shape: take it where it matters most from the errors themselves
+    fitted = inflation * _student_quantiles(degrees)[_MATCHED]
+    anchor = float(np.quantile(errors.squares, 1.0 - _LEVELS[_MATCHED])) / fitted
+    return anchor * quantiles
+
+
+def _censored_fit(squares: Array, start: Array) -> Array:
+    """Fit a Student distribution to the outer `TAIL_SHARE` of the squared errors: log inflation, log degrees.
+
+    Of the others only their number counts. The squared length of a Student vector in the plane exceeds s with
+    probability (1 + s / (nu a))^(-nu / 2), a the inflation.
+    """
+    from scipy.optimize import minimize
+
+    threshold = float(np.quantile(squares, 1.0 - TAIL_SHARE))
+    outer = squares[squares > threshold]
+    share = len(outer) / len(squares)
+
+    def cost(logs: Array) -> float:
+        a, nu = np.exp(logs)
+        inside = -math.expm1(-0.5 * nu * math.log1p(threshold / (nu * a)))
+        density = -math.log(2.0 * a) - (0.5 * nu + 1.0) * float(np.mean(np.log1p(outer / (nu * a))))
+        return -(1.0 - share) * math.log(inside) - share * density
+
+    bounds = [tuple(np.log(_BOUNDS)), tuple(np.log(_DEGREES))]
+    return np.asarray(minimize(cost, start, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _student_quantiles(degrees: float, chances: Array = _LEVELS) -> Array:
+    """Give the squares that a Student vector's exceeds with each chance."""
+    return degrees * np.expm1(-2.0 * np.log(chances) / degrees)
+
+
+def _common_degrees(quantiles: Array) -> float:
+    """Find the degrees of freedom whose quantiles fit those of all lead times, each matched at one level."""
+    from scipy.optimize import minimize_scalar
+
+    def miss(log_degrees: float) -> float:
+        shape = _student_quantiles(math.exp(log_degrees))
+        return float(np.sum(np.log(quantiles / quantiles[:, [_MATCHED]] * shape[_MATCHED] / shape) ** 2))
+
+    return math.exp(float(minimize_scalar(miss, bounds=tuple(np.log(_DEGREES)), method="bounded").x))

@@ -1,0 +1,232 @@
+"""Observations of one obstacle, checked before anything is believed of them.
+
+What is wrong is refused by default, with an error that names it. What a sensor is known to do can be allowed
+for instead, by choice: rows that are missing or came twice are left out, and outliers are left out or given
+less weight (`scp_planner.estimation.estimate`). Rows may come in any order; they are sorted by time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.errors import EstimationError
+
+_SYMMETRY = 1e-9  # relative difference of the off-diagonal entries of a covariance
+_DEFINITE = 1e-12  # least determinant of a covariance relative to the product of its diagonal
+
+
+class Faulty(StrEnum):
+    """What to do with a row that is not a number, or that is there twice."""
+
+    REFUSE = "refuse"
+    DROP = "drop"
+
+
+class Outliers(StrEnum):
+    """What to do about positions that do not fit the motion."""
+
+    KEEP = "keep"
+    """Believe all of them."""
+    GATE = "gate"
+    """Leave out what the others say is improbable."""
+    HUBER = "huber"
+    """Give less weight to what lies far from the fit."""
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What may be wrong with the observations, and what to do about it.
+
+    Attributes
+    ----------
+    missing : Faulty
+        Rows with a NaN or an infinity, as a sensor writes for a dropout.
+    repeated : Faulty
+        Rows equal to an earlier one in time and position. Two different positions at one time are two
+        observations.
+    outliers : Outliers
+    gate_probability : float
+        Greatest probability that gating leaves out anything at all if nothing is wrong.
+    """
+
+    missing: Faulty = Faulty.REFUSE
+    repeated: Faulty = Faulty.REFUSE
+    outliers: Outliers = Outliers.KEEP
+    gate_probability: float = 0.01
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "missing", Faulty(self.missing))
+        object.__setattr__(self, "repeated", Faulty(self.repeated))
+        object.__setattr__(self, "outliers", Outliers(self.outliers))
+        if not 0.0 < self.gate_probability < 1.0:
+            raise EstimationError(f"gate_probability: {self.gate_probability!r} is not between 0 and 1")
+
+
+@dataclass(frozen=True)
+class CheckedObservations:
+    """Finite observations in order of time.
+
+    Attributes
+    ----------
+    times : (n,) s, not decreasing
+    positions : (n, 2) m
+    covariance : (2, 2) or (n, 2, 2) m^2, or None
+    rows : (n,)
+        Place of each in the input.
+    rejected : tuple of int
+        Places in the input of what was left out.
+    """
+
+    times: Array
+    positions: Array
+    covariance: Array | None
+    rows: Index
+    rejected: tuple[int, ...]
+
+
+def check_observations(
+    times: ArrayLike, positions: ArrayLike, covariance: ArrayLike | None, screening: Screening
+) -> CheckedObservations:
+    """Check and sort observations.
+
+    Parameters
+    ----------
+    times : (n,) s
+    positions : (n, 2) m
+    covariance : (2, 2) or (n, 2, 2) m^2, or None
+    screening : Screening
+
+    Returns
+    -------
+    CheckedObservations
+        In order of time.
+
+    Raises
+    ------
+    EstimationError
+        Naming the first thing that is wrong.
+    """
+    t, z = _numbers(times, "time"), _numbers(positions, "position")
+    if t.ndim != 1 or z.shape != (len(t), 2):
+        raise EstimationError(f"observations: time has shape {t.shape}, position {z.shape}; must be (n,) and (n, 2)")
+    sigma = None if covariance is None else check_covariance(covariance, len(t))
+    order = np.argsort(t, kind="stable")  # NaN last
+    kept = order[_present(t, z, screening)[order]]
+    kept = kept[_first_of_its_kind(t[kept], z[kept], kept, screening)]
+    rejected = () if len(kept) == len(t) else tuple(np.setdiff1d(np.arange(len(t)), kept).tolist())
+    if sigma is not None and sigma.ndim == 3:
+        sigma = sigma[kept]
+    return CheckedObservations(t[kept], z[kept], sigma, kept, rejected)
+
+
+def check_covariance(covariance: ArrayLike, count: int) -> Array:
+    """Check a noise covariance: (2, 2), or (count, 2, 2), m^2."""
+    sigma = _numbers(covariance, "covariance")
+    if sigma.shape not in ((2, 2), (count, 2, 2)):
+        raise EstimationError(f"observations.covariance: its shape is {sigma.shape}; must be (2, 2) or ({count}, 2, 2)")
+    xx, xy, yx, yy = (sigma[..., a, b] for a in range(2) for b in range(2))
+    size = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
+    with np.errstate(invalid="ignore"):
+        faults = (
+            ("finite", ~np.isfinite(sigma).all(axis=(-2, -1))),
+            ("symmetric", np.abs(xy - yx) > _SYMMETRY * size),
+            ("positive definite", ~((size > 0.0) & (xy**2 < (1.0 - _DEFINITE) * size**2))),
+        )
+    for what, bad in faults:
+        if np.any(bad):
+            i = int(np.argmax(bad))
+            place, matrix = ("", sigma) if sigma.ndim == 2 else (f"[{i}]", sigma[i])
+            raise EstimationError(f"observations.covariance{place}: {matrix.tolist()} is not {what}")
+    return 0.5 * (sigma + np.swapaxes(sigma, -1, -2))
+
+
+def usable(
+    times: Array,
+    positions: Array,
+    seen: ArrayLike | None,
+    missing: Faulty,
+    last_times: Array,
+    last_positions: Array,
+    *,
+    in_order: bool,
+) -> Mask:
+    """Tell which new observations of K obstacles, at most one of each, can be used.
+
+    Parameters
+    ----------
+    times, positions : (K,) s and (K, 2) m
+    seen : (K,) bool, or None for all
+    missing : Faulty
+        What to do with what is not finite.
+    last_times, last_positions : (K,) s and (K, 2) m
+        Of the latest observation so far; one that is equal to it is refused.
+    in_order : bool
+        Refuse observations before the latest one.
+
+    Returns
+    -------
+    (K,) array of bool
+
+    Raises
+    ------
+    EstimationError
+        If an observation that is not finite, comes twice or is late is to be refused.
+    """
+    finite = np.isfinite(times) & np.isfinite(positions).all(axis=1)
+    wanted = np.ones(len(times), dtype=bool) if seen is None else np.asarray(seen, dtype=bool)
+    used: Mask = wanted & finite
+    if missing is Faulty.REFUSE and not np.array_equal(used, wanted):
+        k = int(np.argmax(wanted & ~finite))
+        raise EstimationError(
+            f"obstacle {k}: time {float(times[k])!r} or position {positions[k].tolist()} is not finite"
+        )
+    again = used & (times == last_times)
+    if again.any():
+        again &= (positions == last_positions).all(axis=1)
+        if again.any():
+            k = int(np.argmax(again))
+            raise EstimationError(f"obstacle {k}: the observation at time {float(times[k])!r} comes twice")
+    if in_order:
+        late = used & (times < last_times)
+        if late.any():
+            k = int(np.argmax(late))
+            raise EstimationError(
+                f"obstacle {k}: time {float(times[k])!r} is before {float(last_times[k])!r}, the last one;"
+                " observations must come in order"
+            )
+    return used
+
+
+def _numbers(values: ArrayLike, name: str) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise EstimationError(f"observations.{name}: it is not an array of numbers ({error})") from None
+
+
+def _present(t: Array, z: Array, screening: Screening) -> Mask:
+    there = np.isfinite(t) & np.isfinite(z).all(axis=1)
+    if screening.missing is Faulty.REFUSE and not there.all():
+        i = int(np.argmin(there))
+        name, value = ("position", z[i].tolist()) if np.isfinite(t[i]) else ("time", float(t[i]))
+        raise EstimationError(f"observations.{name}[{i}]: {value} is not finite")
+    return there
+
+
+def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> Mask:
+    first = np.ones(len(t), dtype=bool)
+    for i in np.flatnonzero(t[1:] == t[:-1]) + 1:
+        group = np.flatnonzero((t[:i] == t[i]) & first[:i])
+        same = group[(z[group] == z[i]).all(axis=1)]
+        if len(same) and screening.repeated is Faulty.REFUSE:
+            raise EstimationError(
+                f"observations[{rows[i]}]: time {float(t[i])!r} with position {z[i].tolist()} is there twice,"
+                f" first as observations[{rows[same[0]]}]"
+            )
+        first[i] = not len(same)
+    return first

@@ -1,0 +1,452 @@
+"""Estimates that are updated with each observation, in time that does not grow with their number.
+
+`RecursiveEstimator` holds, for many obstacles at once, the square root of the information matrix: a
+triangular R and a right-hand side d with R c = d for the estimated coefficients c. A new observation is one
+more row, rotated into R by Givens rotations, plain array arithmetic over all obstacles. That is the QR
+factorisation of the batch estimate made one row at a time, and it agrees with it to rounding, where normal
+equations would lose half of the digits.
+
+`ObservationWindow` keeps the newest observations of one obstacle and estimates from them alone.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import insort
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scp_planner.arrays import Array, Mask
+from scp_planner.errors import EstimationError
+from scp_planner.estimation.error_laws import ErrorLaw, NormalErrors
+from scp_planner.estimation.estimate import HIGHEST_ORDER, estimate_motion
+from scp_planner.estimation.least_squares import Moments, MotionPrior, Noise, estimated_noise, prior_rows
+from scp_planner.estimation.motion_estimate import PolynomialEstimate, shift_powers
+from scp_planner.estimation.observations import Faulty, Screening, check_covariance, usable
+
+_MEMORIES = 2.0
+"""Times are counted from a new origin after this many memories, each of 1 / (1 - forgetting) observations."""
+
+
+@dataclass(frozen=True)
+class SquareRoots:
+    """Square roots of the information about K motions: R c = d for the coefficients c of powers of t - center.
+
+    Attributes
+    ----------
+    factor : (K, m, m)
+        R, triangular.
+    right : (K, m, sides)
+        d, m; relative to the origins.
+    center : (K,) s
+    origin : (K, 2) m
+    first, last : (K,) s
+        Times of the first and the last observation.
+    """
+
+    factor: Array
+    right: Array
+    center: Array
+    origin: Array
+    first: Array
+    last: Array
+
+
+class RecursiveEstimator:
+    """Polynomial motions of K obstacles, each updated in O(1) by each of its observations.
+
+    Observations may come in any order, but with ``forgetting`` < 1 in that of their times.
+
+    Parameters
+    ----------
+    obstacles : int
+        K.
+    order : 0, 1 or 2
+        As in `estimate_motion`.
+    covariance : (2, 2) or (K, 2, 2) m^2, or None
+        Of one observation, for all or for each obstacle; None: estimated from the residuals, or ``varying``.
+    varying : bool
+        Each observation comes with a covariance of its own.
+    forgetting : float
+        As in `estimate_motion`.
+    gate_probability : float, optional
+        An observation is left out if, by the estimate so far, the probability to see something as far away or
+        farther is less. There is no gate while the estimate has no covariance yet.
+    missing : Faulty
+        What to do with a position that is not finite: refuse it, or take it for not seen.
+    """
+
+    def __init__(
+        self,
+        obstacles: int = 1,
+        order: int = 2,
+        covariance: ArrayLike | None = None,
+        *,
+        varying: bool = False,
+        forgetting: float = 1.0,
+        gate_probability: float | None = None,
+        missing: Faulty | str = Faulty.REFUSE,
+    ) -> None:
+        if order not in range(HIGHEST_ORDER + 1):
+            raise EstimationError(f"order: {order!r} is not 0, 1 or 2")
+        if not 0.0 < forgetting <= 1.0:
+            raise EstimationError(f"forgetting: {forgetting!r} is not in (0, 1]")
+        if gate_probability is not None and not 0.0 < gate_probability < 1.0:
+            raise EstimationError(f"gate_probability: {gate_probability!r} is not between 0 and 1")
+        if varying and covariance is not None:
+            raise EstimationError("covariance: one that varies comes with each observation, not before")
+        self.order = order
+        self.forgetting = forgetting
+        self.gate_probability = gate_probability
+        self.missing = Faulty(missing)
+        self._varying = varying
+        sigma = None if covariance is None else check_covariance(covariance, obstacles)
+        self._sigma = None if sigma is None else np.broadcast_to(sigma, (obstacles, 2, 2))
+        p = order + 1
+        # p unknowns with two right-hand sides, x and y; or 2 p unknowns that varying covariances tie together
+        m, sides = (2 * p, 1) if varying else (p, 2)
+        self._unknowns = m
+        self._factor = np.zeros((m, m + sides, obstacles))  # [R d]
+        self._scatter = np.zeros((sides, sides, obstacles))  # of the residuals
+        self._moments = np.zeros((2, m, m, obstacles))  # X' W^2 X and X' W^3 X, if anything is forgotten
+        self._weights = np.zeros((2, obstacles))  # sums of w and of w^2
+        self._noise_sum = np.zeros((obstacles, 2, 2))
+        self._center, self._origin = np.zeros(obstacles), np.zeros((obstacles, 2))
+        self._first, self._last = np.full(obstacles, math.inf), np.full(obstacles, -math.inf)
+        self._newest = np.full((obstacles, 2), math.nan)  # position of what came last in time
+        self._count = np.zeros(obstacles, dtype=np.intp)
+        self._since_centred = np.zeros(obstacles, dtype=np.intp)
+        self._rejected = np.zeros(obstacles, dtype=np.intp)
+
+    @property
+    def observations(self) -> NDArray[np.intp]:
+        """How many observations each estimate is made from: (K,)."""
+        return self._count.copy()
+
+    @property
+    def rejected_in_a_row(self) -> NDArray[np.intp]:
+        """How many of the newest observations of each obstacle the gate left out: (K,).
+
+        Several mean that the obstacle moves otherwise than estimated, not that the sensor fails: `reset` it.
+        """
+        return self._rejected.copy()
+
+    @property
+    def roots(self) -> SquareRoots:
+        """What the estimates are made from, for those who make many of them at once."""
+        m = self._unknowns
+        return SquareRoots(
+            self._factor[:, :m].transpose(2, 0, 1),
+            self._factor[:, m:].transpose(2, 0, 1),
+            self._center,
+            self._origin,
+            self._first,
+            self._last,
+        )
+
+    def reset(self, obstacle: int = 0) -> None:
+        """Forget all that was seen of an obstacle."""
+        for array in (self._factor, self._scatter, self._moments, self._weights):
+            array[..., obstacle] = 0.0
+        for counter in (self._count, self._since_centred, self._rejected):
+            counter[obstacle] = 0
+        self._noise_sum[obstacle] = 0.0
+        self._first[obstacle], self._last[obstacle] = math.inf, -math.inf
+        self._newest[obstacle] = math.nan
+
+    def update(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        covariance: ArrayLike | None = None,
+        seen: ArrayLike | None = None,
+    ) -> Mask:
+        """Take in at most one observation of each obstacle.
+
+        Parameters
+        ----------
+        times : float or (K,) s
+        positions : (K, 2) m
+        covariance : (2, 2) or (K, 2, 2) m^2
+            Of these observations if it varies, else not given.
+        seen : (K,) bool, optional
+            Which obstacles were seen. Times and positions of the others are not looked at.
+
+        Returns
+        -------
+        (K,) bool
+            Which observations were used.
+
+        Raises
+        ------
+        EstimationError
+            Naming the obstacle and what is wrong; then nothing has been changed.
+        """
+        count = len(self._count)
+        t = np.broadcast_to(np.asarray(times, dtype=float), (count,))
+        z = np.asarray(positions, dtype=float)
+        if z.shape != (count, 2):
+            raise EstimationError(f"positions: their shape is {z.shape}; must be ({count}, 2)")
+        in_order = self.forgetting < 1.0
+        used = usable(t, z, seen, self.missing, self._last, self._newest, in_order=in_order)
+        if self._varying is (covariance is None):
+            raise EstimationError(f"covariance: it {'must' if self._varying else 'must not'} come with an observation")
+        sigma = None if covariance is None else np.broadcast_to(check_covariance(covariance, count), (count, 2, 2))
+        if self.gate_probability is not None:
+            inside = self._gate(t, z, sigma, used)
+            self._rejected += used & ~inside
+            used = inside
+            self._rejected[used] = 0
+        everything = bool(used.all())
+        if not everything:
+            t, z = np.where(used, t, self._center), np.where(used[:, None], z, self._origin)
+        new = used & (self._count == 0)
+        if new.any():
+            self._center[new], self._origin[new] = t[new], z[new]
+        rows = self._rows(t, z, sigma)
+        if not everything:
+            rows *= used
+        if self.forgetting < 1.0:
+            self._forget(rows, used)
+        self._absorb(rows)
+        self._weights += used
+        self._count += used
+        if sigma is not None:
+            self._noise_sum[used] += sigma[used]
+        np.copyto(self._newest, z, where=(used & (t >= self._last))[:, None])
+        np.minimum(self._first, t, out=self._first, where=used)
+        np.maximum(self._last, t, out=self._last, where=used)
+        if self.forgetting < 1.0:
+            self._since_centred += used
+            self._recentre()
+        return used
+
+    def positions(self, times: ArrayLike) -> Array:
+        """Estimate the centres of all obstacles, each at its time: float or (K,) s to (K, 2) m."""
+        powers = self._powers(np.broadcast_to(np.asarray(times, dtype=float), self._count.shape))
+        return np.einsum("jk,kjb->kb", powers, self._coefficients()) + self._origin
+
+    def estimate(self, obstacle: int = 0, prior: MotionPrior | None = None) -> PolynomialEstimate:
+        """Give the estimate of one obstacle, the same as `estimate_motion` makes of its observations."""
+        n, p, k = int(self._count[obstacle]), self.order + 1, obstacle
+        known = self._varying or self._sigma is not None
+        if prior_rows(prior, 0.0, 1.0, p) is None:
+            prior = None  # it says nothing about a motion of this order
+        distinct = p if prior is None else 0
+        least = p + 2 if not known else max(distinct, 1)
+        if n < least:
+            raise EstimationError(f"obstacle {k}: {n} observations are too few for order {self.order}; need {least}")
+        m = self._unknowns
+        r, d = self._factor[:, :m, k], self._factor[:, m:, k]
+        if distinct and not np.all(np.abs(np.diag(r)) > 0.0):
+            raise EstimationError(f"obstacle {k}: its observations are at too few times for order {self.order}")
+        errors: ErrorLaw = NormalErrors()
+        regressors: int | None = p
+        if self._varying or prior is not None:
+            sigma = self._noise_sum[k] / n if self._varying else self._noise(k)[0]
+            errors = NormalErrors() if known else self._noise(k)[1]
+            coefficients, covariance = self._general(k, None if self._varying else sigma, prior)
+            regressors = None
+        else:
+            sigma, errors = self._noise(k)
+            inverse = np.asarray(np.linalg.inv(r), dtype=float)
+            coefficients = inverse @ d
+            covariance = np.einsum("jk,ab->jakb", self._spread(k, inverse), sigma)
+        last = float(self._last[k])
+        middle, scale = self._where_the_weight_is(k)
+        # s = (t - middle) / scale in place of u = t - center
+        shift = shift_powers(p, middle - self._center[k], 1.0 / scale)
+        coefficients = shift @ coefficients
+        coefficients[0] += self._origin[k]
+        covariance = np.einsum("ij,jakb,lk->ialb", shift, covariance, shift)
+        return PolynomialEstimate(
+            last, self.order, n, sigma, errors, regressors, middle, scale, coefficients, covariance
+        )
+
+    def _where_the_weight_is(self, k: int) -> tuple[float, float]:
+        """Give the weighted mean and deviation of the times seen, s, from X'WX = R'R."""
+        center, step = float(self._center[k]), self._unknowns // (self.order + 1)
+        if self.order == 0:
+            return center, 1.0
+        r = self._factor[:, : self._unknowns : step, k]
+        weight, first, second = (float(r[:, 0] @ r[:, 0]), float(r[:, 0] @ r[:, 1]), float(r[:, 1] @ r[:, 1]))
+        variance = second / weight - (first / weight) ** 2
+        return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
+
+    def _powers(self, t: Array) -> Array:
+        u = t - self._center
+        rows = np.empty((self.order + 1, len(u)))
+        rows[0] = 1.0
+        for j in range(1, self.order + 1):
+            np.multiply(rows[j - 1], u, out=rows[j])
+        return rows
+
+    def _rows(self, t: Array, z: Array, sigma: Array | None) -> Array:
+        """Give the new rows [x' z'] of [X Z]: (rows, m + sides, K)."""
+        powers, offset = self._powers(t), (z - self._origin).T
+        if sigma is None:
+            return np.concatenate([powers, offset])[None]
+        whiten = np.linalg.inv(np.linalg.cholesky(sigma))
+        design = np.einsum("jk,kab->ajbk", powers, whiten).reshape(2, self._unknowns, len(t))
+        return np.concatenate([design, np.einsum("kab,bk->ak", whiten, offset)[:, None]], axis=1)
+
+    def _absorb(self, rows: Array) -> None:
+        """Rotate new rows into the factor; what is left of them is a residual."""
+        m, factor = self._unknowns, self._factor
+        for row in rows:
+            for j in range(m):
+                pivot, entry = factor[j, j], row[j]
+                length = np.hypot(pivot, entry)
+                idle = length == 0.0
+                length += idle
+                cosine, sine = (pivot + idle) / length, entry / length
+                upper, lower = factor[j, j:], row[j:]
+                rotated = cosine * upper + sine * lower
+                lower *= cosine
+                lower -= sine * upper
+                factor[j, j:] = rotated
+            rest = row[m:]
+            self._scatter += rest[:, None] * rest[None]
+
+    def _forget(self, rows: Array, used: Mask) -> None:
+        rate = np.where(used, self.forgetting, 1.0)
+        self._factor *= np.sqrt(rate)
+        self._scatter *= rate
+        design = rows[:, : self._unknowns]
+        outer = (design[:, :, None] * design[:, None]).sum(axis=0)
+        for i, power in enumerate((2, 3)):
+            self._moments[i] *= rate**power
+            self._moments[i] += outer
+        self._weights *= np.stack([rate, rate**2])
+
+    def _recentre(self) -> None:
+        """Count time from the last observation where all that is remembered is long after the old origin."""
+        due = np.flatnonzero(self._since_centred * (1.0 - self.forgetting) >= _MEMORIES)
+        for k in due:
+            back = shift_powers(self.order + 1, self._center[k] - self._last[k], 1.0)
+            if self._varying:
+                back = np.asarray(np.kron(back, np.eye(2)), dtype=float)
+            m = self._unknowns
+            self._factor[:, :m, k] = self._factor[:, :m, k] @ back  # triangular again
+            self._moments[..., k] = back.T @ self._moments[..., k] @ back
+            self._center[k] = self._last[k]
+        self._since_centred[due] = 0
+
+    def _noise(self, k: int) -> tuple[Array, ErrorLaw]:
+        if self._sigma is not None:
+            return self._sigma[k], NormalErrors()
+        inverse = np.asarray(np.linalg.inv(self._factor[:, : self._unknowns, k]), dtype=float)
+        n = float(self._count[k])
+        degrees = n - self._unknowns
+        moments = Moments(degrees, degrees)
+        if self.forgetting < 1.0:
+            second, third = (inverse.T @ moment @ inverse for moment in self._moments[..., k])
+            expected = float(self._weights[0, k] - np.trace(second))
+            square = float(self._weights[1, k] - 2.0 * np.trace(third) + np.sum(second * second))
+            moments = Moments(expected, expected**2 / square)
+        return estimated_noise(self._scatter[..., k], moments, Noise.GENERAL)
+
+    def _spread(self, k: int, inverse: Array) -> Array:
+        if self.forgetting == 1.0:
+            return inverse @ inverse.T
+        return inverse @ (inverse.T @ self._moments[0, ..., k] @ inverse) @ inverse.T
+
+    def _general(self, k: int, sigma: Array | None, prior: MotionPrior | None) -> tuple[Array, Array]:
+        """Solve for all 2 p coefficients together: with varying covariances, with a prior, or both."""
+        m, p = self._unknowns, self.order + 1
+        design, target = self._factor[:, :m, k], self._factor[:, m:, k]
+        middle = self._moments[0, ..., k] if self.forgetting < 1.0 else design.T @ design
+        if sigma is not None:
+            whiten = np.linalg.inv(np.linalg.cholesky(sigma))
+            target = (target @ whiten.T).reshape(2 * p)
+            design = np.asarray(np.kron(design, whiten), dtype=float)
+            middle = np.asarray(np.kron(middle, whiten.T @ whiten), dtype=float)
+        target = target.reshape(2 * p)
+        rows = prior_rows(prior, float(self._last[k] - self._center[k]), 1.0, p)
+        if rows is not None:
+            design, target = np.vstack([design, rows[0]]), np.concatenate([target, rows[1]])
+            middle = middle + rows[0].T @ rows[0]
+        if np.linalg.matrix_rank(design / np.maximum(np.linalg.norm(design, axis=0), np.finfo(float).tiny)) < 2 * p:
+            raise EstimationError(f"obstacle {k}: what was seen does not determine a motion of order {self.order}")
+        q, r = np.linalg.qr(design)
+        inverse = np.linalg.inv(r)
+        covariance = inverse @ (inverse.T @ middle @ inverse) @ inverse.T
+        return (inverse @ (q.T @ target)).reshape(p, 2), covariance.reshape(p, 2, p, 2)
+
+    def _coefficients(self) -> Array:
+        """Solve R c = d for all obstacles: (K, p, 2) m, of powers of t - center, relative to the origins."""
+        m = self._unknowns
+        factor = np.moveaxis(self._factor, -1, 0)
+        solved = np.linalg.solve(factor[..., :m], factor[..., m:])
+        return np.asarray(solved.reshape(len(factor), self.order + 1, 2), dtype=float)
+
+    def _gate(self, t: Array, z: Array, sigma: Array | None, used: Mask) -> Mask:
+        """Tell which observations the estimates so far do not call improbable."""
+        inside = used.copy()
+        least = self.order + 1 + (0 if self._varying or self._sigma is not None else 2)
+        for k in np.flatnonzero(used & (self._count >= least)):
+            estimate = self.estimate(int(k))
+            noise = estimate.noise_covariance if sigma is None else sigma[k]
+            offset = z[k] - estimate.position(t[k])
+            distance = float(offset @ np.linalg.solve(estimate.covariance(t[k]) + noise, offset))
+            inside[k] = estimate.errors.exceedance(distance) >= (self.gate_probability or 0.0)
+        return inside
+
+
+class ObservationWindow:
+    """The newest observations of one obstacle, and the estimate from them alone.
+
+    The cost of an update does not grow with time; late observations are sorted in.
+
+    Parameters
+    ----------
+    length : int
+        How many observations are kept.
+    duration : float, s
+        None older than this, before the newest, is kept.
+    """
+
+    def __init__(self, length: int, duration: float = math.inf) -> None:
+        if length < 1:
+            raise EstimationError(f"length: {length!r} is not a positive number")
+        if not duration > 0.0:
+            raise EstimationError(f"duration: {duration!r} is not a positive number")
+        self.length = length
+        self.duration = duration
+        self._rows: list[tuple[float, Array, Array | None]] = []  # in order of time
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def update(self, time: float, position: ArrayLike, covariance: ArrayLike | None = None) -> None:
+        """Take in one observation: s, (2,) m and, if each comes with its own, (2, 2) m^2."""
+        z = np.asarray(position, dtype=float)
+        if z.shape != (2,) or not (math.isfinite(time) and np.isfinite(z).all()):
+            raise EstimationError(f"observation: time {time!r}, position {position!r} is not finite or not (2,)")
+        if self._rows and (covariance is None) is not (self._rows[0][2] is None):
+            raise EstimationError("covariance: either all observations come with one or none does")
+        sigma = None if covariance is None else check_covariance(covariance, 1)
+        if any(row[0] == time and np.array_equal(row[1], z) for row in self._rows):
+            raise EstimationError(f"observation: the one at time {time!r} comes twice")
+        insort(self._rows, (float(time), z, sigma), key=lambda row: row[0])
+        oldest = self._rows[-1][0] - self.duration
+        self._rows = [row for row in self._rows if row[0] >= oldest][-self.length :]
+
+    def estimate(
+        self,
+        covariance: ArrayLike | None = None,
+        order: int = 2,
+        prior: MotionPrior | None = None,
+        *,
+        noise: Noise | str = Noise.GENERAL,
+        screening: Screening | None = None,
+    ) -> PolynomialEstimate:
+        """Give what `estimate_motion` makes of the window."""
+        times = np.array([row[0] for row in self._rows])
+        positions = np.array([row[1] for row in self._rows]).reshape(-1, 2)
+        own = [row[2] for row in self._rows if row[2] is not None]
+        if own:
+            covariance = np.array(own)
+        return estimate_motion(times, positions, covariance, order, prior, noise=noise, screening=screening)

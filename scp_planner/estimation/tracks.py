@@ -1,0 +1,211 @@
+"""Recorded tracks: where people, cars and cyclists really went, read from files and turned into scenarios.
+
+Formats are told apart by their first line:
+
+- CSV with the header ``id,time,x,y`` (in any order, other columns are ignored), in s and m;
+- ``obsmat`` text files of pedestrians (frame, id, x, z, y, vx, vz, vy), one row of each person every 0.4 s:
+  the step in frames is detected. Data of ETH, HOTEL and UNIV: S. Pellegrini et al., ICCV 2009, and A. Lerner
+  et al., 2007;
+- CSV of the DUT data set (``id,frame,label,x_est,y_est,...``, 23.98 frames per second; D. Yang et al., 2019);
+- CSV of single cyclists of the VRU data set (``,timestamp,x,y``), one file a track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from scp_planner.errors import EstimationError, Fault, TracksError
+from scp_planner.estimation.track_files import _SUFFIXES, Track, _read
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.process_model import ProcessModel
+
+
+class Tracks(Sequence[Track]):
+    """Tracks of one place or several; ids are unique."""
+
+    def __init__(self, tracks: Sequence[Track], source: str = "") -> None:
+        self._tracks = tuple(tracks)
+        self.source = source
+        names: set[str] = set()
+        for track in self._tracks:
+            if track.id in names:
+                raise EstimationError(f"tracks: the id {track.id!r} is there twice")
+            names.add(track.id)
+
+    def __getitem__(self, index: Any) -> Any:
+        return Tracks(self._tracks[index], self.source) if isinstance(index, slice) else self._tracks[index]
+
+    def __len__(self) -> int:
+        return len(self._tracks)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The ids, in order."""
+        return tuple(track.id for track in self._tracks)
+
+    @property
+    def start(self) -> float:
+        """Time of the first position of all, s."""
+        return min(float(track.times[0]) for track in self._tracks)
+
+    @property
+    def stop(self) -> float:
+        """Time of the last position of all, s."""
+        return max(float(track.times[-1]) for track in self._tracks)
+
+    @property
+    def observations(self) -> int:
+        """How many positions there are in all."""
+        return sum(len(track) for track in self._tracks)
+
+    def of(self, name: str) -> Track:
+        """Give the track with an id."""
+        for track in self._tracks:
+            if track.id == name:
+                return track
+        raise EstimationError(f"tracks: there is none with the id {name!r}")
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Tracks:
+        """Read a file, or all .csv and .txt files of a folder and of the folders in it.
+
+        In a folder each id begins with the name of its file, as in ``eth_obsmat/12``.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Tracks
+
+        Raises
+        ------
+        TracksError
+            Naming the file and, for each fault, the line and the column.
+        OSError
+            If the file cannot be read.
+        """
+        root = Path(path)
+        if not root.is_dir():
+            return cls(_read(root), str(root))
+        names = sorted(p for p in root.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
+        if not names:
+            raise TracksError(str(root), [Fault("", root.name, f"must hold files ending in {' or '.join(_SUFFIXES)}")])
+        tracks = []
+        for name in names:
+            place = name.relative_to(root).with_suffix("").as_posix()
+            for track in _read(name):
+                single = track.id == name.stem
+                tracks.append(Track(place if single else f"{place}/{track.id}", track.times, track.positions))
+        return cls(tracks, str(root))
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a CSV file ``id,time,x,y`` that `load` reads back exactly, whole or not at all."""
+        from scp_planner import files
+
+        lines = ["id,time,x,y"]
+        for track in self._tracks:
+            name = f'"{track.id.replace(chr(34), 2 * chr(34))}"' if set(track.id) & set(',"\n') else track.id
+            lines += [
+                f"{name},{float(t)!r},{float(x)!r},{float(y)!r}"
+                for t, (x, y) in zip(track.times, track.positions, strict=True)
+            ]
+        files.write_text(path, "\n".join(lines) + "\n")
+
+    def halves(self) -> tuple[Tracks, Tracks]:
+        """Split into every other track, in the order of the file: one half to fit, one to test."""
+        return self[0::2], self[1::2]
+
+    def scenario_at(
+        self,
+        time: float,
+        *,
+        start: Mapping[str, Any],
+        goal: Mapping[str, Any],
+        vehicle: Mapping[str, Any],
+        window: float = 3.0,
+        stale: float = 1.0,
+        radius: float = 0.3,
+        noise: float | None = 0.05,
+        order: int = 1,
+        process: ProcessModel | None = None,
+        name: str | None = None,
+        **others: Any,
+    ) -> Scenario:
+        """Make the scenario of a vehicle that sets off at a moment, from what had been seen by then.
+
+        Parameters
+        ----------
+        time : float, s
+            The moment, on the clock of the tracks.
+        start : mapping
+            ``position``, ``heading`` and ``speed`` of the vehicle, as in `scp_planner.scenario.models.Start`; its
+            time is ``time``.
+        goal, vehicle : mapping
+            As in `scp_planner.scenario.models`.
+        window : float, s
+            How far back observations are used.
+        stale : float, s
+            Obstacles that were last seen longer ago than this have gone.
+        radius : float, m
+            Of the disc that covers an obstacle.
+        noise : float or None, m
+            Standard deviation of an observed coordinate; None: estimated from the residuals.
+        order : int
+            Of the motion. Obstacles seen too rarely for it get the highest order that they were seen often
+            enough for.
+        process : ProcessModel, optional
+            A motion with process noise instead.
+        name : str, optional
+            Of the scenario.
+        **others
+            Further fields of the scenario, such as ``bounds``, ``confidence`` and ``guide``.
+
+        Returns
+        -------
+        Scenario
+
+        Raises
+        ------
+        EstimationError
+            If an obstacle was seen too rarely for its noise to be estimated.
+        ScenarioError
+            If the vehicle, its start or its goal is faulty.
+        """
+        obstacles = []
+        for track in self._tracks:
+            seen = track.between(time - window, time)
+            if seen is None or seen.times[-1] < time - stale:
+                continue
+            highest = len(seen) - (1 if noise is not None or process is not None else 3)
+            if highest < 0:
+                raise EstimationError(
+                    f"track {track.id!r}: {len(seen)} positions are too few to estimate their noise; give it"
+                )
+            model: dict[str, Any] = {"order": min(order, highest)}
+            if process is not None:
+                model["process"] = process
+            obstacles.append(
+                {
+                    "id": track.id,
+                    "shape": {"disc": radius},
+                    "observations": {
+                        "time": seen.times.tolist(),
+                        "position": seen.positions.tolist(),
+                        "covariance": None if noise is None else [[noise**2, 0.0], [0.0, noise**2]],
+                    },
+                    "model": model,
+                }
+            )
+        return Scenario(
+            name=name or f"{Path(self.source).stem or 'tracks'} at {time:g} s",
+            vehicle=vehicle,
+            start={**start, "time": float(time)},
+            goal=goal,
+            obstacles=obstacles,
+            **others,
+        )

@@ -1,0 +1,149 @@
+"""The outside of a corridor, as obstacles that stand: convex polygons that cover it.
+
+A corridor is the union of convex polygons P_1, ..., P_k; a point is outside if for each P_i it is beyond one of its
+edges. So the outside is the union, over all choices of one edge of each, of the intersections of the half planes beyond
+them, which are convex. They overlap: none has a border that is not one of the corridor's, but where it ends.
+
+It is kept up to a distance from the corridor: what drives continuously does not come to lie beyond a wall.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from scp_planner.mathematics import planar
+
+NAME = "corridor"  # the id of its outside among obstacles
+WALL = 3.0  # m, least thickness
+FLAT = 1e-9  # relative to the extent: thinner pieces are none
+MOST_PIECES = 200  # after which pieces do not overlap any more
+
+Polygon = tuple[planar.Point, ...]
+
+
+def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
+    """Return convex polygons that cover what lies outside the union of convex polygons, as far as a wall is thick.
+
+    Parameters
+    ----------
+    polygons : sequence of polygons
+        Convex, in either direction, m.
+    wall : float
+        m.
+
+    Returns
+    -------
+    list of polygons
+        Convex, m.
+    """
+    rings = [planar.anticlockwise(polygon) for polygon in polygons]
+    xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]
+    left, right, low, high = min(xs) - wall, max(xs) + wall, min(ys) - wall, max(ys) + wall
+    flat = FLAT * max(right - left, high - low) ** 2
+    pieces: list[Polygon] = [((left, low), (right, low), (right, high), (left, high))]
+    for ring in rings:
+        pieces = _largest([part for piece in pieces for part in _beyond(piece, ring, flat, len(pieces))], flat)
+    return pieces
+
+
+def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
+    """Return points of a polyline in a corridor between start and goal; none where the straight line lies in it.
+
+    It goes through as few polygons as possible, by the middles of what each has in common with the next.
+    """
+    rings = [planar.anticlockwise(polygon) for polygon in polygons]
+    if not _leaves(rings, start, goal):
+        return ()
+    begins = [place for place, ring in enumerate(rings) if planar.distance_to_polygon(start, ring) == 0.0]
+    before: dict[int, int] = dict.fromkeys(begins, -1)
+    queue = deque(begins)
+    while queue:
+        here = queue.popleft()
+        if planar.distance_to_polygon(goal, rings[here]) == 0.0:
+            break
+        for other in range(len(rings)):
+            if other not in before and planar.overlap(rings[here], rings[other]):
+                before[other] = here
+                queue.append(other)
+    else:
+        return ()
+    points = []
+    while before[here] >= 0:
+        common = rings[here]
+        for a, b in planar.edges(rings[before[here]]):
+            common = _clipped(common, a, b)
+        points.append(planar.centroid(common))
+        here = before[here]
+    return tuple(reversed(points))
+
+
+def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> bool:
+    """Whether a straight line leaves the union of convex polygons."""
+    parts = []
+    for ring in rings:
+        first, last = 0.0, 1.0
+        for a, b in planar.edges(ring):
+            at_start, at_goal = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]) for x, y in (start, goal))
+            if at_start < 0.0 and at_goal < 0.0:
+                last = -1.0
+            elif at_start < 0.0:
+                first = max(first, at_start / (at_start - at_goal))
+            elif at_goal < 0.0:
+                last = min(last, at_start / (at_start - at_goal))
+        if first < last:
+            parts.append((first, last))
+    covered = 0.0
+    for first, last in sorted(parts):
+        if first > covered + FLAT:
+            return True
+        covered = max(covered, last)
+    return covered < 1.0 - FLAT
+
+
+def _beyond(piece: Polygon, ring: Polygon, flat: float, count: int) -> list[Polygon]:
+    """The parts of a convex polygon that lie beyond each edge of another; all of it if they do not overlap."""
+    left, parts = piece, []
+    for a, b in planar.edges(ring):
+        part = _clipped(left if count > MOST_PIECES else piece, b, a)
+        if len(part) >= 3 and planar.area(part) > flat:
+            parts.append(part)
+        left = _clipped(left, a, b)
+        if len(left) < 3 or planar.area(left) <= flat:
+            return [piece]
+    return parts
+
+
+def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
+    """The part of a convex polygon to the left of a line through two points."""
+    kept: list[planar.Point] = []
+    size = math.dist(a, b)
+    sides = [((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / size for x, y in polygon]
+    for place, here in enumerate(polygon):
+        before, side, last = polygon[place - 1], sides[place], sides[place - 1]
+        if (side > 0.0) != (last > 0.0) and side != last:
+            share = last / (last - side)
+            kept.append((before[0] + share * (here[0] - before[0]), before[1] + share * (here[1] - before[1])))
+        if side > 0.0:
+            kept.append(here)
+    return tuple(kept)
+
+
+def _largest(pieces: list[Polygon], flat: float) -> list[Polygon]:
+    """Those pieces that lie in no other one."""
+    pieces = sorted(pieces, key=planar.area, reverse=True)
+    kept: list[Polygon] = []
+    for piece in pieces:
+        if not any(_lies_in(piece, other, flat) for other in kept):
+            kept.append(piece)
+    return kept
+
+
+def _lies_in(piece: Polygon, other: Polygon, flat: float) -> bool:
+    tolerance = -math.sqrt(flat) * FLAT
+    return all(
+        ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) >= tolerance
+        for a, b in planar.edges(other)
+        for x, y in piece
+    )

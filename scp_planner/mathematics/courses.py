@@ -1,0 +1,48 @@
+"""Motions given by positions at times: natural cubic splines, straight on at both ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+
+LEAD = 1.0  # s; the first and the last piece go on for ever
+
+
+def course_polynomials(times: Sequence[float], positions: Sequence[Sequence[float]]) -> PiecewisePolynomials:
+    """Return the natural cubic spline through positions (n, 2) m at times (n,) s.
+
+    Its second derivative is zero at its ends: so the motion goes straight on there without a jump of its acceleration.
+    """
+    from scipy.interpolate import CubicSpline
+
+    clock, place = np.array(times), np.array(positions)
+    spline = CubicSpline(clock - clock[0], place - place[0], bc_type="natural")
+    pieces = np.zeros((len(clock) + 1, 4, 2))
+    pieces[1:-1] = spline.c[::-1].transpose(1, 0, 2)
+    pieces[1:-1, 0] += place[0]
+    velocity = spline(np.array([0.0, clock[-1] - clock[0]]), 1)
+    pieces[0, :2] = place[0] - LEAD * velocity[0], velocity[0]
+    pieces[-1, :2] = place[-1], velocity[1]
+    return PiecewisePolynomials(_breakpoints(clock), pieces[None])
+
+
+def course_covariances(times: Sequence[float], covariances: Array) -> PiecewisePolynomials:
+    """Return covariances (xx, xy, yy) m^2 that are linear between those (n, 2, 2) at times (n,) s.
+
+    An error that is linear between the times keeps to ellipses that are linear in between, since a standard deviation
+    is a concave function of its variance. Before the first time and after the last one they stay as large as there.
+    """
+    packed = covariances[:, [0, 0, 1], [0, 1, 1]]
+    clock = np.array(times)
+    pieces = np.zeros((len(clock) + 1, 2, 3))
+    pieces[0, 0], pieces[1:, 0] = packed[0], packed
+    pieces[1:-1, 1] = np.diff(packed, axis=0) / np.diff(clock)[:, None]
+    return PiecewisePolynomials(_breakpoints(clock), pieces[None])
+
+
+def _breakpoints(clock: Array) -> Array:
+    return np.concatenate([[clock[0] - LEAD], clock, [np.inf]])[None]

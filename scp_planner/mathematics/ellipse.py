@@ -1,0 +1,170 @@
+"""Signed distance from points to ellipses, vectorised.
+
+An ellipse {z : z' C^-1 z <= 1} has support h(nu) = sqrt(nu' C nu); the signed distance of a point d is the largest
+of nu.d - h(nu) over unit vectors nu, negative inside. Any nu gives a lower bound, so an inexact nu errs to the
+safe side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+
+MAX_NEWTON_STEPS = 30
+NEWTON_TOLERANCE = 1e-13
+CENTRE_GUARD = 1e-9  # of the smaller half axis: keeps the normal defined on the axes of symmetry
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Signed distances and where they are attained.
+
+    Attributes
+    ----------
+    distance : (n,) array
+        Signed distance in m, negative inside.
+    normal : (n, 2) array
+        Unit vector from the set towards the point at which the support function is touched.
+    """
+
+    distance: Array
+    normal: Array
+
+
+def support(covariance: Array, normal: Array) -> Array:
+    """Support function sqrt(nu' C nu).
+
+    Parameters
+    ----------
+    covariance : (..., 3) array
+        (xx, xy, yy) of C, m^2.
+    normal : (..., 2) array
+        Unit vectors.
+
+    Returns
+    -------
+    (...) array
+        m.
+    """
+    x, y = normal[..., 0], normal[..., 1]
+    quadratic = covariance[..., 0] * x * x + 2.0 * covariance[..., 1] * x * y + covariance[..., 2] * y * y
+    return np.sqrt(np.maximum(quadratic, 0.0))
+
+
+def ellipse_contact(offset: Array, covariance: Array) -> Contact:
+    """Exact signed distance from points to ellipses around the origin.
+
+    The closest boundary point solves a^2 y0^2 / (s + a^2)^2 + b^2 y1^2 / (s + b^2)^2 = 1 in the principal axes
+    (Eberly, "Distance from a point to an ellipse"); the left side is convex and decreasing for s > -b^2, so Newton's
+    method from a left bound of the root converges monotonically: b y1 - b^2 is one, and so is |(a y0, b y1)| - a^2,
+    which is the root itself for circles.
+
+    Parameters
+    ----------
+    offset : (n, 2) array
+        Points relative to the ellipses' centres, m.
+    covariance : (n, 3) array
+        (xx, xy, yy), positive definite, m^2.
+
+    Returns
+    -------
+    Contact
+    """
+    axes = _PrincipalAxes.of(offset, covariance)
+    u, w, gap = axes.half_major * axes.y0, axes.half_minor * axes.y1, axes.gap
+    # shift = s + minor, so that nothing cancels near the pole
+    shift = np.maximum(w, np.sqrt(u * u + w * w) - gap)
+    for _ in range(MAX_NEWTON_STEPS):
+        p = u / (shift + gap)
+        q = w / shift
+        residual = p * p + q * q - 1.0
+        step = 0.5 * residual / (p * p / (shift + gap) + q * q / shift)
+        shift = shift + np.maximum(step, 0.0)
+        if np.all(step <= NEWTON_TOLERANCE * shift):
+            break
+    return axes.contact(axes.y0 / (shift + gap), axes.y1 / shift, offset, covariance)
+
+
+def far_ellipse_contact(offset: Array, covariance: Array) -> Contact:
+    """The other local maximum of nu . d - sqrt(nu' C nu) over unit vectors, across the major axis; -inf without one.
+
+    For points near the middle of a flat ellipse the boundary is near on both sides. The left side of the equation of
+    :func:`ellipse_contact` is convex between its poles too; Newton's method from the upper pole finds its upper root.
+
+    Parameters
+    ----------
+    offset : (n, 2) array
+        Points relative to the ellipses' centres, m.
+    covariance : (n, 3) array
+        (xx, xy, yy), positive definite, m^2.
+
+    Returns
+    -------
+    Contact
+    """
+    axes = _PrincipalAxes.of(offset, covariance)
+    u, w, gap = axes.half_major * axes.y0, axes.half_minor * axes.y1, axes.gap
+    shift = -w
+    exists = shift > -gap
+    for _ in range(MAX_NEWTON_STEPS):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            p, q = u / (shift + gap), w / shift
+            residual = p * p + q * q - 1.0
+            slope = p * p / (shift + gap) + q * q / shift  # minus half the derivative; negative right of the minimum
+            step = 0.5 * residual / slope
+            exists &= (slope < 0.0) & (shift + step > -gap)
+        shift = np.where(exists & (step < 0.0), shift + step, shift)
+        if np.all(~exists | (-step <= NEWTON_TOLERANCE * -shift)):
+            break
+    shift = np.where(exists, shift, -1.0)
+    # Left of -minor the normal is (p - q) / s with s < 0: turned round
+    along = np.where(exists, axes.y0 / (shift + gap), 1.0)
+    found = axes.contact(along, np.where(exists, axes.y1 / shift, 0.0), offset, covariance)
+    return Contact(np.where(exists, found.distance, -np.inf), found.normal)
+
+
+@dataclass(frozen=True)
+class _PrincipalAxes:
+    """Points in the first quadrant of the principal axes of ellipses, and what leads back."""
+
+    cosine: Array
+    sine: Array
+    along: Array
+    across: Array
+    half_major: Array
+    half_minor: Array
+    gap: Array
+    y0: Array
+    y1: Array
+
+    @classmethod
+    def of(cls, offset: Array, covariance: Array) -> _PrincipalAxes:
+        mean = 0.5 * (covariance[:, 0] + covariance[:, 2])
+        difference = 0.5 * (covariance[:, 0] - covariance[:, 2])
+        radius = np.hypot(difference, covariance[:, 1])
+        major = mean + radius
+        minor = np.maximum(mean - radius, 1e-18 * major + 1e-300)
+        angle = 0.5 * np.arctan2(covariance[:, 1], difference)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        along = cosine * offset[:, 0] + sine * offset[:, 1]
+        across = cosine * offset[:, 1] - sine * offset[:, 0]
+        half_minor = np.sqrt(minor)
+        y0 = np.maximum(np.abs(along), CENTRE_GUARD * half_minor)
+        y1 = np.maximum(np.abs(across), CENTRE_GUARD * half_minor)
+        return cls(cosine, sine, along, across, np.sqrt(major), half_minor, major - minor, y0, y1)
+
+    def contact(self, first: Array, second: Array, offset: Array, covariance: Array) -> Contact:
+        """The contact with the normal along (first, second), for a point of the first quadrant."""
+        first = np.where(self.along < 0.0, -first, first)
+        second = np.where(self.across < 0.0, -second, second)
+        scale = 1.0 / np.hypot(first, second)
+        first = first * scale
+        second = second * scale
+        normal = np.empty_like(offset)
+        normal[:, 0] = self.cosine * first - self.sine * second
+        normal[:, 1] = self.sine * first + self.cosine * second
+        distance = normal[:, 0] * offset[:, 0] + normal[:, 1] * offset[:, 1] - support(covariance, normal)
+        return Contact(distance, normal)

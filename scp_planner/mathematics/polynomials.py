@@ -1,0 +1,256 @@
+"""Many vector-valued piecewise polynomials of time, evaluated together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import comb
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+
+
+@dataclass(frozen=True)
+class PiecewisePolynomials:
+    """L piecewise polynomials with values in R^d.
+
+    Attributes
+    ----------
+    breakpoints : (L, S + 1) array
+        Increasing times, s; the first and the last piece go on outside them. The powers of a piece are those of
+        ``t - left end``. Polynomials with fewer pieces are padded with pieces that begin at +inf.
+    coefficients : (L, S, P, d) array
+        Ascending powers.
+    """
+
+    breakpoints: Array
+    coefficients: Array
+
+    @classmethod
+    def single(cls, origin: float, coefficients: Array) -> PiecewisePolynomials:
+        """Return one polynomial of ``t - origin``, for all times, from (P, d) coefficients."""
+        return cls(np.array([[origin, np.inf]]), np.asarray(coefficients, dtype=float)[None, None])
+
+    @classmethod
+    def stack(cls, items: Sequence[PiecewisePolynomials], width: int = 2) -> PiecewisePolynomials:
+        """Return all polynomials of several batches as one."""
+        if not items:
+            return cls(np.zeros((0, 2)), np.zeros((0, 1, 1, width)))
+        shapes = {item.coefficients.shape[1:] for item in items}
+        if len(shapes) == 1:
+            # np.concatenate of a thousand small arrays costs less than padding them one by one
+            return cls(
+                np.concatenate([item.breakpoints for item in items]),
+                np.concatenate([item.coefficients for item in items]),
+            )
+        pieces = max(item.coefficients.shape[1] for item in items)
+        powers = max(item.coefficients.shape[2] for item in items)
+        breakpoints, coefficients = [], []
+        for item in items:
+            count, have, order, _ = item.coefficients.shape
+            breaks = np.full((count, pieces + 1), np.inf)
+            breaks[:, :have] = item.breakpoints[:, :have]  # the last piece goes on, padding never begins
+            padded = np.zeros((count, pieces, powers, item.coefficients.shape[3]))
+            padded[:, :have, :order] = item.coefficients
+            breakpoints.append(breaks)
+            coefficients.append(padded)
+        return cls(np.concatenate(breakpoints), np.concatenate(coefficients))
+
+    @property
+    def size(self) -> int:
+        """Number L of polynomials."""
+        return int(self.coefficients.shape[0])
+
+    def take(self, index: Index) -> PiecewisePolynomials:
+        """Return some of the polynomials."""
+        return PiecewisePolynomials(self.breakpoints[index], self.coefficients[index])
+
+    def shifted(self, delay: float) -> PiecewisePolynomials:
+        """Return the same functions of a clock that shows ``t - delay``."""
+        return PiecewisePolynomials(self.breakpoints - delay, self.coefficients)
+
+    def rebased(self, origin: float) -> PiecewisePolynomials:
+        """Return the same functions with single pieces expanded about ``origin``; several pieces stay as they are."""
+        if self.coefficients.shape[1] != 1:
+            return self
+        moved = expanded(self.coefficients[:, 0], origin - self.breakpoints[:, 0])[:, None]
+        breaks = self.breakpoints.copy()
+        breaks[:, 0] = origin
+        return PiecewisePolynomials(breaks, moved)
+
+    def rounded(self, constant: int, others: int) -> PiecewisePolynomials:
+        """Return polynomials with their constants, and their other coefficients, rounded to so many decimals."""
+        coefficients = np.round(self.coefficients, others)
+        coefficients[:, :, 0] = np.round(self.coefficients[:, :, 0], constant)
+        return PiecewisePolynomials(self.breakpoints, coefficients)
+
+    @cached_property
+    def derivative(self) -> PiecewisePolynomials:
+        """The derivatives with respect to time."""
+        order = self.coefficients.shape[2]
+        if order == 1:
+            return PiecewisePolynomials(self.breakpoints, np.zeros_like(self.coefficients))
+        factors = np.arange(1, order)[:, None]
+        return PiecewisePolynomials(self.breakpoints, self.coefficients[:, :, 1:] * factors)
+
+    @cached_property
+    def _common(self) -> bool:
+        """Whether all have the same breakpoints: then a grid is a matrix product or two."""
+        breaks = self.breakpoints
+        last = breaks.shape[1] - (1 if breaks.shape[1] == 2 else 0)  # a single piece goes on beyond its end
+        return len(breaks) > 0 and bool(np.all(breaks[:, :last] == breaks[0, :last]))
+
+    @cached_property
+    def _flat(self) -> Array:
+        """Coefficients by pieces and powers, (S, P, L d)."""
+        _, pieces, order, _ = self.coefficients.shape
+        return np.ascontiguousarray(self.coefficients.transpose(1, 2, 0, 3).reshape(pieces, order, -1))
+
+    @cached_property
+    def _flat_with_rate(self) -> Array:
+        """The same, and beside them those of the derivatives, (S, P, 2 L d)."""
+        flat = self._flat
+        rate = np.zeros_like(flat)
+        rate[:, :-1] = flat[:, 1:] * np.arange(1, flat.shape[1])[:, None]
+        return np.concatenate([flat, rate], axis=2)
+
+    def _product(self, flat: Array, times: Array) -> Array:
+        """Values at all times of polynomials with the same breakpoints, (n, ...)."""
+        if len(flat) == 1:
+            return _powers(times - self.breakpoints[0, 0], flat.shape[1]) @ flat[0]
+        breaks = self.breakpoints[0]
+        piece = breaks[1:-1].searchsorted(times, "right")
+        powers = _powers(times - breaks[piece], flat.shape[1])
+        return np.matmul(powers[:, None], flat[piece])[:, 0]
+
+    def grid(self, times: Array) -> Array:
+        """Values of all polynomials at all times: (n,) s to (n, L, d)."""
+        width = self.coefficients.shape[3]
+        if self._common:
+            return self._product(self._flat, times).reshape(len(times), self.size, width)
+        index = np.tile(np.arange(self.size), len(times))
+        return self.at(index, np.repeat(times, self.size)).reshape(len(times), self.size, width)
+
+    def grid_with_rate(self, times: Array) -> tuple[Array, Array]:
+        """Values of all polynomials at all times, and their derivatives: (n,) s to (n, L, d) each."""
+        if not self._common:
+            return self.grid(times), self.derivative.grid(times)
+        both = self._product(self._flat_with_rate, times)
+        both = both.reshape(len(times), 2, self.size, self.coefficients.shape[3])
+        return both[:, 0], both[:, 1]
+
+    def at(self, index: Index, times: Array) -> Array:
+        """Values of chosen polynomials, each at its own time: (n,) and (n,) s to (n, d)."""
+        piece, elapsed = self.locate(index, times)
+        local = self.coefficients[index, piece]
+        value = local[:, -1].copy()
+        for power in range(local.shape[1] - 2, -1, -1):
+            value *= elapsed[:, None]
+            value += local[:, power]
+        return value
+
+    def at_with_rate(self, index: Index, times: Array) -> tuple[Array, Array]:
+        """Values of chosen polynomials and their derivatives, each at its own time, (n, d) each."""
+        piece, elapsed = self.locate(index, times)
+        local, x = self.coefficients[index, piece], elapsed[:, None]
+        value, rate = local[:, -1].copy(), np.zeros_like(local[:, -1])
+        for power in range(local.shape[1] - 2, -1, -1):
+            rate *= x
+            rate += value
+            value *= x
+            value += local[:, power]
+        return value, rate
+
+    def taylor(self, index: Index, times: Array) -> Array:
+        """Taylor coefficients of chosen polynomials, each about its own time: (n,) and (n,) s to (n, P, d)."""
+        piece, elapsed = self.locate(index, times)
+        return expanded(self.coefficients[index, piece], elapsed)
+
+    def size_bounds(self, times: Array, first: float, last: float) -> Array:
+        """Bounds of the sizes of all polynomials on intervals of time that have no breakpoints inside.
+
+        For symmetric matrices (xx, xy, yy) they bound the norm.
+
+        Parameters
+        ----------
+        times : (n,) array
+            Middles of the intervals, s.
+        first, last : float
+            All intervals are between these, s.
+
+        Returns
+        -------
+        (n, L) array, or (1, L) where it is the same for all times.
+        """
+        count, pieces, order, width = self.coefficients.shape
+        if pieces == 1:
+            left, right = np.full(count, first), np.full(count, last)
+        else:
+            # padding begins, and the last piece ends, at inf
+            left = np.minimum(np.maximum(self.breakpoints[:, :-1], first), last)
+            left[:, 0] = first
+            right = np.minimum(np.maximum(self.breakpoints[:, 1:], first), last)
+            right[:, -1] = last
+            left, right = left.ravel(), right.ravel()
+        begins = self.breakpoints[:, :-1].ravel()
+        shift = 0.5 * (left + right) - np.where(np.isfinite(begins), begins, 0.0)
+        terms = expanded(self.coefficients.reshape(count * pieces, order, width), shift)
+        squares = terms * terms
+        if width == 3:
+            squares[:, :, 1] *= 2.0
+        sizes = np.sqrt(squares.sum(axis=2))
+        radius = 0.5 * (right - left)
+        bound = sizes[:, -1].copy()
+        for power in range(order - 2, -1, -1):
+            bound *= radius
+            bound += sizes[:, power]
+        if pieces == 1:
+            return bound[None]
+        piece = (times[:, None, None] >= self.breakpoints[:, 1:-1]).sum(axis=2)
+        result: Array = bound.reshape(count, pieces)[np.arange(count), piece]
+        return result
+
+    def locate(self, index: Index, times: Array) -> tuple[Index, Array]:
+        """Piece and time since its left end, of chosen polynomials at their times."""
+        if self.coefficients.shape[1] == 1:
+            return np.zeros(len(times), dtype=np.intp), times - self.breakpoints[index, 0]
+        if self._common:
+            breaks = self.breakpoints[0]
+            piece = breaks[1:-1].searchsorted(times, "right")
+            return piece, times - breaks[piece]
+        piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
+        return piece, times - self.breakpoints[index, piece]
+
+
+def expanded(coefficients: Array, shift: Array) -> Array:
+    """Coefficients (n, P, d) of ascending powers of x to those of powers of x - shift, (n,)."""
+    if coefficients.shape[1] == 1:
+        return coefficients
+    return np.matmul(shift_matrices(coefficients.shape[1], shift), coefficients)
+
+
+def shift_matrices(order: int, shift: Array) -> Array:
+    """Matrices from ascending coefficients of powers of x to those of powers of x - shift, (n,) to (n, P, P)."""
+    factors, exponents = _shift_table(order)
+    matrices: Array = _powers(shift, order)[:, exponents]
+    matrices *= factors
+    return matrices
+
+
+def _powers(x: Array, order: int) -> Array:
+    """Powers 0, 1, ... order - 1 of numbers, (n, order)."""
+    powers = np.empty((len(x), order))
+    powers[:, 0] = 1.0
+    for power in range(1, order):
+        np.multiply(powers[:, power - 1], x, out=powers[:, power])
+    return powers
+
+
+@lru_cache(maxsize=16)
+def _shift_table(order: int) -> tuple[Array, Index]:
+    """Factors binomial(k, j), 0 for k < j, and exponents k - j of the shift, (P, P) each, with j first."""
+    factors = np.array([[comb(k, j) for k in range(order)] for j in range(order)], dtype=float)
+    exponents = np.maximum(np.arange(order) - np.arange(order)[:, None], 0)
+    return factors, exponents

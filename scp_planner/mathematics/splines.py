@@ -1,0 +1,182 @@
+"""Clamped B-spline bases as piecewise polynomials: exact values, derivatives and antiderivatives.
+
+A basis of K functions on [0, 1] is held as one array of local power coefficients, so that a spline,
+all its derivatives and its integrals are evaluated at any parameters with a gather and a Horner scheme.
+The bases themselves come from :class:`scipy.interpolate.BSpline`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+
+
+@dataclass(frozen=True)
+class PiecewiseBasis:
+    """K piecewise polynomials on [0, 1] that share their breakpoints.
+
+    Attributes
+    ----------
+    breakpoints : (M + 1,) array
+        Ends of the M spans, increasing, from 0 to 1.
+    coefficients : (M, P, K) array
+        Coefficients of ascending powers of the local parameter x in [0, 1] of each span.
+    """
+
+    breakpoints: Array
+    coefficients: Array
+
+    @cached_property
+    def widths(self) -> Array:
+        """Widths of the spans, (M,)."""
+        return np.diff(self.breakpoints)
+
+    @property
+    def size(self) -> int:
+        """Number K of basis functions."""
+        return int(self.coefficients.shape[2])
+
+    @cached_property
+    def _uniform(self) -> float:
+        """Number of spans if they are all equally wide, else 0 (then spans are found by bisection)."""
+        spans = len(self.widths)
+        return float(spans) if np.allclose(self.widths, 1.0 / spans, rtol=0, atol=1e-13) else 0.0
+
+    def locate(self, parameters: Array) -> tuple[NDArray[np.intp], Array]:
+        """Span index and local parameter of each parameter; outside [0, 1] the end spans continue."""
+        last = len(self.widths) - 1
+        if self._uniform:
+            scaled = parameters * self._uniform
+            span = np.minimum(np.maximum(scaled.astype(np.intp), 0), last)
+            return span, scaled - span
+        span = np.minimum(np.maximum(np.searchsorted(self.breakpoints, parameters, "right") - 1, 0), last)
+        return span, (parameters - self.breakpoints[span]) / self.widths[span]
+
+    def rows(self, parameters: Array) -> Array:
+        """Values of all basis functions: (n,) parameters to an (n, K) matrix."""
+        span, x = self.locate(np.asarray(parameters, dtype=float))
+        return self.rows_at(span, x)
+
+    def rows_at(self, span: NDArray[np.intp], x: Array) -> Array:
+        """Values of all basis functions at located parameters, (n, K)."""
+        powers = x[:, None] ** _exponents(self.coefficients.shape[1])
+        return np.matmul(powers[:, None, :], self.coefficients[span])[:, 0, :]
+
+    @cached_property
+    def derivative(self) -> PiecewiseBasis:
+        """The basis of the first derivatives."""
+        order = self.coefficients.shape[1]
+        if order == 1:
+            return PiecewiseBasis(self.breakpoints, np.zeros_like(self.coefficients))
+        factors = np.arange(1, order)[None, :, None] / self.widths[:, None, None]
+        return PiecewiseBasis(self.breakpoints, self.coefficients[:, 1:] * factors)
+
+    @cached_property
+    def antiderivative(self) -> PiecewiseBasis:
+        """The basis of the antiderivatives that vanish at 0; continuous, one degree higher."""
+        spans, order, size = self.coefficients.shape
+        integrated = np.zeros((spans, order + 1, size))
+        factors = self.widths[:, None, None] / np.arange(1, order + 1)[None, :, None]
+        integrated[:, 1:] = self.coefficients * factors
+        integrated[1:, 0] = np.cumsum(integrated.sum(axis=1), axis=0)[:-1]
+        return PiecewiseBasis(self.breakpoints, integrated)
+
+    def combine(self, weights: Array) -> Array:
+        """Local power coefficients, (M, P), of the one spline with these weights, (K,)."""
+        return self.coefficients @ weights
+
+
+def evaluate(coefficients: Array, span: NDArray[np.intp], x: Array) -> Array:
+    """Value of a spline given by local power coefficients, (M, P), at located parameters, (n,)."""
+    local = coefficients[span]
+    value = local[:, -1].copy()
+    for power in range(local.shape[1] - 2, -1, -1):
+        value *= x
+        value += local[:, power]
+    return value
+
+
+@lru_cache(maxsize=64)
+def _exponents(order: int) -> NDArray[np.int64]:
+    return np.arange(order)
+
+
+@lru_cache(maxsize=256)
+def clamped_basis(degree: int, breakpoints: tuple[float, ...]) -> PiecewiseBasis:
+    """B-spline basis of a degree over breakpoints in [0, 1], full multiplicity at both ends.
+
+    Parameters
+    ----------
+    degree : int
+        Degree of the polynomials, 0 to 5.
+    breakpoints : tuple of float
+        Increasing, from 0 to 1.
+
+    Returns
+    -------
+    PiecewiseBasis
+        With ``len(breakpoints) - 1 + degree`` functions.
+    """
+    from scipy.interpolate import BSpline
+
+    breaks = np.asarray(breakpoints, dtype=float)
+    knots = clamped_knots(degree, breaks)
+    size = len(knots) - degree - 1
+    spline = BSpline(knots, np.eye(size), degree)
+    widths = np.diff(breaks)
+    coefficients = np.empty((len(widths), degree + 1, size))
+    for power in range(degree + 1):
+        # The spline is smooth inside a span: its Taylor coefficients at the middle, shifted to the left end,
+        # avoid the one-sided limits at knots.
+        coefficients[:, power] = (
+            spline(breaks[:-1] + 0.5 * widths, nu=power) * ((widths**power / factorial(power))[:, None])
+        )
+    return PiecewiseBasis(breaks, np.einsum("pq,mqk->mpk", _shift_matrix(degree + 1, -0.5), coefficients))
+
+
+def clamped_knots(degree: int, breakpoints: Array) -> Array:
+    """Knot vector with the end breakpoints repeated ``degree + 1`` times."""
+    return np.concatenate([np.full(degree, breakpoints[0]), breakpoints, np.full(degree, breakpoints[-1])])
+
+
+@lru_cache(maxsize=64)
+def antiderivative_control_points(degree: int, breakpoints: tuple[float, ...]) -> Array:
+    """Matrix from control points of a spline on [0, 1] to those of its antiderivative that vanishes at 0.
+
+    Parameters
+    ----------
+    degree : int
+        Of the spline.
+    breakpoints : tuple of float
+        From 0 to 1.
+
+    Returns
+    -------
+    (K + 1, K) array
+        The control points bound the antiderivative for every parameter (convex hull property).
+    """
+    from scipy.interpolate import BSpline
+
+    knots = clamped_knots(degree, np.asarray(breakpoints, dtype=float))
+    size = len(knots) - degree - 1
+    raised = BSpline(knots, np.eye(size), degree).antiderivative()
+    points = np.zeros((size + 1, size))
+    points[:] = raised.c[: size + 1]
+    return points
+
+
+def _shift_matrix(order: int, shift: float) -> Array:
+    """Matrix that re-expands ascending powers of x about another origin: p(x + shift)."""
+    matrix = np.zeros((order, order))
+    for row in range(order):
+        for column in range(row, order):
+            matrix[row, column] = (
+                factorial(column) / (factorial(row) * factorial(column - row)) * shift ** (column - row)
+            )
+    return matrix

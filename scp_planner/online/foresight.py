@@ -1,0 +1,93 @@
+"""How uncertain a zone will be when the vehicle gets there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.threat_zones.batch import ZoneBatch
+
+LONGER = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+"""s of further observation after which foreseen zones are computed; in between, they are interpolated."""
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What an estimate of a polynomial motion is made from: how it will improve by going on like this.
+
+    Attributes
+    ----------
+    order : int
+    count : int
+        Observations.
+    span : float
+        From the first to the last of them, s.
+    """
+
+    order: int
+    count: int
+    span: float
+
+
+def _variances(learning: Sequence[Learning], lead: float) -> Array:
+    """Relative variances of K predictions so far ahead, s, after observing for so much longer as `LONGER`, (K, n).
+
+    With n observations spread evenly over T one is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
+    polynomials.
+    """
+    orders = np.array([one.order for one in learning])[:, None]
+    now = np.array([one.span for one in learning])[:, None]
+    span = now + LONGER
+    s = 1.0 + 2.0 * lead / span
+    squared = s * s
+    growth = 1.0 + 3.0 * squared * (orders >= 1) + 1.25 * (3.0 * squared - 1.0) ** 2 * (orders >= 2)
+    return growth * now / span
+
+
+def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning], now: float = 0.0) -> ZoneBatch:
+    """Zones that do not grow beyond the foresight, but shrink with what will be learnt; see the head of this module.
+
+    Parameters
+    ----------
+    batch : ZoneBatch
+    foresight : float
+        s.
+    learning : mapping of str to Learning
+        By the ids of the zones; the others keep their size.
+    now : float
+        What the clock of the batch shows now, s.
+
+    Returns
+    -------
+    ZoneBatch
+    """
+    if batch.covariances is None:
+        return batch
+    covariances = batch.covariances
+    pieces, powers, width = covariances.coefficients.shape[1:]
+    count = covariances.size
+    factors = np.ones((count, len(LONGER)))
+    known = [(k, learning.get(batch.ids[index])) for k, index in enumerate(batch.uncertain)]
+    learnt = [(k, one) for k, one in known if one is not None and one.span > 0.0]
+    if learnt:
+        variance = _variances([one for _, one in learnt], foresight)
+        factors[[k for k, _ in learnt]] = variance / variance[:, :1]
+    every = np.arange(count)
+    size = covariances.at(every, np.full(count, now + foresight))
+    # Pieces that begin after the foresight are empty, and those that follow them are taken first.
+    begins = np.minimum(covariances.breakpoints[:, :-1], now + foresight)
+    coefficients = np.zeros((count, pieces + len(LONGER), max(powers, 2), width))
+    coefficients[:, :pieces, :powers] = covariances.coefficients
+    coefficients[:, pieces:, 0] = factors[:, :, None] * size[:, None]
+    slopes = np.diff(factors, axis=1) / np.diff(LONGER)
+    coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
+    later = np.broadcast_to(now + foresight + LONGER, (count, len(LONGER)))
+    end = np.full((count, 1), np.inf)
+    seen = copy(batch)
+    seen.covariances = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
+    return seen

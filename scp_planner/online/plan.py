@@ -1,0 +1,49 @@
+"""What a replan gives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from scp_planner.planning.plan import Plan
+from scp_planner.trips.trip import Trip
+
+
+class Outcome(StrEnum):
+    """What a replan came to."""
+
+    IMPROVED = "improved"
+    """A new plan."""
+    KEPT = "kept"
+    """The last plan, whose certificate holds with the refreshed zones."""
+    REPAIRED = "repaired"
+    """The path of the last plan, driven slower."""
+    BRAKING = "braking"
+    """A stop along the path."""
+
+
+@dataclass(frozen=True)
+class OnlinePlan(Plan):
+    """A plan of :class:`Planner`. ``reason`` tells in words what came about, and why.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    stop : Trip or None
+        The certified stop that the vehicle can leave the plan for; the trip itself where that is a certified stop.
+    branch_time : float
+        Absolute time up to which the stop is driven like the plan, s.
+    arrived : bool
+        Whether the vehicle is at its goal, so that there is nothing left to drive.
+    """
+
+    outcome: Outcome = Outcome.IMPROVED
+    stop: Trip | None = None
+    branch_time: float = math.inf
+    arrived: bool = False
+
+    @property
+    def safe(self) -> bool:
+        """Whether the vehicle can set off: the trip is certified to its end, or a stop from it is."""
+        return self.certified or self.stop is not None

@@ -1,0 +1,710 @@
+"""Planning while driving: observe, refresh the zones, replan before a deadline, fall back if nothing better is safe.
+
+Each call of :meth:`Planner.replan` begins with what is left of the last plan, makes the zones anew from all that has
+been observed, and improves the trip by a few steps of the loop. Now and then it looks for other ways round.
+
+**What is promised.** A plan whose status is ``certified`` keeps clear of all zones, up to the goal. Zones of observed
+obstacles grow with time, so far ahead they may leave no room for any trip; a vehicle that waited for a trip that is
+certain to its end would often wait for ever. So a plan is also *safe* if the vehicle can begin it and still stop: a
+stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands. The trip itself is
+planned against *foreseen* zones, which are those that will be looked at when the vehicle gets there
+(`scp_planner.online.obstacle_tracks`). With ``Safety.TRIP`` only whole trips will do.
+
+**What happens else.** In this order: the last plan is ``kept`` while its certificate holds with the refreshed zones;
+it is ``repaired`` by driving the same path slower; or the vehicle is ``braking`` along its path, certified until it
+stands, or else in the least bad way. From a stop the planner recovers by itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from threading import Lock
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.errors import Fault, ScenarioError
+from scp_planner.online.arguments import _covariance, _point, check_number
+from scp_planner.online.foresight import foreseen
+from scp_planner.online.looks import (
+    FEWEST_LOOK_STEPS,
+    FIRST_LOOK_TIME,
+    HOPELESS,
+    LOOK_GAIN,
+    LOOK_GAIN_TIME,
+    LOOK_RUNS,
+    LOOK_SOONER,
+    LOOK_TIME_DECAY,
+    LOOK_TRUST,
+    SPARED,
+    _Look,
+)
+from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.remaining import State, _guide_from, remaining_trip
+from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
+from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
+from scp_planner.planning.plan import PlanStatus
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Limits
+from scp_planner.scenario.models import Model, Obstacle, Scenario, Shape, Start
+from scp_planner.scenario.places import anchored
+from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.loop import FIRST_TRUST, ScpLoop
+from scp_planner.scp.record import FEASIBILITY
+from scp_planner.scp.record import Status as RunStatus
+from scp_planner.search.starts import bows
+from scp_planner.search.ways import WaySearch, ways
+from scp_planner.settings.online import OnlineSettings, Safety
+from scp_planner.settings.planning import Settings
+from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import corridor_zones
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+logger = logging.getLogger(__name__)
+
+SETTINGS = Settings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
+"""Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
+between samples."""
+WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
+NEAR_GOAL = 0.4
+"""s. With less of the trip left than this, the last plan is driven to its end if its certificate holds."""
+ARRIVED = 1e-3
+"""m."""
+VIOLATION_COST = 5.0
+"""s/m. What the entry into a foreseen zone counts, in comparing ways."""
+UNFINISHED_SOONER = 2
+"""A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
+NEARLY_CLEAR = 5e-3
+"""m. Another way that enters foreseen zones by less than this, which change with each observation, may be driven."""
+SLOWER = 5e-3
+"""s. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+EASINGS = (0.6, 0.25, 0.0)
+"""Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
+
+
+@dataclass
+class _Replan:
+    """One call of :meth:`Planner.replan`."""
+
+    moment: Moment
+    began: float
+    deadline: float
+    timings: dict[str, float] = field(default_factory=dict)
+    clock: float = 0.0
+
+    def lap(self, stage: str) -> None:
+        """Count the time since the last lap to a stage."""
+        clock = perf_counter()
+        self.timings[stage] = self.timings.get(stage, 0.0) + clock - self.clock
+        self.clock = clock
+
+
+class Planner:
+    """A planner that is called again and again while the vehicle drives.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Vehicle, goal, bounds, confidence, and what is known of obstacles so far. A latest arrival is not looked at:
+        the plans are as fast as they may be, and their arrival time tells.
+    settings : Settings, optional
+        Of the loop. Accelerations are piecewise constant here.
+    online : OnlineSettings, optional
+    solver : str or QpSolver, optional
+        Overrides ``settings.solver``: a name, or a solver of one's own.
+
+    Attributes
+    ----------
+    plan : OnlinePlan or None
+        The last answer.
+    zones : tuple of ThreatZone
+        That it was made with: with the planner's margin.
+    notes : deque of str
+        What was odd about observations, the newest last.
+    solver : QpSolver
+        Of the subproblems.
+
+    Raises
+    ------
+    ValueError
+        If no solver has that name.
+    ScenarioError
+        If the scenario limits the jerk.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        settings: Settings | None = None,
+        online: OnlineSettings | None = None,
+        solver: str | QpSolver | None = None,
+    ) -> None:
+        if scenario.vehicle.max_jerk is not None:
+            text = "must be null online: the vehicle has to be able to brake at once"
+            raise ScenarioError(scenario.name, [Fault("vehicle.max_jerk", scenario.vehicle.max_jerk, text)])
+        settings = settings or SETTINGS
+        if isinstance(solver, str):
+            settings, solver = replace(settings, solver=solver), None
+        self.settings = replace(settings, acceleration_degree=0)
+        self.online = online or OnlineSettings()
+        self.plan: OnlinePlan | None = None
+        self.zones: tuple[ThreatZone, ...] = ()
+        self.notes: deque[str] = deque(maxlen=100)
+        self.obstacles = ObstacleTracks(
+            scenario.confidence,
+            self.online.margin(scenario.vehicle.max_speed),
+            self.online.newcomers,
+            self.online.gate_probability,
+        )
+        for obstacle in scenario.obstacles:
+            self.obstacles.add(obstacle)
+        # Late or not, the vehicle drives on as fast as it may.
+        in_time = scenario.goal.model_copy(update={"latest_arrival": None})
+        self.given = anchored(scenario.model_copy(update={"goal": in_time}))
+        self.solver: QpSolver = solver or solver_named(settings.solver)
+        self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
+        self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
+        stopping = scenario.vehicle.max_speed / scenario.vehicle.max_deceleration
+        self._foresight = self.online.period + self.online.reaction_time + stopping + 0.5 * COMMITMENT
+        if self.online.foresight is not None:
+            self._foresight = self.online.foresight
+        self._state: State | None = None
+        self._cycle = 0
+        self._look_time = FIRST_LOOK_TIME
+        self._look: _Look | None = None
+        self._improved = self._looked = 0
+        self._good_enough = True
+        self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
+        self._work = Lock()
+
+    # what is seen
+
+    def observe(self, obstacle: str, time: float, position: ArrayLike, covariance: ArrayLike | None = None) -> None:
+        """Take in an observation of an obstacle; during a replan, of another thread, between two of its stages.
+
+        Parameters
+        ----------
+        obstacle : str
+            Id of an obstacle that is known.
+        time : float
+            When it was seen, absolute, s; late ones are welcome.
+        position : (2,)
+            m.
+        covariance : (2, 2), optional
+            m2; else that of the scenario.
+
+        Raises
+        ------
+        ValueError
+            If the id is unknown, or a number is not finite.
+        """
+        if obstacle not in self.obstacles.tracks:
+            raise ValueError(f"observe: there is no obstacle {obstacle!r}; add_obstacle adds one")
+        place = _point("position", position)
+        check_number("time", time)
+        self._inbox.append((obstacle, float(time), place, None if covariance is None else _covariance(covariance)))
+        # A replan that is at work takes it in itself.
+        if self._work.acquire(blocking=False):
+            try:
+                self._take_in()
+            finally:
+                self._work.release()
+
+    def _take_in(self) -> bool:
+        """Take in what has been observed; return whether there was anything."""
+        any_new = bool(self._inbox)
+        while self._inbox:
+            name, time, position, covariance = self._inbox.popleft()
+            if name not in self.obstacles.tracks:
+                continue
+            fault = self.obstacles.observe(name, time, position, covariance)
+            if fault is not None:
+                self.notes.append(f"{name} at t = {time:.3f} s: {fault}")
+        return any_new
+
+    def add_obstacle(
+        self,
+        obstacle: Obstacle | Mapping[str, Any] | str,
+        shape: Shape | Mapping[str, Any] | None = None,
+        *,
+        covariance: ArrayLike | None = None,
+        model: Model | Mapping[str, Any] | None = None,
+        margin: float = 0.0,
+    ) -> None:
+        """Take in a new obstacle: one as in a scenario, or the id and shape of one that will be observed.
+
+        Parameters
+        ----------
+        obstacle : Obstacle, mapping or str
+            A whole obstacle, or the id of one that has not been observed yet.
+        shape : shape, optional
+            With an id: as in the scenario, such as ``{"disc": 0.3}``.
+        covariance : (2, 2), optional
+            With an id: of one observation, m2; else it comes with each, or is estimated.
+        model : Model, optional
+            With an id: of its motion.
+        margin : float
+            With an id: extra clearance, m.
+
+        Raises
+        ------
+        ValueError
+            If the id is taken or a value is not allowed.
+        """
+        if not isinstance(obstacle, str):
+            whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle.model_validate(obstacle)
+            self._check_new(whole.id)
+            self.obstacles.add(whole)
+            return
+        still = {"position": [0.0, 0.0]}
+        parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
+        checked = Obstacle.model_validate(parts)
+        self._check_new(obstacle)
+        noise = None if covariance is None else _covariance(covariance)
+        self.obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
+
+    def _check_new(self, name: str) -> None:
+        if name in self.obstacles.tracks:
+            raise ValueError(f"add_obstacle: there is an obstacle {name!r} already")
+
+    def remove_obstacle(self, obstacle: str) -> None:
+        """Forget an obstacle.
+
+        Parameters
+        ----------
+        obstacle : str
+            Its id.
+
+        Raises
+        ------
+        ValueError
+            If the id is unknown.
+        """
+        if obstacle not in self.obstacles.tracks:
+            raise ValueError(f"remove_obstacle: there is no obstacle {obstacle!r}")
+        del self.obstacles.tracks[obstacle]
+
+    @property
+    def scenario(self) -> Scenario:
+        """What the last plan was made for: the state, what has been observed, and the planner's margin.
+
+        `scp_planner.certify` of this and of a plan that begins now says what the planner says.
+        """
+        if self._state is None:
+            return self.given
+        return self._scenario_at(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
+
+    # what to do
+
+    def replan(
+        self,
+        time: float,
+        position: ArrayLike,
+        heading: float | None,
+        speed: float,
+        acceleration: float | None = None,
+        deadline: float | None = None,
+    ) -> OnlinePlan:
+        """Plan anew from the present state.
+
+        Parameters
+        ----------
+        time : float
+            Absolute, s; not before that of the last call.
+        position : (2,)
+            m.
+        heading : float or None
+            rad; None: free.
+        speed : float
+            m/s.
+        acceleration : float, optional
+            Along the path, m/s2. Not used: accelerations of the plan may jump.
+        deadline : float, optional
+            Wall time in s from now by which the answer is wanted. Without one the work is limited by steps only,
+            and the same calls give the same plans.
+
+        Returns
+        -------
+        OnlinePlan
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite or time goes backwards.
+        """
+        began = perf_counter()
+        state = self._checked_state(time, position, heading, speed, acceleration, deadline)
+        end = math.inf if deadline is None else began + deadline - self.online.reserve
+        with self._work:
+            now = _Replan(self._moment(state), began, end, clock=began)
+            now.lap("zones")
+            plan = self._answer(now)
+        self.plan, self._state, self.zones = plan, state, now.moment.zones
+        self._cycle += 1
+        return plan
+
+    def _checked_state(
+        self,
+        time: float,
+        position: ArrayLike,
+        heading: float | None,
+        speed: float,
+        acceleration: float | None,
+        deadline: float | None,
+    ) -> State:
+        check_number("time", time)
+        if self._state is not None and time < self._state.time:
+            raise ValueError(f"time: {time!r} is before {self._state.time!r}, the time of the last replan")
+        place = _point("position", position)
+        for name, value in (("heading", heading), ("speed", speed), ("acceleration", acceleration)):
+            if value is not None:
+                check_number(name, value)
+        if deadline is not None and not deadline > 0.0:
+            raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
+        # The sensor of a vehicle that stands may show a speed below nothing.
+        return State(float(time), place, None if heading is None else float(heading), max(float(speed), 0.0))
+
+    def _scenario_at(self, state: State) -> Scenario:
+        start = Start.model_construct(
+            time=state.time, position=state.position, heading=state.heading, speed=state.speed, acceleration=None
+        )
+        changes: dict[str, Any] = {"start": start, "obstacles": ()}
+        if self.given.guide is not None:
+            changes["guide"] = _guide_from(self.given.guide, state.position)
+        return self.given.model_copy(update=changes)
+
+    def _moment(self, state: State) -> Moment:
+        self._take_in()
+        self._forget(state.time)
+        return Moment(state, self._scenario_at(state), self.obstacles.zones(state.time) + corridor_zones(self.given))
+
+    def _forget(self, time: float) -> None:
+        for track in list(self.obstacles.tracks.values()):
+            if track.times and track.fixed is None and time - track.times[-1] > self.online.forget_after:
+                self.notes.append(f"{track.id}: forgotten, not seen for {self.online.forget_after:g} s")
+                del self.obstacles.tracks[track.id]
+
+    def at_goal(self, position: ArrayLike) -> bool:
+        """Whether a position, (2,) m, is the goal: within its radius, or a millimetre, and the tracking error."""
+        goal = self.given.goal
+        return math.dist(_point("position", position), goal.position) <= (
+            max(goal.radius, ARRIVED) + self.online.tracking_error
+        )
+
+    def _answer(self, now: _Replan) -> OnlinePlan:
+        last = self.plan if self.plan is not None and self.plan.outcome is not Outcome.BRAKING else None
+        state = now.moment.state
+        if self.at_goal(state.position):
+            # Within the goal's radius the vehicle may still be coming to rest, or on its way to where it arrives.
+            kept = None
+            if last is not None and last.arrival_time > state.time and state.speed > STANDING:
+                kept = self._vetting.vet_kept(now.moment, last.trip)
+            if kept is not None:
+                return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
+            return replace(self._standing(now, "arrived"), arrived=True)
+        if last is not None and last.arrival_time - state.time < NEAR_GOAL:
+            kept = self._vetting.vet_kept(now.moment, last.trip)
+            if kept is not None:
+                return self._plan_of(kept, now, Outcome.KEPT, "the goal is near")
+        if last is not None and self._cycle - self._improved < self._improve_every:
+            kept = self._vetting.vet_on(now.moment, last.trip, self._foreseen, last.branch_time, last.certified)
+            now.lap("certificate")
+            if kept is not None:
+                return self._keep(now, kept)
+        self._improved = self._cycle
+        problem = self._problem(now)
+        loop = ScpLoop(problem, self.solver)
+        ahead = None if self.plan is None else remaining_trip(problem, self.plan.trip, state)
+        now.lap("problem")
+        best, why = self._improve(now, loop, None if last is None else ahead)
+        if best is None:
+            return self._fall_back(now, problem, last, ahead, why)
+        later = last is not None and best.arrival > last.arrival_time + SLOWER
+        if last is not None and (later or (last.certified and not best.certified)):
+            kept = self._vetting.vet_kept(now.moment, last.trip)
+            now.lap("certificate")
+            if kept is not None:
+                why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
+                return self._plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
+        self._good_enough = best.feasible
+        return self._plan_of(best, now, Outcome.IMPROVED, why)
+
+    @property
+    def _improve_every(self) -> int:
+        """Replans between improvements: fewer after one that is not good enough yet."""
+        every = self.online.improve_every
+        return every if self._good_enough else max(every // UNFINISHED_SOONER, 1)
+
+    def _keep(self, now: _Replan, kept: Vetted) -> OnlinePlan:
+        """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
+        if self._look_is_due(now, kept):
+            loop = ScpLoop(self._problem(now), self.solver)
+            now.lap("problem")
+            other, _ = self._look_round(now, loop, kept)
+            if other is not None:
+                return self._plan_of(other, now, Outcome.IMPROVED, "another way round")
+        return self._plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
+
+    def _foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
+        """The zones that trips are planned among, of those on a clock that shows a time now."""
+        if self.online.safety is Safety.TRIP:
+            return batch
+        return foreseen(batch, self._foresight, self.obstacles.learning(), clock)
+
+    def _problem(self, now: _Replan) -> Problem:
+        problem = build_problem(now.moment.scenario, (), self.settings, self._breakpoints)
+        batch = self._foreseen(now.moment.batch)
+        return problem.among(batch.inflated(np.full(batch.size, self.settings.clearance_margin)))
+
+    def _improve(self, now: _Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
+        """Continue the last plan and, where that is due, look at other ways round."""
+        best: Vetted | None = None
+        why, refused = "first plan", ""
+        if ahead is not None:
+            most = self.online.iterations
+            if self.plan is not None and self._vetting.is_on(now.moment, self.plan.trip):
+                most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+            now.lap("scp")
+            found = self._vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
+            if isinstance(found, Vetted):
+                best, why = found, "the last plan, continued"
+            else:
+                refused = found.why
+        if best is None and self._look_is_due(now, best):
+            best, said = self._look_round(now, loop, None)
+            why = "first plan" if self.plan is None else "another way round"
+            refused = refused or said
+        return best, why if best is not None else refused
+
+    def _look_is_due(self, now: _Replan, best: Vetted | None) -> bool:
+        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
+        if self.plan is None:
+            return True  # a plan is worth waiting for only where there is none at all
+        every = self.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
+        if best is not None and self._look is None and self._cycle - self._looked < every:
+            return False
+        # The search for ways cannot be broken off.
+        in_time = perf_counter() + self._look_time < now.deadline
+        if not in_time:
+            self._look_time *= LOOK_TIME_DECAY
+        return in_time
+
+    def _look_round(self, now: _Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
+        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
+        began, problem, first = perf_counter(), loop.problem, self.plan is None
+        cutoff = math.inf
+        if best is not None:
+            tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
+            cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
+        if self._look is None:
+            runs = self.online.first_runs if best is None else LOOK_RUNS
+            self._look = _Look(self._starts(problem, cutoff), runs)
+        self._looked = self._cycle
+        # Only a trip that keeps clear takes the place of one that is certified to the goal.
+        strict = first or (best is not None and best.certified)
+        tolerance = FEASIBILITY if strict else NEARLY_CLEAR
+        found, said = self._try_ways(now, loop, self._look, cutoff, tolerance, best is None)
+        if first or (found is not None and found.violation <= NEARLY_CLEAR):
+            self._look = None
+        if not first:
+            self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
+        return found, said
+
+    def _try_ways(
+        self, now: _Replan, loop: ScpLoop, look: _Look, cutoff: float, tolerance: float, any_will_do: bool
+    ) -> tuple[Vetted | None, str]:
+        """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
+
+        For a first plan all ways are tried, and the fastest is returned.
+        """
+        problem, first = loop.problem, self.plan is None
+        most = self.settings.max_iterations if first else self.online.look_iterations
+        left = most * self.online.first_runs
+        if not first:
+            left = max(self.online.look_steps - (0 if any_will_do else SPARED), 1)
+        spare: Vetted | None = None
+        said = "no way round was found"
+        while left > 0 and perf_counter() <= now.deadline:
+            if look.trip is None:
+                more = look.begin_next()
+                now.lap("search")
+                if not more:
+                    self._look = None
+                if not more or not first:
+                    break  # the search is work enough for one replan
+            assert look.trip is not None
+            start, trust = look.trip.trajectory, FIRST_TRUST
+            if look.trip.frame != problem.frame:
+                start = remaining_trip(problem, look.trip, now.moment.state)
+                trust = LOOK_TRUST if look.steps else FIRST_TRUST
+            enough = None if first else FEWEST_LOOK_STEPS
+            run = loop.run(start, min(left, most - look.steps), cutoff, now.deadline, trust, enough)
+            now.lap("scp")
+            evaluation, steps = run.evaluation, max(len(run.record), 1)
+            look.trip, look.steps, left = Trip(problem.frame, evaluation.trajectory), look.steps + steps, left - steps
+            clear = evaluation.worst_violation <= tolerance
+            faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
+            ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or look.steps >= most
+            hopeful = (
+                any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
+            )
+            if (clear and faster) or hopeful:
+                vetted = self._vet(now, problem, evaluation.trajectory, evaluation, look.steps)
+                ended = ended or clear
+                if isinstance(vetted, Refusal):
+                    said = vetted.why
+                elif clear and not first:
+                    return vetted, ""
+                elif clear or spare is None:
+                    spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
+            if ended:
+                look.trip = None
+                if not first:
+                    break
+        return spare, said
+
+    @staticmethod
+    def _is_hopeful(now: _Replan, evaluation: Evaluation) -> bool:
+        """Whether a way that is not clear may become so: others move on, limits do not.
+
+        A vehicle that stands waits for a clear way rather than creep into a dead end.
+        """
+        return now.moment.state.speed > STANDING and float(evaluation.limit_violation.max()) <= HOPELESS
+
+    def _starts(self, problem: Problem, cutoff: float) -> Iterator[Trip]:
+        any_way = False
+        search = WaySearch(problem)
+        for way in ways(search, self.settings.searches):
+            if way.travel_time >= cutoff + LOOK_GAIN_TIME:
+                break
+            any_way = True
+            yield Trip(problem.frame, search.start(way))
+        if not any_way and not math.isfinite(cutoff):
+            for bow in bows(problem):
+                yield Trip(problem.frame, bow)
+
+    def _vet(
+        self, now: _Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0
+    ) -> Vetted | Refusal:
+        """Certify a trip, with the newest observations."""
+        if self._inbox:
+            now.moment = self._moment(now.moment.state)
+        branch = math.inf if self.plan is None else self.plan.branch_time
+        vetted = self._vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
+        now.lap("certificate")
+        return vetted
+
+    # what is left
+
+    def _fall_back(
+        self, now: _Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, why: str
+    ) -> OnlinePlan:
+        """Keep the last plan, or drive its path slower, or brake."""
+        moment = now.moment
+        if last is not None:
+            kept = self._vetting.vet_kept(moment, last.trip)
+            if kept is not None:
+                return self._plan_of(kept, now, Outcome.KEPT, f"nothing better was found: {why}")
+            if last.stop is not None:
+                kept = self._vetting.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
+                if kept is not None:
+                    return self._plan_of(kept, now, Outcome.KEPT, f"a stop from it still holds; {why}")
+        if last is not None and ahead is not None:
+            repaired = self._repair(now, problem, ahead)
+            if repaired is not None:
+                return self._plan_of(repaired, now, Outcome.REPAIRED, why)
+        return self._brake(now, problem, ahead, why)
+
+    def _repair(self, now: _Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
+        """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
+        for share in EASINGS:
+            if perf_counter() > now.deadline:
+                return None
+            beta = ahead.beta.copy()
+            beta[0] = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
+            trial = problem.space.trajectory(ahead.theta, beta)
+            if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
+                continue
+            vetted = self._vet(now, problem, trial)
+            if isinstance(vetted, Vetted):
+                return vetted
+        return None
+
+    def _brake(self, now: _Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
+        """The first certified stop, or the one that does least harm."""
+        moment = now.moment
+        if moment.state.speed <= STANDING:
+            return self._standing(now, why)
+        least: tuple[float, Trip, Certificate] | None = None
+        for trip in self._stops(moment, problem, ahead):
+            stop = Stop(trip, trip.frame.time)
+            since = moment.state.time if trip.frame.time < moment.state.time else None
+            if since is not None and since >= stop.stands:
+                continue
+            certificate = moment.certify(
+                trip, since=since, until=stop.stands, ends=Ends.START, motions=self._vetting.motions
+            )
+            if certificate.holds:
+                text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
+                return self._plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, text)
+            if least is None or certificate.clearance.minimum > least[0]:
+                least = certificate.clearance.minimum, trip, certificate
+        assert least is not None, "the last stop begins now"
+        _, trip, certificate = least
+        harm = "; ".join(str(violation) for violation in certificate.violations)
+        text = f"{why}; no stop is certified, this is the least bad: {harm}"
+        return self._plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
+
+    def _stops(self, moment: Moment, problem: Problem, ahead: Trajectory | None) -> Iterator[Trip]:
+        if self.plan is not None and self.plan.stop is not None and self._vetting.is_on(moment, self.plan.stop):
+            yield self.plan.stop
+        if ahead is not None:
+            along = stop_now(ahead.path, problem.space.start_speed, problem.limits.deceleration)
+            if fits(along):
+                yield Trip(problem.frame, along)
+        yield straight_stop(moment.state, problem.limits, self.settings, self._breakpoints)
+
+    def _standing(self, now: _Replan, why: str) -> OnlinePlan:
+        moment = now.moment
+        limits = Limits.of(moment.scenario)
+        trip = straight_stop(replace(moment.state, speed=0.0), limits, self.settings, self._breakpoints)
+        certificate = moment.certify(trip, since=moment.state.time, until=moment.state.time, ends=Ends.START)
+        stop = Stop(trip, trip.frame.time) if certificate.holds else None
+        return self._plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, f"{why}; the vehicle stands")
+
+    def _plan_of(self, vetted: Vetted, now: _Replan, outcome: Outcome, why: str) -> OnlinePlan:
+        if vetted.certified and outcome is not Outcome.BRAKING:
+            status = PlanStatus.CERTIFIED
+        else:
+            status = PlanStatus.FEASIBLE if vetted.feasible else PlanStatus.INFEASIBLE
+        return OnlinePlan(
+            scenario=self.given.name,
+            status=status,
+            reason=why,
+            trip=vetted.trip,
+            method="scp",
+            solver=self.solver.name,
+            iterations=vetted.iterations,
+            wall_time=perf_counter() - now.began,
+            clearance=vetted.certificate.clearance,
+            limits=vetted.certificate.limits,
+            timings=now.timings,
+            outcome=outcome,
+            stop=None if vetted.stop is None else vetted.stop.trip,
+            branch_time=math.inf if vetted.stop is None else vetted.stop.branch,
+        )

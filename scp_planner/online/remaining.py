@@ -1,0 +1,180 @@
+"""What is left of a trip, as a trip of its own: the warm start of a replanning vehicle.
+
+Each replan happens in the planning frame of the present state, so that splines begin where the vehicle is. The path
+ahead is fitted again by least squares, its ends and its first direction fixed; the drive keeps the speeds that were
+planned. Where the vehicle is not quite where it should be, the path leads back to the old one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.trips.guide import Guide
+from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.trip import Trip
+
+
+def _guide_from(
+    guide: tuple[tuple[float, float], ...], position: tuple[float, float]
+) -> tuple[tuple[float, float], ...]:
+    """What is left of a polyline from the point nearest to a position on, beginning at the position."""
+    points = np.array(guide)
+    legs = np.diff(points, axis=0)
+    squared = np.maximum((legs * legs).sum(axis=1), 1e-300)
+    share = np.clip(((np.array(position) - points[:-1]) * legs).sum(axis=1) / squared, 0.0, 1.0)
+    away = np.hypot(*(points[:-1] + share[:, None] * legs - np.array(position)).T)
+    leg = int(np.argmin(away))
+    # The next vertex is left out if the vehicle is about to pass it: a guide does not turn back.
+    ahead = [tuple(point) for point in points[leg + 1 :].tolist()]
+    while len(ahead) > 1 and math.dist(ahead[0], position) < 2.0 * away[leg] + 1e-6:
+        ahead.pop(0)
+    return (position, *ahead)
+
+
+PATH_SAMPLES = 49
+BENDING = 1e-4
+"""m2. Weight of bending against offsets in the fit: only what the samples leave open."""
+WAY_BACK = 2.0
+"""m of path on which the vehicle is led back to the old path..."""
+WAY_BACK_TIMES = 8.0
+"""...or this many times its distance from it, if that is more."""
+CATCHING_UP = 0.3
+"""Share of the limits of acceleration that is used to get back to the planned speed."""
+MOST_STRETCHES = 8
+GUIDE_STEP = 0.25
+"""m, between the points of a curved guide that nearest ones are looked for among."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What a vehicle does at a time.
+
+    Attributes
+    ----------
+    time : float
+        Absolute, s.
+    position : (x, y)
+        m, world coordinates.
+    heading : float or None
+        rad; None: free, as for a vehicle that stands and can turn on the spot.
+    speed : float
+        m/s.
+    """
+
+    time: float
+    position: tuple[float, float]
+    heading: float | None
+    speed: float
+
+
+def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:
+    """Fit what is left of a trip at a state, in the space of a problem that begins there.
+
+    Parameters
+    ----------
+    problem : Problem
+        From ``state`` to the goal.
+    old : Trip
+    state : State
+
+    Returns
+    -------
+    Trajectory
+        In the planning frame of the problem.
+    """
+    trajectory = old.trajectory
+    first = min(max((state.time - old.frame.time) / trajectory.travel_time, 0.0), 1.0)
+    theta = _path(problem, old, first)
+    beta = _drive(problem, trajectory, first, state.speed)
+    return arriving(problem.space, theta, beta, problem.limits.acceleration)
+
+
+def _path(problem: Problem, old: Trip, first: float) -> Array:
+    space, ends, trajectory = problem.space, problem.ends, old.trajectory
+    now = trajectory.at(trajectory.space.time_table(np.array([first])))
+    parameters = np.linspace(float(now.parameter[0]), 1.0, PATH_SAMPLES)
+    points = trajectory.path.points(parameters)
+    ahead = problem.frame.to_frame(old.frame.to_world(points.position))
+    x, y = _over(space.guide, ahead)
+    off = float(y[0])
+    back = min(max(WAY_BACK, WAY_BACK_TIMES * abs(off)), space.length)
+    left = np.minimum(np.maximum(x / back, 0.0), 1.0)
+    y = y - off * (1.0 - left) ** 2 * (1.0 + 2.0 * left)
+    # A path over the guide goes forward; what does not (a bow driven backwards along the new guide) is left out.
+    forward = np.maximum.accumulate(x) <= x + 1e-9
+    forward &= (x >= 0.0) & (x <= space.length)
+    x, y = x[forward], y[forward]
+    theta = ends.theta.copy()
+    free = ends.free
+    rows = space.path.rows(x / space.length)
+    smooth = space.tables.station_bends * (BENDING / space.length**2)
+    target = y - rows @ theta
+    bend = -smooth @ theta
+    rows, smooth = rows[:, free], smooth[:, free]
+    matrix = rows.T @ rows + smooth.T @ smooth
+    matrix.flat[:: len(matrix) + 1] += 1e-12
+    theta[free] = np.linalg.solve(matrix, rows.T @ target + smooth.T @ bend)
+    return theta
+
+
+def _over(guide: Guide, points: Array) -> tuple[Array, Array]:
+    """Stations and offsets of points (n, 2) m over a guide, (n,) m each."""
+    if guide.straight:
+        return points[:, 0], points[:, 1]
+    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / GUIDE_STEP)) + 1)
+    away = points[:, None] - guide.frame(stations).position
+    nearest = stations[np.argmin((away * away).sum(axis=2), axis=1)]
+    for _ in range(2):
+        frame = guide.frame(nearest)
+        relative = points - frame.position
+        along = (relative * frame.tangent).sum(axis=1)
+        across = (relative * frame.normal).sum(axis=1)
+        nearest = np.clip(nearest + along / np.maximum(1.0 - frame.curvature * across, 0.1), 0.0, guide.length)
+    frame = guide.frame(nearest)
+    return nearest, ((points - frame.position) * frame.normal).sum(axis=1)
+
+
+def _drive(problem: Problem, old: Trajectory, first: float, speed: float) -> Array:
+    """Accelerations, piecewise constant, that keep the planned speeds; or those at the middles of their spans."""
+    space, limits = problem.space, problem.limits
+    breaks = space.acceleration.breakpoints
+    left = max((1.0 - first) * old.travel_time, 1e-3)
+    planned = old.speed_at(first + (1.0 - first) * breaks)
+    ahead = speed - float(planned[0])
+    rate = CATCHING_UP * (limits.deceleration if ahead > 0.0 else limits.acceleration)
+    wanted = planned + np.sign(ahead) * np.maximum(abs(ahead) - rate * left * breaks, 0.0)
+    wanted = np.minimum(np.maximum(wanted, 0.0), max(limits.speed, speed))
+    mean = np.diff(wanted) / (np.diff(breaks) * left)
+    mean = np.minimum(np.maximum(mean, -limits.deceleration), limits.acceleration)
+    if space.acceleration_size == len(mean):
+        return mean
+    sites = np.linspace(0.0, 1.0, space.acceleration_size)
+    return np.interp(sites, 0.5 * (breaks[1:] + breaks[:-1]), mean)
+
+
+def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float) -> Trajectory:
+    """Return a trip that arrives, driven harder where it would not.
+
+    Parameters
+    ----------
+    space : TripSpace
+    theta, beta : arrays
+    acceleration : float
+        The limit, m/s2.
+
+    Returns
+    -------
+    Trajectory
+    """
+    trip = space.trajectory(theta, beta)
+    for _ in range(MOST_STRETCHES):
+        if np.isfinite(trip.travel_time):
+            return trip
+        beta = 0.5 * (beta + acceleration)
+        trip = space.trajectory(theta, beta)
+    return space.trajectory(theta, np.full_like(beta, acceleration))

@@ -1,0 +1,392 @@
+"""What may be driven: trips that are certified to the goal, or that a certified stop can be made from.
+
+A stop from a trip keeps to it for a while, then brakes along its path until the vehicle stands. It need not begin at
+once: between two obstacles there is no place to stop, but there is behind them, and a trip that is certified past both
+and can be stopped after that is safe. Obstacles are where they will be within a few seconds, while a trip to a far goal
+would have to be clear of zones that have grown for as long as it takes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.check import Motions, certify_trip
+from scp_planner.certificate.verdict import Certificate, Clearance, Ends
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.remaining import State
+from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.models import Scenario
+from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.record import FEASIBILITY
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+STOPS = 8
+COMMITMENT = 1.75
+"""s. A stop may leave a trip so much later than at the next replan. So many stops are looked at..."""
+STOPS_TRIED = 2
+"""...and so many certified, at most."""
+PLENTY = 0.5
+"""m. Stops with more room than this are as good as each other."""
+NEAR = 0.1
+"""m. Sampled clearances beyond this need not be exact."""
+LOOKS = 48
+"""Samples of the last trip."""
+DEEP = 0.1
+"""m. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept for a while."""
+NOTHING = 1e-6
+"""m."""
+TINY = 1e-9
+"""s."""
+_SHARES = np.linspace(0.0, 1.0, LOOKS)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A moment of a drive, as the planner sees it.
+
+    Attributes
+    ----------
+    state : State
+    scenario : Scenario
+        That starts with this state; without obstacles.
+    zones : tuple of ThreatZone
+    """
+
+    state: State
+    scenario: Scenario
+    zones: tuple[ThreatZone, ...]
+
+    @cached_property
+    def frame(self) -> PlanningFrame:
+        """The planning frame of trips that begin now."""
+        return PlanningFrame.between(self.state.position, self.scenario.goal.position, self.state.time)
+
+    @property
+    def batch(self) -> ZoneBatch:
+        """The zones in this frame, inflated by the vehicle."""
+        return self.batch_in(self.frame)
+
+    @cached_property
+    def _batches(self) -> dict[PlanningFrame, ZoneBatch]:
+        return {}
+
+    def batch_in(self, frame: PlanningFrame) -> ZoneBatch:
+        """The zones in a frame, inflated by the vehicle."""
+        batch = self._batches.get(frame)
+        if batch is None:
+            batch = self._batches[frame] = ZoneBatch(self.zones, frame, self.scenario.vehicle.radius)
+        return batch
+
+    @property
+    def growing(self) -> bool:
+        """Whether any zone grows."""
+        return self.batch.covariances is not None
+
+    def certify(
+        self,
+        trip: Trip,
+        *,
+        since: float | None = None,
+        until: float | None = None,
+        ends: Ends = Ends.BOTH,
+        motions: Motions | None = None,
+    ) -> Certificate:
+        """Certify a trip; see `certify_trip`."""
+        return certify_trip(
+            self.scenario,
+            trip,
+            self.zones,
+            since=since,
+            until=until,
+            ends=ends,
+            precision=math.inf,
+            batch=self.batch_in(trip.frame),
+            motions=motions,
+        )
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A stop, and the absolute time up to which it keeps to its trip, s."""
+
+    trip: Trip
+    branch: float
+
+    @property
+    def stands(self) -> float:
+        """Absolute time from which on the vehicle stands, s."""
+        return self.trip.frame.time + standing_from(self.trip.trajectory)
+
+
+@dataclass(frozen=True)
+class Vetted:
+    """A trip that may be driven.
+
+    Attributes
+    ----------
+    trip : Trip
+    certificate : Certificate
+        Of the trip, or of its stop if that is all that is certified.
+    stop : Stop or None
+        The certified stop; None for a trip that is certified to the goal.
+    violation : float
+        How much the trip enters foreseen zones, m, or exceeds limits, as far as samples tell.
+    iterations : int
+    """
+
+    trip: Trip
+    certificate: Certificate
+    stop: Stop | None
+    violation: float = math.inf
+    iterations: int = 0
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the trip keeps clear of foreseen zones."""
+        return self.violation <= FEASIBILITY
+
+    @property
+    def certified(self) -> bool:
+        """Whether the trip is certified to the goal."""
+        return self.stop is None and self.certificate.holds
+
+    @property
+    def arrival(self) -> float:
+        """Absolute time, s."""
+        return self.trip.frame.time + self.trip.trajectory.travel_time
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a trip may not be driven, in words."""
+
+    why: str
+
+
+class Vetting:
+    """Decides what may be driven.
+
+    Parameters
+    ----------
+    period : float
+        Longest time to the next replan, s.
+    stops_will_do : bool
+        Whether a trip that can be stopped will do; else it must be certified to the goal.
+    tracking_error : float
+        m.
+    """
+
+    def __init__(self, period: float, stops_will_do: bool, tracking_error: float) -> None:
+        self.period = period
+        self.stops_will_do = stops_will_do
+        self.tracking_error = tracking_error
+        self.motions = Motions()
+
+    def vet(
+        self,
+        now: Moment,
+        problem: Problem,
+        trajectory: Trajectory,
+        evaluation: Evaluation | None = None,
+        iterations: int = 0,
+        branch: float = math.inf,
+    ) -> Vetted | Refusal:
+        """Certify a trip that begins now, or at least a stop from it.
+
+        Parameters
+        ----------
+        now : Moment
+        problem : Problem
+        trajectory : Trajectory
+        evaluation : Evaluation, optional
+            Of it, if it is at hand.
+        iterations : int
+            That it took.
+        branch : float
+            Absolute time at which the stop from the last plan leaves it, s: tried first.
+
+        Returns
+        -------
+        Vetted or Refusal
+        """
+        trip = Trip(problem.frame, trajectory)
+        violation = math.inf if evaluation is None else evaluation.worst_violation
+        why = ""
+        if not self.stops_will_do or self._may_hold(now, trip, evaluation):
+            certificate = now.certify(trip, motions=self.motions)
+            if certificate.holds:
+                return Vetted(trip, certificate, None, violation, iterations)
+            why = _violations(certificate)
+            if not self.stops_will_do:
+                return Refusal(why)
+        found = self._stop(now, trip, branch)
+        if isinstance(found, Refusal):
+            return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part))
+        stop, certificate = found
+        return Vetted(trip, certificate, stop, violation, iterations)
+
+    def _may_hold(self, now: Moment, trip: Trip, evaluation: Evaluation | None) -> bool:
+        """Whether a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
+        if evaluation is None:
+            ahead = self._samples(trip, 0.0)
+            return bool(now.batch.distances(ahead.time, ahead.position, NEAR).min(initial=np.inf) >= 0.0)
+        if evaluation.worst_violation > FEASIBILITY:
+            return False
+        if not now.growing:
+            return True
+        points = evaluation.points
+        return bool(now.batch.distances(points.time, points.path.position, NEAR).min() >= 0.0)
+
+    def _stop(self, now: Moment, trip: Trip, branch: float) -> tuple[Stop, Certificate] | Refusal:
+        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
+        driven = now.state.time - trip.frame.time
+        deceleration = now.scenario.vehicle.max_deceleration
+        since = now.state.time if driven > 0.0 else None
+        breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
+        why = "the goal is nearer than the distance to stop in"
+        for spans in self._spans(now, trip, deceleration, branch):
+            stop = stop_after(trip.trajectory, spans, deceleration)
+            if stop is None or not fits(stop):
+                continue
+            made = Stop(Trip(trip.frame, stop), trip.frame.time + float(breaks[spans]))
+            certificate = now.certify(made.trip, since=since, until=made.stands, ends=Ends.START, motions=self.motions)
+            if certificate.holds:
+                return made, certificate
+            why = _violations(certificate)
+        return Refusal(why)
+
+    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> Iterator[int]:
+        """After how many spans of its acceleration a stop may leave a trip, the most promising first."""
+        breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
+        driven = now.state.time - trip.frame.time
+        first = int(np.searchsorted(breaks, driven + self.period - TINY))
+        last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
+        last = min(max(last, first), len(breaks) - 1)
+        if first > last:
+            return
+        spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
+        if breaks[first] <= branch - trip.frame.time <= breaks[last]:
+            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
+        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, now.batch_in(trip.frame), driven)
+        # The latest of those with plenty of room: it will do for the most replans.
+        order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
+        for index in order[:STOPS_TRIED]:
+            if room[index] >= 0.0:
+                yield int(spans[index])
+
+    def vet_on(
+        self, now: Moment, last: Trip, foresee: Callable[[ZoneBatch, float], ZoneBatch], branch: float, whole: bool
+    ) -> Vetted | None:
+        """The last trip as it is, with a new stop if need be, as long as it is not far inside of foreseen zones.
+
+        Parameters
+        ----------
+        now : Moment
+        last : Trip
+        foresee : callable
+            Gives the foreseen zones of a batch on a clock that shows a time now, s.
+        branch : float
+            Absolute time at which the last stop leaves the trip, s.
+        whole : bool
+            Whether it was certified to the goal.
+
+        Returns
+        -------
+        Vetted or None
+        """
+        ahead = self._ahead(now, last)
+        if ahead is None:
+            return None
+        batch = now.batch_in(last.frame)
+        violation = 0.0
+        if batch.size:
+            driven = now.state.time - last.frame.time
+            violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, NEAR).min())
+        if violation > DEEP:
+            return None
+        violation = max(violation, 0.0)
+        if whole:
+            certificate = now.certify(last, since=now.state.time, motions=self.motions)
+            if certificate.holds:
+                return Vetted(last, certificate, None, violation)
+        if not self.stops_will_do:
+            return None
+        found = self._stop(now, last, branch)
+        if isinstance(found, Refusal):
+            return None
+        return Vetted(last, found[1], found[0], violation)
+
+    def vet_kept(self, now: Moment, last: Trip) -> Vetted | None:
+        """The last trip as it is, if the vehicle is where it should be and the certificate holds from now on."""
+        ahead = self._ahead(now, last)
+        if ahead is None:
+            return None
+        batch = now.batch_in(last.frame)
+        if batch.size and batch.distances(ahead.time, ahead.position, NEAR).min() < 0.0:
+            return None
+        certificate = now.certify(last, since=now.state.time, motions=self.motions)
+        return Vetted(last, certificate, None, 0.0) if certificate.holds else None
+
+    def vet_kept_stop(self, now: Moment, last: Trip, stop: Stop) -> Vetted | None:
+        """The last trip as it is, if it can be followed for a period more and its stop still be made."""
+        if now.state.time + self.period > stop.branch + TINY or not self.is_on(now, last):
+            return None
+        certificate = now.certify(
+            stop.trip, since=now.state.time, until=stop.stands, ends=Ends.START, motions=self.motions
+        )
+        return Vetted(last, certificate, stop) if certificate.holds else None
+
+    def _ahead(self, now: Moment, trip: Trip) -> _Ahead | None:
+        """Samples of what is left of a trip, if the vehicle is on it."""
+        first = min(max((now.state.time - trip.frame.time) / trip.trajectory.travel_time, 0.0), 1.0)
+        ahead = self._samples(trip, first)
+        return ahead if self._is_at(now, trip.frame, ahead.position[0]) else None
+
+    @staticmethod
+    def _samples(trip: Trip, first: float) -> _Ahead:
+        """Samples of a trip from a normalised time on."""
+        trajectory = trip.trajectory
+        sigma = first + (1.0 - first) * _SHARES
+        parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
+        return _Ahead(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)
+
+    def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:
+        x, y = frame.to_world(position)
+        return math.hypot(now.state.position[0] - x, now.state.position[1] - y) <= self.tracking_error + NOTHING
+
+    def is_on(self, now: Moment, trip: Trip) -> bool:
+        """Whether the vehicle is where a trip has it."""
+        points, _ = trip.at(now.state.time)
+        return self._is_at(now, trip.frame, points.path.position[0])
+
+
+@dataclass(frozen=True)
+class _Ahead:
+    """Samples of a trip: times on its clock, (n,) s, and positions in its frame, (n, 2) m."""
+
+    time: Array
+    position: Array
+
+
+def _violations(certificate: Certificate) -> str:
+    return "; ".join(str(violation) for violation in certificate.violations)
+
+
+def no_certificate(zones: tuple[ThreatZone, ...]) -> Certificate:
+    """The certificate of something that has not been looked at."""
+    return Certificate(False, Clearance(-math.inf if zones else math.inf), {}, ())
+
+
+def refused(certificate: Certificate) -> Certificate:
+    """The same certificate, not holding."""
+    return replace(certificate, holds=False)

@@ -1,0 +1,252 @@
+"""Failure that explains itself: what stands in the way, when, how much is missing, and what would help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
+from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, LATEST, Certificate, Violation
+from scp_planner.scenario.models import Scenario
+from scp_planner.scp.record import Run, Status
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.trip import Trip
+
+TRIFLE = 0.05
+"""Of the gravest violation: what is less grave, and small, comes along with it and is not told."""
+
+SMALL = 0.1
+"""Of a limit, or of the vehicle's radius."""
+
+FEWEST_PENALTIES = 1e-3  # s; less is rounding
+LOOKED_AHEAD = 2.0
+"""Times the kinematic bound: trips up to this long are proved to be impossible, where there is no latest arrival."""
+
+MOST_CULPRITS = 4
+TOUCHING = 0.1  # of the vehicle's radius
+LOOKS = 65  # at times of a trip
+ROUNDING = 1e-6  # m
+
+_ENDS = {
+    Status.CONVERGED: "the loop converged",
+    Status.STALLED: "the trust region became tiny before the loop converged",
+    Status.INFEASIBLE: "no step comes nearer to keeping every constraint, at the highest penalties",
+    Status.ITERATION_LIMIT: "the limit of iterations was reached",
+    Status.TIME_LIMIT: "the time limit was reached",
+    Status.SOLVER_FAILED: "the solver failed on the last subproblem",
+    Status.SLOWER: "the run was given up as slower than another",
+    Status.SAME_WAY: "the run was given up as going the way of another",
+}
+
+
+def explain(
+    scenario: Scenario,
+    threat_zones: Sequence[ThreatZone],
+    trip: Trip,
+    run: Run,
+    certificate: Certificate,
+    tried: int,
+    *,
+    prove: bool = True,
+) -> str:
+    """Say in one line why there is no certified plan.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    threat_zones : sequence of ThreatZone
+    trip : Trip
+        The best attempt.
+    run : Run
+        That it came from.
+    certificate : Certificate
+        What it does not keep.
+    tried : int
+        Number of ways that were tried.
+    prove : bool
+        Whether there is time to prove that there is no trip at all.
+
+    Returns
+    -------
+    str
+        The violations, gravest first, with obstacle or limit, value and time; their causes, as far as they are certain;
+        the penalty that is left; the least relaxation that would make this attempt acceptable.
+    """
+    told = grave_violations(scenario, trip, certificate)
+    parts = ["; ".join(map(str, told)), *_causes(scenario, threat_zones, trip, told, prove)]
+    left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
+    ways = "1 way round" if tried == 1 else f"{tried} ways round"
+    penalty = f"; penalty left {left:.3g} s" if left > FEWEST_PENALTIES else ""
+    helps = "; ".join(_relaxation(violation) for violation in told)
+    return ". ".join([*parts, f"Best of {ways}; {_ENDS[run.status]}{penalty}", f"It would be acceptable with {helps}"])
+
+
+def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -> list[Violation]:
+    """Return the violations of a certificate, gravest first, without the trifles that come along with them.
+
+    What several discs of a vehicle do is told once.
+    """
+    severity = {violation: _severity(scenario, trip, violation) for violation in certificate.violations}
+    trifle = min(TRIFLE * max(severity.values(), default=0.0), SMALL)
+    grave = sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
+    first = {(each.what, each.obstacle): each for each in reversed(grave)}
+    return [each for each in grave if first[each.what, each.obstacle] is each]
+
+
+def _severity(scenario: Scenario, trip: Trip, violation: Violation) -> float:
+    """How grave a violation is: in parts of its limit, of the vehicle's radius or top speed, or of the travel time."""
+    vehicle = scenario.vehicle
+    excess = abs(violation.value - violation.allowed)
+    match violation.unit.strip():
+        case "m":
+            return excess / vehicle.radius
+        case "s":
+            return excess / trip.trajectory.travel_time
+        case "rad":
+            return excess
+        case "":
+            return np.inf
+        case "m/s" if violation.what.endswith(("speed", "error")):  # also driving backwards
+            return excess / vehicle.max_speed
+        case "m/s2" if violation.what.endswith("error"):
+            return excess / vehicle.max_acceleration
+    return excess / abs(violation.allowed)
+
+
+def _relaxation(violation: Violation) -> str:
+    if violation.obstacle is not None:
+        if violation.value > -CLEARANCE_TOLERANCE:
+            return f"{violation.obstacle} only a little smaller"
+        return f"{-violation.value:.3g} m less of {violation.obstacle}"
+    excess = violation.value - violation.allowed
+    if violation.what in ("earliest arrival", LATEST):
+        return f"the {violation.what} {abs(excess):.3g} s {'sooner' if excess < 0.0 else 'later'}"
+    if violation.what == "workspace bounds":
+        return f"workspace bounds {-excess:.3g} m wider"
+    return f"{abs(excess):.3g}{violation.unit} more of {violation.what}"
+
+
+def _causes(
+    scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip, told: list[Violation], prove: bool
+) -> Iterator[str]:
+    """Say what is certainly behind violations, the gravest of which comes first."""
+    zones = {zone.id: zone for zone in threat_zones}
+    for violation in told:
+        if violation.what == "goal speed error":
+            yield from _too_short_a_way(scenario, trip)
+        elif violation.what == "curvature" and violation is told[0]:
+            yield f"The tightest turn that is allowed has a radius of {1.0 / violation.allowed:.3g} m"
+    for violation in told:
+        if violation.obstacle is not None and violation.obstacle in zones:
+            yield from _uncertainty(zones[violation.obstacle], violation)
+            yield from _stopping(scenario, zones[violation.obstacle], violation)
+    if prove:
+        yield from _no_way(scenario, tuple(threat_zones), _touched(scenario, threat_zones, trip))
+
+
+def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
+    vehicle, first, last = scenario.vehicle, scenario.start.speed, scenario.goal.speed
+    if last is None:
+        return
+    rate = vehicle.max_acceleration if last > first else vehicle.max_deceleration
+    needed, way = abs(last**2 - first**2) / (2.0 * rate), trip.trajectory.path.arc_length
+    if needed > way + ROUNDING:
+        yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this way is {way:.3g} m long"
+
+
+def _uncertainty(zone: ThreatZone, violation: Violation) -> Iterator[str]:
+    if zone.covariances is None:
+        return
+    uncertain = float(np.sqrt(np.linalg.eigvalsh(zone.covariance(violation.time))[-1]))
+    if 2.0 * uncertain > -violation.value:
+        yield f"By then the position of {zone.id} is uncertain by up to {uncertain:.3g} m"
+
+
+def _stopping(scenario: Scenario, zone: ThreatZone, violation: Violation) -> Iterator[str]:
+    """Say so if the vehicle would hit what is before it even if it only braked."""
+    start, vehicle = scenario.start, scenario.vehicle
+    if start.heading is None or start.speed == 0.0:
+        return
+    stop = start.speed / vehicle.max_deceleration
+    if violation.time > start.time + stop:
+        return
+    after = np.linspace(0.0, stop, LOOKS)
+    driven = start.speed * after - 0.5 * vehicle.max_deceleration * after**2
+    positions = np.array(start.position) + driven[:, None] * [np.cos(start.heading), np.sin(start.heading)]
+    touching = np.flatnonzero(zone.signed_distance(start.time + after, positions) < vehicle.radius)
+    if len(touching):
+        yield (
+            f"Straight on and braking at {vehicle.max_deceleration:g} m/s2 from {start.speed:g} m/s, it would touch"
+            f" {zone.id} at t = {start.time + after[touching[0]]:.3f} s"
+        )
+
+
+def _touched(scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip) -> list[str]:
+    """Name the zones that a trip cuts or touches, the ones it cuts deepest first."""
+    trajectory = trip.trajectory
+    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, LOOKS)))
+    times, positions = trip.frame.time + points.time, trip.frame.to_world(points.path.position)
+    radius = scenario.vehicle.radius
+    least = {zone.id: float(zone.signed_distance(times, positions).min()) - radius for zone in threat_zones}
+    near = sorted((name for name in least if least[name] < TOUCHING * radius), key=lambda name: least[name])
+    return near[:MOST_CULPRITS]
+
+
+def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[str]) -> Iterator[str]:
+    """Say that there is no trip at all if that can be proved, and what is in its way."""
+    start, latest = scenario.start.time, scenario.goal.latest_arrival
+    least = kinematic_bound(scenario)
+    horizon = LOOKED_AHEAD * least if latest is None else latest - start
+    until = f"before t = {start + horizon:.4g} s" if latest is None else f"by t = {latest:.4g} s"
+    if horizon < least - ROUNDING:
+        yield f"No trip arrives before t = {start + least:.4g} s, even with nothing in the way"
+        return
+    if not no_trip_within(scenario, horizon, zones):
+        return
+    covering = [zone.id for zone in zones if zone.id in culprits and _covers_goal(scenario, zone, least, horizon)]
+    if covering:
+        yield f"No trip at all arrives {until}: {_listed(covering)} covers the goal"
+        return
+    others = {name: tuple(zone for zone in zones if zone.id != name) for name in culprits}
+    needed = [name for name, rest in others.items() if not no_trip_within(scenario, horizon, rest)]
+    if needed and scenario.bounds is not None:
+        unbounded = scenario.model_copy(update={"bounds": None})
+        if not no_trip_within(unbounded, horizon, zones):
+            alone = [zone for zone in zones if [zone.id] == needed]
+            gap = "".join(_widest_gap(scenario, zone, start + horizon) for zone in alone)
+            needed.append(f"the workspace bounds{gap}")
+    if not needed:
+        yield f"No trip at all arrives {until}"
+    elif len(needed) == 1:
+        yield f"No trip at all arrives {until}, unless {needed[0]} gives way"
+    else:
+        yield f"No trip at all arrives {until}, between {_listed(needed)}"
+
+
+def _covers_goal(scenario: Scenario, zone: ThreatZone, first: float, last: float) -> bool:
+    """Whether a zone leaves no room at the goal, whenever a trip might arrive."""
+    times = scenario.start.time + np.linspace(first, last, LOOKS)
+    goal = np.broadcast_to(np.array(scenario.goal.position), (LOOKS, 2))
+    room = zone.signed_distance(times, goal) + scenario.goal.radius - scenario.vehicle.radius
+    return bool(np.all(room < 0.0))
+
+
+def _widest_gap(scenario: Scenario, zone: ThreatZone, time: float) -> str:
+    """Tell the room beside a zone in the workspace if the vehicle does not fit through, in brackets."""
+    assert scenario.bounds is not None
+    center = zone.center(time)
+    gaps = []
+    for axis in (0, 1):
+        one = np.eye(2)[axis]
+        high = scenario.bounds.max[axis] - float(center[axis] + zone.support(time, one))
+        low = float(center[axis] - zone.support(time, -one)) - scenario.bounds.min[axis]
+        gaps.append(max(high, low, 0.0))
+    taken = 2.0 * scenario.vehicle.radius
+    if min(gaps) >= taken:
+        return ""
+    return f" (at most {min(gaps):.3g} m between them; the vehicle takes {taken:.3g} m)"
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,392 @@
+"""From a scenario to a certified plan: ways round, runs of the loop, the best trip that the certificate holds for."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.certificate.verdict import Certificate
+from scp_planner.planning.explain import explain
+from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.guides import guide_along, may_want_another_guide
+from scp_planner.problem.limits.discs import DiscClearance
+from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
+from scp_planner.problem.problem import Problem
+from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
+from scp_planner.scenario.models import Scenario
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import Run, Status
+from scp_planner.search.starts import DELAY_STEPS, bows
+from scp_planner.search.ways import CLOSE_SMOOTHING, SMOOTHING, WaySearch, WayTree
+from scp_planner.settings.planning import Settings
+from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.path import Path
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+if TYPE_CHECKING:
+    from scp_planner.scp.given import UserConstraints
+
+logger = logging.getLogger(__name__)
+
+TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
+GUIDES = 6  # how often the best path becomes the guide
+WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
+PROOF_TIME = 1.0  # s; what a proof that there is no trip may take
+GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
+SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
+ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
+
+
+def plan(
+    scenario: Scenario,
+    settings: Settings | None = None,
+    solver: str | QpSolver | None = None,
+    seed: int = 0,
+    time_limit: float | None = None,
+    constraints: UserConstraints | None = None,
+) -> Plan:
+    """Plan the fastest safe trip of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    settings : Settings, optional
+    solver : str or QpSolver, optional
+        Overrides ``settings.solver``: a name, or a solver of one's own. No other solver takes the place of one's own
+        when that fails.
+    seed : int
+        Kept for interfaces that pass one: the planner draws nothing at random.
+    time_limit : float, optional
+        Wall time in s after which the best plan so far is returned.
+    constraints : callable, optional
+        ``constraints(trip)`` returns convex CVXPY constraints on a :class:`scp_planner.TripVariables`. They go into
+        every subproblem, which CVXPY then solves (``solver`` may be a ``CvxpySolver`` with another solver inside).
+
+    Returns
+    -------
+    Plan
+        With status ``certified`` only if the continuous-time certificate holds, and the given constraints are kept to
+        2e-4 in their own unit; else the best attempt, with the reason.
+
+    Raises
+    ------
+    ValueError
+        If no solver has that name; if there are constraints and the solver is another than CVXPY; if a constraint is
+        not convex by the rules of CVXPY.
+    TypeError
+        If ``constraints`` returns something else than constraints.
+    """
+    began = perf_counter()
+    settings = settings or Settings()
+    if constraints is not None and solver is None and settings.solver == Settings.solver:
+        solver = "cvxpy"
+    if isinstance(solver, str):
+        settings, solver = replace(settings, solver=solver), None
+    deadline = np.inf if time_limit is None else began + time_limit
+    search = _Planning(scenario, ZonesOf(scenario), settings, deadline, own_solver=solver, constraints=constraints)
+    run, certificate = search.best()
+    if constraints is None:  # those are written in stations of the guide
+        run, certificate = _over_better_guides(search, run, certificate)
+    status, reason = _verdict(search, run, certificate)
+    return Plan(
+        scenario=scenario.name,
+        status=status,
+        reason=reason,
+        trip=search.trip(run),
+        method="scp",
+        solver=search.solver.name,
+        iterations=search.iterations,
+        wall_time=perf_counter() - began,
+        clearance=certificate.clearance,
+        limits=certificate.limits,
+        lower_bound=search.lower_bound,
+        timings=search.timings,
+    )
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A run and what its certificate says; without one if the run was cut off."""
+
+    run: Run
+    certificate: Certificate | None
+
+    @property
+    def travel_time(self) -> float:
+        return self.run.evaluation.trajectory.travel_time
+
+    @property
+    def holds(self) -> bool:
+        return self.certificate is not None and self.certificate.holds
+
+    @property
+    def late(self) -> bool:
+        return self.certificate is not None and self.certificate.late
+
+    def better_than(self, other: _Attempt | None) -> bool:
+        """Certified before not certified, then faster; without certificates the lesser violation."""
+        if self.certificate is None:
+            return False
+        if other is None:
+            return True
+        if self.holds != other.holds:
+            return self.holds
+        if self.holds or (other.late and self.late):
+            return self.travel_time < other.travel_time
+        return self._wrongs() < other._wrongs()
+
+    def _wrongs(self) -> tuple[float, int, float]:
+        """What is worst, to a tenth of a micrometre; how much is wrong; the travel time."""
+        wrong = 0 if self.certificate is None else len(self.certificate.violations)
+        return round(self.run.evaluation.worst_violation, 7), wrong, self.travel_time
+
+
+@dataclass
+class _Branch:
+    """Starts, given how smooth, with the estimate of their travel time, and what the trip from one touched."""
+
+    estimate: float
+    start: Callable[[float], Trajectory]
+    touched: tuple[tuple[int, int], ...] = ()
+
+
+def _promise(run: Run) -> tuple[bool, float]:
+    """What makes a run better than others: to keep all constraints, and be fast; else to miss them by little."""
+    evaluation = run.evaluation
+    return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
+
+
+def _touched(problem: Problem, run: Run) -> tuple[tuple[int, int], ...]:
+    """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
+    evaluation = run.evaluation
+    contacts = evaluation.minima_contacts
+    near = np.flatnonzero(contacts.distance < TOUCHING)
+    order = near[np.argsort(contacts.distance[near], kind="stable")]
+    normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
+    side = np.einsum("ij,ij->i", contacts.normal, normal)
+    found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
+    for limit, depth in zip(problem.optional, evaluation.optional, strict=True):
+        if isinstance(limit, DiscClearance):
+            found.update(limit.touched(evaluation.trajectory, depth, TOUCHING))
+    return tuple(reversed(found.items()))
+
+
+def _with_given(problem: Problem, constraints: UserConstraints, solver: QpSolver) -> tuple[Problem, QpSolver]:
+    """A problem with a user's own constraints, and the solver that keeps them."""
+    from scp_planner.scp.given import GivenConstraints
+    from scp_planner.solvers.cvxpy_solver import CvxpySolver
+
+    if not isinstance(solver, CvxpySolver):
+        raise ValueError(f"solver: {solver.name!r} cannot take constraints of one's own; cvxpy can")
+    given = GivenConstraints(problem, constraints)
+    return replace(problem, given=given), solver.keeping(given.on)
+
+
+@dataclass
+class _Planning:
+    """The state of one call of :func:`plan`."""
+
+    scenario: Scenario
+    threat_zones: Sequence[ThreatZone]
+    settings: Settings
+    deadline: float
+    timings: dict[str, float] = field(
+        default_factory=lambda: {"build": 0.0, "search": 0.0, "scp": 0.0, "certificate": 0.0}
+    )
+    iterations: int = 0
+    tried: int = 0
+    along: Path | None = None  # a path that becomes the guide
+    own_solver: QpSolver | None = None
+    constraints: UserConstraints | None = None
+
+    def __post_init__(self) -> None:
+        clock = perf_counter()
+        if self.along is None:
+            everything = build_problem(self.scenario, self.threat_zones, self.settings)
+        else:
+            breakpoints = tuple(self.along.space.acceleration.breakpoints.tolist())
+            guide = guide_along(self.along, self.settings)
+            everything = build_problem(self.scenario, self.threat_zones, self.settings, breakpoints, guide)
+        self.solver, fallback = self._solvers()
+        if self.constraints is not None:
+            everything, self.solver = _with_given(everything, self.constraints, self.solver)
+        self.lower_bound = kinematic_bound(self.scenario)
+        self.everything = everything
+        self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
+        self.loop = ScpLoop(self.problem, self.solver, fallback)
+        self.timings["build"] += perf_counter() - clock
+
+    def _solvers(self) -> tuple[QpSolver, str | None]:
+        """The solver, and the name of the one to fall back to, which no user's own solver or constraints allow."""
+        if self.own_solver is not None:
+            return self.own_solver, None
+        name = self.settings.solver
+        if self.constraints is not None:
+            return solver_named(name), None
+        return solver_named(name), "clarabel" if name != "clarabel" else "daqp"
+
+    def trip(self, run: Run) -> Trip:
+        """Return the trip that a run ended with."""
+        return Trip(self.problem.frame, run.evaluation.trajectory)
+
+    def best(self) -> tuple[Run, Certificate]:
+        """Try ways round, the fastest estimate first, until no other can be expected to be better.
+
+        Other ways than the one just tried differ in the side on which some obstacle is passed. Only obstacles that the
+        trip touches can hold it up, so only their sides are closed in turn.
+        """
+        best: _Attempt | None = None
+        reference = 0.0  # estimate less result, of the best way so far
+        failed: list[_Branch] = []
+        for branch in self._branches():
+            if best is not None and best.holds:
+                if branch.estimate - reference - ESTIMATE_SLACK > best.travel_time:
+                    break
+                cutoff = best.travel_time
+            else:
+                cutoff = np.inf
+            self.tried += 1
+            attempt = self._attempt(branch.start(SMOOTHING), cutoff, None if cutoff == np.inf else best)
+            if not attempt.run.feasible and cutoff == np.inf:
+                failed.append(branch)
+            branch.touched = _touched(self.problem, attempt.run)
+            if attempt.better_than(best):
+                best, reference = attempt, branch.estimate - attempt.travel_time
+            if perf_counter() > self.deadline or self._good_enough(best):
+                break
+        broken = best is not None and best.run.status is Status.SOLVER_FAILED
+        if best is None or not (best.holds or broken or perf_counter() > self.deadline):
+            for attempt in self._second_thoughts(failed):
+                best = attempt if attempt.better_than(best) else best
+                if attempt.holds or perf_counter() > self.deadline:
+                    break
+        assert best is not None and best.certificate is not None, "the first start is never cut off"
+        return best.run, best.certificate
+
+    def _second_thoughts(self, failed: Sequence[_Branch]) -> Iterator[_Attempt]:
+        """Runs from starts that keep closer to the ways, then from bows: where nothing is certified yet."""
+        for branch in failed[:SECOND_THOUGHTS]:
+            self.tried += 1
+            yield self._attempt(branch.start(CLOSE_SMOOTHING), np.inf)
+        if self.tried < self.settings.max_runs:
+            yield self._from_bows()
+
+    def _from_bows(self) -> _Attempt:
+        """Run the loop from bows, in a race, where the search finds no way or leads to none."""
+        logger.info("no way that the search found was certified; starting from bows")
+        clock = perf_counter()
+        starts = list(bows(self.problem))
+        runs = self.loop.run_all(starts, self.settings.max_iterations, np.inf, self.deadline, race=True)
+        self.timings["scp"] += perf_counter() - clock
+        self.iterations += sum(len(run.record) for run in runs)
+        self.tried += len(runs)
+        best = min(runs, key=_promise)
+        # Once more from where it ended, with what the samples missed
+        return self._attempt(best.evaluation.trajectory, np.inf)
+
+    def _good_enough(self, best: _Attempt | None) -> bool:
+        return best is not None and best.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
+
+    def _branches(self) -> Iterator[_Branch]:
+        """Ways round with starts for the loop."""
+        clock = perf_counter()
+        runs = 0
+        for delay_step in DELAY_STEPS:
+            search = WaySearch(self.problem, delay_step)
+            tree = WayTree(search, self.settings.searches)
+            while runs < self.settings.max_runs:
+                way = tree.next()
+                if way is None:
+                    break
+                branch = _Branch(way.travel_time, partial(search.start, way))
+                runs += 1
+                self.timings["search"] += perf_counter() - clock
+                yield branch
+                clock = perf_counter()
+                tree.branch(branch.touched)
+            if runs:
+                break
+        self.timings["search"] += perf_counter() - clock
+
+    def along_the_guide(self, beta: Array, near: float, cutoff: float) -> _Attempt:
+        """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""
+        start = self.problem.space.trajectory(self.problem.ends.theta, beta, near)
+        return self._attempt(start, cutoff)
+
+    def _attempt(self, start: Trajectory, cutoff: float, rival: _Attempt | None = None) -> _Attempt:
+        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
+        loop, problem = self.loop, self.problem
+        for repeat in range(TIGHTENINGS + 1):
+            clock = perf_counter()
+            against = None if rival is None else rival.run.evaluation
+            run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline, rival=against)
+            self.timings["scp"] += perf_counter() - clock
+            self.iterations += len(run.record)
+            slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
+            if run.status is Status.SAME_WAY or (np.isfinite(cutoff) and slower):
+                return _Attempt(run, None)
+            clock = perf_counter()
+            certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
+            if problem.given is not None:
+                certificate = problem.given.judged(certificate, run.evaluation.trajectory)
+            self.timings["certificate"] += perf_counter() - clock
+            if certificate.holds or not run.feasible or certificate.late:
+                break
+            # What the samples missed: ask for a little more of it, and go on from here.
+            if any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations):
+                problem = self.everything  # a trip longer than expected met what was left out
+            else:
+                problem = tightened(problem, certificate, URGENCY**repeat)
+            loop = ScpLoop(problem, self.solver, loop.fallback)
+            start = run.evaluation.trajectory
+        return _Attempt(run, certificate)
+
+
+def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -> tuple[Run, Certificate]:
+    """Where the guide limits the best path, take the path as the guide and go on from there, while that gains much."""
+    best, problem = _Attempt(run, certificate), search.problem
+    for _ in range(GUIDES):
+        trajectory = best.run.evaluation.trajectory
+        hopeful = not best.holds and not problem.space.guide.straight
+        if not (hopeful or may_want_another_guide(problem, trajectory.path)) or perf_counter() > search.deadline:
+            break
+        again = replace(search, along=trajectory.path)
+        attempt = again.along_the_guide(
+            trajectory.beta, trajectory.travel_time, best.travel_time if best.holds else np.inf
+        )
+        search.iterations = again.iterations
+        logger.info("a new guide: %.4f s after %.4f s", attempt.travel_time, best.travel_time)
+        if not attempt.better_than(best):
+            break
+        gain = best.travel_time - attempt.travel_time if best.holds else np.inf
+        best, problem = attempt, again.problem
+        if gain < WORTH_A_GUIDE * best.travel_time:
+            break
+    assert best.certificate is not None
+    return best.run, best.certificate
+
+
+def _verdict(search: _Planning, run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
+    if certificate.holds:
+        return PlanStatus.CERTIFIED, None
+    prove = search.deadline - perf_counter() > PROOF_TIME and (certificate.late or not run.feasible)
+    zones, trip = search.threat_zones, search.trip(run)
+    reason = explain(search.scenario, zones, trip, run, certificate, search.tried, prove=prove)
+    if certificate.late:
+        return PlanStatus.INFEASIBLE, reason
+    if run.status is Status.SOLVER_FAILED and not run.record:
+        return PlanStatus.FAILED, reason
+    return (PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE), reason

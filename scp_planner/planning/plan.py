@@ -1,0 +1,421 @@
+"""What comes out: a plan, callable at any time, saved and loaded."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cached_property
+from math import inf, isfinite
+from os import PathLike
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.verdict import Clearance, LimitUse
+from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import write_text
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.splines import clamped_knots
+from scp_planner.trips.guide import Guide, guide_from_dict
+from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.trip import Trip
+from scp_planner.trips.trip_file import _Reader
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scp_planner.scenario.models import Scenario
+
+
+class PlanStatus(StrEnum):
+    """How far a plan can be trusted.
+
+    ``certified``: the continuous-time certificate holds. ``feasible``: all sampled constraints hold, the certificate
+    does not. ``infeasible``: some constraint is violated. ``failed``: no trip came out but the start of the search.
+    """
+
+    CERTIFIED = "certified"
+    FEASIBLE = "feasible"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned trip. Times are absolute, s; positions in world coordinates, m.
+
+    Attributes
+    ----------
+    scenario : str
+        Name of the scenario.
+    status : PlanStatus
+    reason : str or None
+        Why there is no certificate.
+    trip : Trip
+    method, solver : str
+    iterations : int
+        Of all runs together.
+    wall_time : float
+        s.
+    clearance : Clearance
+    limits : dict of str to LimitUse
+        ``speed``, ``acceleration``, ``lateral_acceleration``, ``curvature``.
+    lower_bound : float
+        No trip of this scenario is shorter than this, s: without obstacles, unless :func:`scp_planner.lower_bound`
+        was asked for more.
+    timings : dict of str to float
+        Wall time of each stage, s; not saved.
+    """
+
+    scenario: str
+    status: PlanStatus
+    reason: str | None
+    trip: Trip
+    method: str
+    solver: str
+    iterations: int
+    wall_time: float
+    clearance: Clearance
+    limits: dict[str, LimitUse]
+    lower_bound: float = 0.0
+    timings: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the continuous-time certificate holds."""
+        return self.status is PlanStatus.CERTIFIED
+
+    @property
+    def gap(self) -> float:
+        """How much longer than the lower bound the trip takes, relative: what a better plan could gain at most."""
+        return self.travel_time / self.lower_bound - 1.0 if self.lower_bound > 0.0 else inf
+
+    @property
+    def start_time(self) -> float:
+        """Absolute time of the start, s."""
+        return self.trip.frame.time
+
+    @property
+    def travel_time(self) -> float:
+        """Duration of the trip, s."""
+        return self.trip.trajectory.travel_time
+
+    @property
+    def arrival_time(self) -> float:
+        """Absolute time of arrival, s."""
+        return self.start_time + self.travel_time
+
+    def position(self, t: ArrayLike) -> Array:
+        """Position at absolute times, (...) s to (..., 2) m; at the ends of the trip outside it."""
+        points, shape = self.trip.at(t)
+        return self.trip.frame.to_world(points.path.position).reshape(*shape, 2)
+
+    def velocity(self, t: ArrayLike) -> Array:
+        """Velocity vector at absolute times, (...) s to (..., 2) m/s."""
+        points, shape = self.trip.at(t)
+        unit = points.path.direction / points.path.speed[:, None]
+        return self.trip.frame.vectors_to_world(points.speed[:, None] * unit).reshape(*shape, 2)
+
+    def speed(self, t: ArrayLike) -> Array:
+        """Speed along the path at absolute times, (...) s to (...) m/s."""
+        points, shape = self.trip.at(t)
+        return points.speed.reshape(shape)
+
+    def acceleration(self, t: ArrayLike) -> Array:
+        """Acceleration along the path at absolute times, (...) s to (...) m/s^2."""
+        points, shape = self.trip.at(t)
+        return points.acceleration.reshape(shape)
+
+    def heading(self, t: ArrayLike) -> Array:
+        """Direction of the path at absolute times, (...) s to (...) rad in (-pi, pi]."""
+        points, shape = self.trip.at(t)
+        vector = self.trip.frame.vectors_to_world(points.path.direction)
+        return np.arctan2(vector[:, 1], vector[:, 0]).reshape(shape)
+
+    def curvature(self, t: ArrayLike) -> Array:
+        """Signed curvature of the path at absolute times, (...) s to (...) 1/m, positive to the left."""
+        points, shape = self.trip.at(t)
+        return self.trip.trajectory.path.bend(points.path).curvature.reshape(shape)
+
+    def samples(self, count: int = 200) -> dict[str, list[Any]]:
+        """Equidistant samples of the trip as plain lists, keyed as in the plan file."""
+        times = np.linspace(self.start_time, self.arrival_time, count)
+        return {
+            "time": times.tolist(),
+            "position": self.position(times).tolist(),
+            "velocity": self.velocity(times).tolist(),
+            "heading": self.heading(times).tolist(),
+            "speed": self.speed(times).tolist(),
+            "acceleration": self.acceleration(times).tolist(),
+            "curvature": self.curvature(times).tolist(),
+        }
+
+    def to_dict(self, samples: int = 200) -> dict[str, Any]:
+        """Return the contents of the plan file."""
+        trajectory, frame = self.trip.trajectory, self.trip.frame
+        space = trajectory.space
+        return {
+            "schema": 1,
+            "scenario": self.scenario,
+            "status": str(self.status),
+            "reason": self.reason,
+            "start_time": self.start_time,
+            "arrival_time": self.arrival_time,
+            "travel_time": self.travel_time,
+            # A stop ends on its path, not at the goal.
+            **(
+                {"stops": True}
+                if space.travel_time(trajectory.path.arc_length, trajectory.beta, self.travel_time) != self.travel_time
+                else {}
+            ),
+            "lower_bound": self.lower_bound,
+            "method": self.method,
+            "solver": self.solver,
+            "iterations": self.iterations,
+            "wall_time": self.wall_time,
+            "path": {
+                "degree": space.path.coefficients.shape[1] - 1,
+                "knots": (
+                    clamped_knots(space.path.coefficients.shape[1] - 1, space.path.breakpoints) * space.length
+                ).tolist(),
+                "offsets": trajectory.theta.tolist(),
+                "guide": {
+                    "origin": list(frame.origin),
+                    "heading": frame.heading,
+                    **space.guide.to_dict(),
+                },
+            },
+            "acceleration": {
+                "degree": space.acceleration.coefficients.shape[1] - 1,
+                "knots": clamped_knots(
+                    space.acceleration.coefficients.shape[1] - 1, space.acceleration.breakpoints
+                ).tolist(),
+                "coefficients": trajectory.beta.tolist(),
+                "start_speed": space.start_speed,
+            },
+            "clearance": {
+                "minimum": self.clearance.minimum if isfinite(self.clearance.minimum) else None,
+                "obstacle": self.clearance.obstacle,
+                "time": self.clearance.time,
+            },
+            "limits": {
+                name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in self.limits.items()
+            },
+            "samples": self.samples(samples),
+        }
+
+    def save(self, path: str | PathLike[str], samples: int = 200) -> None:
+        """Write the plan file, JSON; a file that stood there is replaced only by a whole one.
+
+        Parameters
+        ----------
+        path : path
+        samples : int
+            Number of equidistant samples in the file, at least 2.
+        """
+        text = json.dumps(self.to_dict(samples), allow_nan=False)
+        write_text(path, text + "\n")
+
+    def table(self, times: ArrayLike | int = 200) -> dict[str, NDArray[Any]]:
+        """Sample the trip at absolute times (n,) s, or at so many equidistant ones.
+
+        Parameters
+        ----------
+        times : (n,) array or int
+            Absolute times, s, or how many.
+
+        Returns
+        -------
+        dict of str to (n,) array
+            Columns with their units in their names, see `scp_planner.export.plan_table`; `pandas.DataFrame` takes it.
+        """
+        from scp_planner.export import plan_table
+
+        return plan_table(self, times)
+
+    def export(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the trip for other programs: .csv, .npz, .mcap, or a bag's folder; options of `export_plan`."""
+        from scp_planner.export import export_plan
+
+        export_plan(self, path, **options)
+
+    def plot(self, scenario: Scenario, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
+        """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
+
+        Parameters
+        ----------
+        scenario : Scenario
+            What was planned.
+        path : path, optional
+            Where to save the figure.
+        view : str
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import plot_view
+
+        return plot_view(self, scenario, path, view)
+
+    def draw(self, scenario: Scenario, path: str | PathLike[str], view: str = "map") -> None:
+        """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
+
+        Parameters
+        ----------
+        scenario : Scenario
+            What was planned.
+        path : path
+        view : str
+            Of a figure.
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import draw_plan
+
+        draw_plan(self, scenario, path, view)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a plan file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        PlanError
+            Naming the file, the key and the value.
+        """
+        name = str(path)
+        try:
+            data = json.loads(FilePath(path).read_text(encoding="utf-8"))
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+        if not isinstance(data, dict):
+            raise PlanError(name, [Fault("", data, "expected a JSON object")])
+        return cls.from_dict(data, name)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], name: str) -> Self:
+        """Read the contents of a plan file; ``name`` is where they are from, for messages.
+
+        Parameters
+        ----------
+        data : dict
+            What the file holds.
+        name : str
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        PlanError
+            Naming the key and the value.
+        """
+        reader = _Reader(data, name)
+        if reader.get("schema") != 1:
+            raise reader.fault("schema", reader.get("schema"), "1")
+        path, drive = reader.part("path"), reader.part("acceleration")
+        guide_data = path.part("guide")
+        origin = guide_data.vector("origin", 2)
+        frame = PlanningFrame(
+            (float(origin[0]), float(origin[1])), guide_data.number("heading"), reader.number("start_time")
+        )
+        try:
+            guide: Guide = guide_from_dict(guide_data.data)
+        except (KeyError, TypeError, ValueError) as error:
+            raise guide_data.fault("", guide_data.data, f"a guide ({error})") from None
+        path_degree, drive_degree = path.integer("degree", 1, 5), drive.integer("degree", 0, 2)
+        path_breaks = path.breakpoints("knots", path_degree)
+        drive_breaks = drive.breakpoints("knots", drive_degree)
+        if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:
+            raise path.fault(
+                "knots", [path_breaks[0], path_breaks[-1]], f"from 0 to the guide's length {guide.length!r}"
+            )
+        equal = np.linspace(0.0, guide.length, len(path_breaks))
+        if np.abs(path_breaks - equal).max() > 1e-9 * guide.length:
+            raise path.fault("knots", path_breaks.tolist(), "equidistant")
+        if drive_breaks[0] != 0.0 or drive_breaks[-1] != 1.0:
+            raise drive.fault("knots", [drive_breaks[0], drive_breaks[-1]], "from 0 to 1")
+        speed = drive.number("start_speed")
+        if speed < 0.0:
+            raise drive.fault("start_speed", speed, "at least 0")
+        space = TripSpace(
+            guide,
+            speed,
+            path_degree,
+            len(path_breaks) - 1,
+            drive_degree,
+            tuple(float(b) for b in drive_breaks),
+        )
+        theta = path.vector("offsets", space.path_size)
+        beta = drive.vector("coefficients", space.acceleration_size)
+        travel_time = reader.number("travel_time")
+        trajectory = space.trajectory(theta, beta, travel_time)
+        if data.get("stops") is True:
+            trajectory = Trajectory(trajectory.path, beta, travel_time)
+        elif not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
+            raise reader.fault(
+                "travel_time",
+                travel_time,
+                f"{trajectory.travel_time!r}, which is what path and acceleration give",
+            )
+        clearance = reader.part("clearance")
+        limits = reader.part("limits")
+        minimum = clearance.get("minimum")
+        try:
+            status = PlanStatus(reader.get("status"))
+        except ValueError:
+            raise reader.fault("status", reader.get("status"), "one of " + ", ".join(PlanStatus)) from None
+        return cls(
+            scenario=str(reader.get("scenario")),
+            status=status,
+            reason=reader.get("reason"),
+            trip=Trip(frame, trajectory),
+            method=str(reader.get("method")),
+            solver=str(reader.get("solver")),
+            iterations=reader.integer("iterations", 0, None),
+            wall_time=reader.number("wall_time"),
+            clearance=Clearance(
+                float("inf") if minimum is None else clearance.number("minimum"),
+                clearance.get("obstacle"),
+                clearance.get("time"),
+            ),
+            limits={
+                key: LimitUse(part.number("worst"), part.get("limit"), part.number("time"))
+                for key in limits.data
+                for part in (limits.part(key),)
+            },
+            lower_bound=float(data.get("lower_bound", 0.0)),
+        )
+
+    def with_status(self, status: PlanStatus, reason: str | None) -> Plan:
+        """Return the same plan with another verdict."""
+        return replace(self, status=status, reason=reason)
+
+    @cached_property
+    def knot_times(self) -> Array:
+        """Absolute times at which the acceleration's pieces begin and end, (K + 1,) s."""
+        trajectory = self.trip.trajectory
+        times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
+        return times

@@ -1,0 +1,139 @@
+"""Borders of vehicles, obstacles and zones, as points to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics import planar
+from scp_planner.scenario.models import Disc, Ellipse, Rectangle
+from scp_planner.threat_zones.zone import ThreatZone
+
+if TYPE_CHECKING:
+    from scp_planner.scenario.models import Scenario, Shape
+
+FINE = 0.02
+"""Borders of several polygons are cut into bits no longer than this part of their extent."""
+
+BOUNDARY_POINTS = 60
+"""Points on the boundary of a zone."""
+
+_PHASE = 0.0123
+"""rad. Turns the directions, so that none is normal to an edge: the boundary point would not be unique."""
+
+_STEP = 1e-6
+"""Relative step of the differences of the support function and of time."""
+
+
+class Convex(Protocol):
+    """Anything convex that moves."""
+
+    def support(self, t: Array, directions: Array) -> Array:
+        """Support function about the centre at times (...) s in directions (..., 2), m."""
+        ...
+
+
+def boundary_of(zone: Convex, times: Array, count: int = BOUNDARY_POINTS) -> Array:
+    """Points on the boundary of a convex zone about its centre: the gradient of its support function.
+
+    Parameters
+    ----------
+    zone : Convex
+    times : (n,) array
+        Absolute, s.
+    count : int
+        Number of directions.
+
+    Returns
+    -------
+    (n, count, 2) array
+        Relative to the centre, m, anticlockwise.
+    """
+    angles = _PHASE + np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    shape = (len(times), count)
+    directions = np.broadcast_to(np.stack([np.cos(angles), np.sin(angles)], axis=-1), (*shape, 2))
+    t = np.broadcast_to(times[:, None], shape)
+    points = np.empty((*shape, 2))
+    for axis in (0, 1):
+        step = np.zeros(2)
+        step[axis] = _STEP
+        points[..., axis] = (zone.support(t, directions + step) - zone.support(t, directions - step)) / (2.0 * _STEP)
+    return points
+
+
+def body_of(shape: Shape) -> tuple[Array, bool]:
+    """Vertices of a shape, (k, 2) m, at heading 0 if it turns with the heading, and whether it does."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    if isinstance(shape, Disc):
+        return shape.disc * circle, False
+    if isinstance(shape, Ellipse | Rectangle):
+        if isinstance(shape, Ellipse):
+            points = np.array(shape.ellipse) * circle
+        else:
+            points = 0.5 * np.array(shape.rectangle) * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        own = shape.heading or 0.0
+        turn = np.array([[np.cos(own), np.sin(own)], [-np.sin(own), np.cos(own)]])
+        return points @ turn, shape.heading is None
+    return np.array(shape.polygon), False
+
+
+def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
+    """Give zones of which a zone is the union, and that are convex, so that their support functions tell all."""
+    if len(zone.outlines) < 2:
+        return [zone]
+    return [replace(zone, outlines=(outline,)) for outline in zone.outlines]
+
+
+def borders_of(pieces: Sequence[Array]) -> Array:
+    """Give the border of the union of convex polygons.
+
+    Parameters
+    ----------
+    pieces : sequence of (k, 2) arrays
+        Vertices, anticlockwise, m.
+
+    Returns
+    -------
+    (n, 2, 2) array
+        Its bits, m, as start and end; whether one belongs to it is decided by its middle.
+    """
+    size = float(np.ptp(np.concatenate(pieces), axis=0).max())
+    return np.concatenate([_borders(piece, k, pieces, size) for k, piece in enumerate(pieces)])
+
+
+def _borders(piece: Array, own: int, pieces: Sequence[Array], size: float) -> Array:
+    """Cut the border of a convex piece into bits, (n, 2, 2) m, and leave out those that are seams.
+
+    A seam lies in another piece, or on its border and runs the other way.
+    """
+    ends = np.roll(piece, -1, axis=0)
+    counts = np.ceil(np.linalg.norm(ends - piece, axis=1) / (FINE * size)).astype(int)
+    parts = np.concatenate([np.arange(count) / count for count in counts if count])
+    start, side = np.repeat(piece, counts, axis=0), np.repeat(ends - piece, counts, axis=0)
+    step = side / np.repeat(counts, counts)[:, None]
+    first = start + parts[:, None] * side
+    bits, middle = np.stack([first, first + step], axis=1), first + 0.5 * step
+    seam = np.zeros(len(bits), dtype=bool)
+    for k, other in enumerate(pieces):
+        edges = np.roll(other, -1, axis=0) - other
+        known = np.linalg.norm(edges, axis=1) > 1e-9 * size
+        if k == own or not known.any():
+            continue
+        edges = edges[known]
+        normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+        beyond = np.einsum("nij,ij->ni", middle[:, None] - other[known], normals)
+        nearest = beyond.argmax(axis=1)
+        distance = beyond[np.arange(len(bits)), nearest]
+        against = np.einsum("ij,ij->i", edges[nearest], step) < 0.0
+        seam |= (distance < -1e-6 * size) | ((distance <= 1e-6 * size) & against)
+    return bits[~seam]
+
+
+def corridor_of(scenario: Scenario) -> tuple[Array, ...]:
+    """Give the polygons of a scenario's corridor, anticlockwise, (k, 2) m each; none without one."""
+    return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ())

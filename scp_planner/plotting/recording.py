@@ -1,0 +1,388 @@
+"""What pictures show: a trip and the obstacles around it, sampled in time.
+
+A :class:`Recording` is all that the animation and the viewer know. `record_plan` makes one of a plan; what
+else moves (a closed loop, a log of a real vehicle) can be shown by making one of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from textwrap import shorten
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics import corridor
+from scp_planner.plotting.borders import body_of, boundary_of, convex_pieces_of, corridor_of
+from scp_planner.plotting.scales import clock_of, length_text
+from scp_planner.scenario.models import Disc
+from scp_planner.scenario.places import limits_at, stretches
+from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.trip import discs_at
+
+if TYPE_CHECKING:
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Obstacle, Scenario, Vehicle
+
+Truth = Mapping[str, Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike]]
+"""What obstacles really did, by id: a function from times (n,) s to centres (n, 2) m, or the two arrays
+(times, centres) of a record, between which it is interpolated."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A quantity over time and its limits.
+
+    Attributes
+    ----------
+    name, unit : str
+        As they stand at the axis.
+    values : (n,) array
+    lower, upper : float or None
+        Limits; None: unbounded.
+    upper_at : (n,) array or None
+        The upper limit at each time, where it is not the same in all places.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    lower: float | None = None
+    upper: float | None = None
+    upper_at: Array | None = None
+
+
+@dataclass(frozen=True)
+class ObstacleRecord:
+    """One obstacle at the times of a recording.
+
+    Attributes
+    ----------
+    id : str
+    center : (n, 2) array
+        Where it is thought to be, m; NaN while it is not known of.
+    heading : (n,) array
+        Direction in which it moves, or is thought to move where nobody knows, rad.
+    body : (k, 2) array
+        Vertices of its shape about its centre, at heading 0, m.
+    turns : bool
+        Whether the shape turns with the heading.
+    padded : bool
+        Whether the zone holds more than the shape.
+    boundary : (n, p, m, 2) array
+        Points on the boundaries of the p convex pieces of its zone, in order, relative to the centre, m.
+    clearance : (n,) array
+        From the vehicle's disc to the zone, m, negative inside; NaN while there is none.
+    truth : (n, 2) array or None
+        Where its centre really was, m; NaN at times without a record.
+    observed : (j, 2) array or None
+        Positions from which its motion was estimated, m.
+    outside : bool
+        Whether it is what lies outside the corridor: it has a clearance, but neither body nor boundary.
+    """
+
+    id: str
+    center: Array
+    heading: Array
+    body: Array
+    turns: bool
+    padded: bool
+    boundary: Array
+    clearance: Array
+    truth: Array | None = None
+    observed: Array | None = None
+    outside: bool = False
+
+    def zone_at(self, index: int) -> Array:
+        """Points on the boundaries of the zone's convex pieces at one of the times, (p, m, 2) m."""
+        return self.center[index] + self.boundary[index]
+
+    def truth_at(self, index: int) -> Array | None:
+        """Where its centre really was at one of the times, (2,) m; None without a record."""
+        if self.truth is None or np.isnan(self.truth[index]).any():
+            return None
+        return self.truth[index]
+
+    def body_at(self, index: int, center: Array | None = None) -> Array:
+        """Vertices of the shape at one of the times, (k, 2) m, about the thought centre or another one."""
+        turned = self.body
+        if self.turns:
+            cos, sin = np.cos(self.heading[index]), np.sin(self.heading[index])
+            turned = self.body @ np.array([[cos, sin], [-sin, cos]])
+        return (self.center[index] if center is None else center) + turned
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A trip and the obstacles around it at n increasing times.
+
+    Attributes
+    ----------
+    name : str
+        Of the scenario.
+    facts : tuple of (str, str)
+        What is to be told of the whole, as name and text.
+    time : (n,) array
+        Absolute, s.
+    position : (n, 2) array
+        Of the vehicle, m.
+    heading, speed : (n,) arrays
+        rad, m/s.
+    radius : float
+        Of the vehicle, m.
+    max_speed : float
+        m/s.
+    goal : (x, y) in m
+    goal_radius : float
+        m.
+    bounds : ((x, y), (x, y)) or None
+        Corners of the workspace, m.
+    paths : tuple of (k, 2) arrays
+        Planned paths, m: one for a plan, one a cycle for a closed loop.
+    path_index : (n,) array of int
+        Which of the paths is the plan at each time.
+    profiles : tuple of Profile
+    obstacles : tuple of ObstacleRecord
+    corridor : tuple of (k, 2) arrays
+        Polygons that the vehicle stays in, m.
+    discs : tuple of float
+        Where the vehicle's discs are on its axis, m ahead of the position.
+    """
+
+    name: str
+    facts: tuple[tuple[str, str], ...]
+    time: Array
+    position: Array
+    heading: Array
+    speed: Array
+    radius: float
+    max_speed: float
+    goal: tuple[float, float]
+    goal_radius: float
+    bounds: tuple[tuple[float, float], tuple[float, float]] | None
+    paths: tuple[Array, ...]
+    path_index: Index
+    profiles: tuple[Profile, ...]
+    obstacles: tuple[ObstacleRecord, ...]
+    corridor: tuple[Array, ...] = ()
+    discs: tuple[float, ...] = (0.0,)
+
+    @property
+    def epoch(self) -> float:
+        """What times are shown relative to, s: 0, or the start on a clock that is far from 0."""
+        return clock_of(self.time)
+
+    @property
+    def bodies(self) -> tuple[ObstacleRecord, ...]:
+        """The obstacles without what lies outside the corridor."""
+        return tuple(obstacle for obstacle in self.obstacles if not obstacle.outside)
+
+    @property
+    def clearance(self) -> Array:
+        """Clearance to the nearest zone, (n,) m; inf without obstacles."""
+        if not self.obstacles:
+            return np.full(len(self.time), np.inf)
+        return np.fmin.reduce([np.full(len(self.time), np.inf), *(each.clearance for each in self.obstacles)])
+
+    def extent(self) -> tuple[Array, Array]:
+        """Corners of the box that holds the trip and what comes near it, (2,) and (2,) m."""
+        trip = np.vstack([self.position, np.array([self.goal]), *self.paths])
+        low, high = trip.min(axis=0), trip.max(axis=0)
+        reach = max(float((high - low).max()), 4.0 * self.radius)
+        near = [trip]
+        for obstacle in self.bodies:
+            # The zone at times when it is close: one that grows to kilometres must not shrink the picture.
+            close = np.flatnonzero(obstacle.clearance < 0.05 * reach)[:: max(1, len(self.time) // 40)]
+            near += [obstacle.zone_at(int(i)).reshape(-1, 2) for i in close]
+        points = np.vstack(near)
+        low = np.maximum(points.min(axis=0), low - 0.3 * reach)
+        high = np.minimum(points.max(axis=0), high + 0.3 * reach)
+        # A straight trip alone would be a line: some width beside it tells what passes.
+        pad = np.maximum(0.15 * reach - 0.5 * (high - low), 0.0) + max(1.5 * self.radius, 0.03 * reach)
+        low, high = low - pad, high + pad
+        if self.bounds is not None:
+            # A little of what waits outside is to be seen.
+            edge = 0.1 * reach
+            low, high = (
+                np.maximum(low, np.subtract(self.bounds[0], edge)),
+                np.minimum(high, np.add(self.bounds[1], edge)),
+            )
+        return low, high
+
+
+def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, truth: Truth | None = None) -> Recording:
+    """Sample a plan and the zones of its scenario.
+
+    Parameters
+    ----------
+    plan : Plan
+    scenario : Scenario
+        Its zones are computed anew.
+    times : (n,) array or int
+        Absolute times, s, or how many, spread equally over the trip.
+    truth : mapping, optional
+        What obstacles really did, see `Truth`.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    ValueError
+        If `truth` names an obstacle that is not there.
+    """
+    time = (
+        np.linspace(plan.start_time, plan.arrival_time, times)
+        if isinstance(times, int)
+        else np.asarray(times, dtype=float)
+    )
+    truth = dict(truth or {})
+    unknown = sorted(set(truth) - {obstacle.id for obstacle in scenario.obstacles})
+    if unknown:
+        raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
+    position, heading, vehicle = plan.position(time), plan.heading(time), scenario.vehicle
+    discs, every_zone = discs_at(position, heading, vehicle.discs), zones(scenario)
+    clearances = [clearance_of(zone, time, discs, vehicle.radius) for zone in every_zone]
+    obstacles = tuple(
+        _record_obstacle(obstacle, zone, time, clearance, _true_centers(truth.get(obstacle.id), time))
+        for obstacle, zone, clearance in zip(scenario.obstacles, every_zone, clearances, strict=False)
+    )
+    if len(every_zone) > len(obstacles):  # the corridor's comes last
+        obstacles += (record_outside(clearances[-1]),)
+    bounds = scenario.bounds
+    return Recording(
+        name=scenario.name,
+        facts=_facts(plan),
+        time=time,
+        position=position,
+        heading=heading,
+        speed=plan.speed(time),
+        radius=vehicle.radius,
+        max_speed=vehicle.max_speed,
+        goal=scenario.goal.position,
+        goal_radius=scenario.goal.radius,
+        bounds=None if bounds is None else (bounds.min, bounds.max),
+        paths=(plan.position(np.linspace(plan.start_time, plan.arrival_time, 400)),),
+        path_index=np.zeros(len(time), dtype=np.intp),
+        profiles=profiles_of(
+            vehicle, plan.speed(time), plan.acceleration(time), plan.curvature(time), speed_limit_at(scenario, position)
+        ),
+        obstacles=obstacles,
+        corridor=corridor_of(scenario),
+        discs=vehicle.discs,
+    )
+
+
+def speed_limit_at(scenario: Scenario, position: Array) -> Array | None:
+    """Limit of the speed at positions (n, 2) m, (n,) m/s; None if it is the same in all places."""
+    if not scenario.speed_limits:
+        return None
+    return np.minimum(limits_at(stretches(scenario), position), scenario.vehicle.max_speed)
+
+
+def profiles_of(
+    vehicle: Vehicle, speed: Array, acceleration: Array, curvature: Array, speed_limit: Array | None = None
+) -> tuple[Profile, ...]:
+    """Set what a vehicle does beside what it can do.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    speed, acceleration, curvature : (n,) arrays
+        m/s; along the path, m/s2; signed, 1/m.
+    speed_limit : (n,) array, optional
+        Where it is not the same in all places, m/s.
+
+    Returns
+    -------
+    tuple of Profile
+        Speed, acceleration, lateral acceleration, curvature.
+    """
+    lateral, bend = vehicle.max_lateral_acceleration, vehicle.max_curvature
+    return (
+        Profile("speed", "m/s", speed, 0.0, vehicle.max_speed, speed_limit),
+        Profile("acceleration", "m/s²", acceleration, -vehicle.max_deceleration, vehicle.max_acceleration),
+        Profile("lateral acceleration", "m/s²", speed**2 * curvature, _negated(lateral), lateral),
+        Profile("curvature", "1/m", curvature, _negated(bend), bend),
+    )
+
+
+def clearance_of(zone: ThreatZone, time: Array, discs: Sequence[Array], radius: float) -> Array:
+    """Clearance of a vehicle to a zone, (n,) m, at times (n,) s with discs at (n, 2) m each."""
+    clearance: Array = np.min([zone.signed_distance(time, disc) for disc in discs], axis=0) - radius
+    return clearance
+
+
+def record_outside(clearance: Array) -> ObstacleRecord:
+    """Record what lies outside the corridor by the clearance (n,) to it, m."""
+    count = len(clearance)
+    return ObstacleRecord(
+        id=corridor.NAME,
+        center=np.zeros((count, 2)),
+        heading=np.zeros(count),
+        body=np.zeros((1, 2)),
+        turns=False,
+        padded=False,
+        boundary=np.zeros((count, 1, 1, 2)),
+        clearance=clearance,
+        outside=True,
+    )
+
+
+def _record_obstacle(
+    obstacle: Obstacle, zone: ThreatZone, time: Array, clearance: Array, truth: Array | None
+) -> ObstacleRecord:
+    body, turns = body_of(obstacle.shape)
+    velocity = zone.center(time + 1e-3) - zone.center(time - 1e-3)
+    seen = obstacle.observations
+    return ObstacleRecord(
+        id=obstacle.id,
+        center=zone.center(time),
+        heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
+        body=body,
+        turns=turns,
+        padded=seen is not None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
+        boundary=np.stack([boundary_of(piece, time) for piece in convex_pieces_of(zone)], axis=1),
+        clearance=clearance,
+        truth=truth,
+        observed=None if seen is None else np.array(seen.position),
+    )
+
+
+def _true_centers(
+    truth: Callable[[Array], ArrayLike] | tuple[ArrayLike, ArrayLike] | None, time: Array
+) -> Array | None:
+    if truth is None:
+        return None
+    if callable(truth):
+        return np.asarray(truth(time), dtype=float)
+    times, centers = (np.asarray(part, dtype=float) for part in truth)
+    return np.stack([np.interp(time, times, centers[:, axis], left=np.nan, right=np.nan) for axis in (0, 1)], axis=-1)
+
+
+def _facts(plan: Plan) -> tuple[tuple[str, str], ...]:
+    facts = [
+        ("status", str(plan.status)),
+        ("travel time", f"{plan.travel_time:.2f} s"),
+    ]
+    if plan.start_time != 0.0:
+        facts += [("arrival", f"{plan.arrival_time:.2f} s")]
+    if plan.reason:
+        facts += [("reason", shorten(plan.reason, 70, placeholder=" ..."))]
+    nearest = plan.clearance
+    if nearest.obstacle is not None:
+        facts += [("least clearance", f"{length_text(nearest.minimum)} to {nearest.obstacle}")]
+    facts += [
+        ("method", f"{plan.method}, {plan.solver}"),
+        ("iterations", f"{plan.iterations} in {plan.wall_time:.2f} s"),
+    ]
+    return tuple(facts)
+
+
+def _negated(limit: float | None) -> float | None:
+    return None if limit is None else -limit

@@ -1,0 +1,180 @@
+"""Recordings of closed loops: at each time the plan and the zones of that time's cycle, and what really was."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics import corridor
+from scp_planner.plotting.borders import body_of, boundary_of, convex_pieces_of, corridor_of
+from scp_planner.plotting.recording import (
+    ObstacleRecord,
+    Recording,
+    clearance_of,
+    profiles_of,
+    record_outside,
+    speed_limit_at,
+)
+from scp_planner.plotting.scales import length_text
+from scp_planner.scenario.models import Disc
+from scp_planner.trips.trip import discs_at
+
+if TYPE_CHECKING:
+    from scp_planner.simulation.run import Run
+    from scp_planner.threat_zones.zone import ThreatZone
+
+MOST_FRAMES = 1200
+STANDING = 1e-6
+"""m/s. What is slower has no direction."""
+CREEPING = 0.01
+"""Below this part of the greatest speed the curvature is not told: it is a quotient of two differences near 0."""
+PATH_POINTS = 100
+BOUNDARY_POINTS = 48
+
+
+def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
+    """Sample a closed loop.
+
+    Parameters
+    ----------
+    run : Run
+    frames_per_second : float
+        1/s; less if the run is very long.
+    times : (n,) array
+        To be sampled too, s.
+
+    Returns
+    -------
+    Recording
+        Its paths are what was left of each cycle's plan. Zones are those of the latest cycle, NaN while there was
+        none; clearances are to them. Acceleration and curvature are differences of the driven speed and heading.
+    """
+    span = float(run.time[-1] - run.time[0])
+    frames = int(np.clip(math.ceil(span * frames_per_second), 2, MOST_FRAMES))
+    time = np.union1d(np.linspace(run.time[0], run.time[-1], frames + 1), times)
+    cycle_times = np.array([cycle.time for cycle in run.records])
+    cycle = np.clip(np.searchsorted(cycle_times, time + 1e-9, "right") - 1, 0, None)
+    position = _interpolated(time, run.time, run.position)
+    speed = np.interp(time, run.time, run.speed)
+    acceleration, curvature = _driven(run)
+    vehicle, bounds = run.scenario.vehicle, run.scenario.bounds
+    own_heading = np.interp(time, run.time, np.unwrap(run.heading))
+    return Recording(
+        name=run.scenario.name,
+        facts=_facts(run),
+        time=time,
+        position=position,
+        heading=own_heading,
+        speed=speed,
+        radius=vehicle.radius,
+        max_speed=vehicle.max_speed,
+        goal=run.scenario.goal.position,
+        goal_radius=run.scenario.goal.radius,
+        bounds=None if bounds is None else (bounds.min, bounds.max),
+        paths=tuple(
+            plan.position(np.linspace(moment, max(moment, plan.arrival_time), PATH_POINTS))
+            for moment, plan in zip(cycle_times, run.plans, strict=True)
+        ),
+        path_index=cycle,
+        profiles=profiles_of(
+            vehicle,
+            speed,
+            np.interp(time, run.time, acceleration),
+            np.interp(time, run.time, curvature),
+            speed_limit_at(run.scenario, position),
+        ),
+        obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
+        corridor=corridor_of(run.scenario),
+        discs=vehicle.discs,
+    )
+
+
+def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
+    zones = [{record.id: record.zone() for record in each.zones} for each in run.records]
+    names = dict.fromkeys([*(name for each in zones for name in each), *run.obstacles])
+    radius, limited = run.scenario.vehicle.radius, run.scenario.corridor is not None
+    return tuple(
+        record_outside(clearance_of(zones[0][name], time, discs, radius))
+        if limited and name == corridor.NAME
+        else _obstacle(name, run, time, cycle, discs, zones)
+        for name in names
+    )
+
+
+def _obstacle(
+    name: str, run: Run, time: Array, cycle: Index, discs: list[Array], zones: list[dict[str, ThreatZone]]
+) -> ObstacleRecord:
+    """Put together what the cycles knew of one obstacle."""
+    count = len(time)
+    center, heading = np.full((count, 2), np.nan), np.zeros(count)
+    parts = max([len(zone[name].outlines) or 1 for zone in zones if name in zone], default=1)
+    boundary, clearance = np.full((count, parts, BOUNDARY_POINTS, 2), np.nan), np.full(count, np.nan)
+    radius = 0.0
+    for number in np.unique(cycle):
+        zone = zones[number].get(name)
+        if zone is None:
+            continue
+        now = np.flatnonzero(cycle == number)
+        center[now] = zone.center(time[now])
+        velocity = zone.center(time[now] + 1e-3) - zone.center(time[now] - 1e-3)
+        heading[now] = np.arctan2(velocity[:, 1], velocity[:, 0])
+        pieces = [boundary_of(piece, time[now], BOUNDARY_POINTS) for piece in convex_pieces_of(zone)]
+        for part in range(parts):
+            # Where a cycle knew of fewer pieces, the last is drawn again.
+            boundary[now, part] = pieces[min(part, len(pieces) - 1)]
+        clearance[now] = clearance_of(zone, time[now], [disc[now] for disc in discs], run.scenario.vehicle.radius)
+        radius = zone.radius
+    shapes = {**run.shapes, **{obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}}
+    body, turns = body_of(shapes.get(name) or Disc(disc=max(radius, 1e-6)))
+    seen = [seen.position for each in run.records for seen in each.observations if seen.obstacle == name]
+    truth = run.obstacles.get(name)
+    if truth is not None:
+        known = _directions(run.time, truth, time)
+        heading = np.where(np.isnan(known), heading, known)
+    return ObstacleRecord(
+        id=name,
+        center=center,
+        heading=heading,
+        body=body,
+        turns=turns,
+        padded=True,
+        boundary=boundary,
+        clearance=clearance,
+        truth=None if truth is None else _interpolated(time, run.time, truth),
+        observed=np.array(seen) if seen else None,
+    )
+
+
+def _directions(known: Array, centers: Array, time: Array) -> Array:
+    """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
+    velocity = np.gradient(centers, known, axis=0)
+    angle = np.where(np.hypot(*velocity.T) < STANDING, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
+    nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
+    return nearest
+
+
+def _driven(run: Run) -> tuple[Array, Array]:
+    """Acceleration, m/s2, and curvature, 1/m, of what was driven; no curvature while standing."""
+    acceleration = np.gradient(run.speed, run.time)
+    turning = np.gradient(np.unwrap(run.heading), run.time)
+    moving = run.speed > CREEPING * run.scenario.vehicle.max_speed
+    return acceleration, np.where(moving, turning / np.where(moving, run.speed, 1.0), 0.0)
+
+
+def _interpolated(time: Array, known: Array, points: Array) -> Array:
+    """Points (m, 2) between known times; NaN where one of the neighbours is."""
+    return np.stack([np.interp(time, known, points[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def _facts(run: Run) -> tuple[tuple[str, str], ...]:
+    end = "arrived" if run.arrived else "did not arrive"
+    touched = ", touched an obstacle" if run.contact else ", was touched while standing" if run.contact_standing else ""
+    facts = [("closed loop", end + touched), ("travel time", f"{run.travel_time:.2f} s")]
+    if math.isfinite(run.least_clearance):
+        facts += [("least distance", f"{length_text(run.least_clearance)} to a true obstacle")]
+    outcomes = ", ".join(f"{count} {name}" for name, count in run.outcomes.items() if count)
+    return (*facts, ("cycles", f"{len(run.records)}: {outcomes}"))

@@ -1,0 +1,56 @@
+"""Times and lengths as people like to read them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+
+FAR_CLOCK = 1e4
+"""s. From here on a start time is too long a number to be read off an axis."""
+
+
+def clock_of(time: Array) -> float:
+    """What to show times (n,) s relative to, s: 0, or the first one on a clock that is far from 0."""
+    return float(time[0]) if abs(time[0]) > FAR_CLOCK else 0.0
+
+
+def length_text(metres: float) -> str:
+    """Write a length in a unit of its size."""
+    for unit, size in (("\N{MICRO SIGN}m", 1e-6), ("mm", 1e-3)):
+        if abs(metres) < 999.5 * size and abs(metres) < 0.1:
+            return f"{metres / size:.3g} {unit}"
+    return f"{metres:.2f} m"
+
+
+def nice_times(start: float, end: float, most: int = 6) -> Array:
+    """Instants to show: round ones after the start, the start and the end, (n,) s.
+
+    Parameters
+    ----------
+    start, end : float
+        s.
+    most : int
+        No more than this many, at least 2.
+
+    Returns
+    -------
+    (n,) array
+        s.
+    """
+    span = end - start
+    power = 10.0 ** np.floor(np.log10(span / most))
+    step = next(
+        power * factor for factor in (1, 1.5, 2, 3, 4, 5, 10, 15, 20) if span / (power * factor) <= most - 1 + 1e-9
+    )
+    times = start + step * np.arange(int(span / step) + 1)
+    if end - times[-1] < 0.4 * step and len(times) > 1:
+        times = times[:-1]
+    return np.append(times, end)
+
+
+def nearest_indices(times: Array, wanted: Sequence[float] | Array) -> Index:
+    """Index of the time nearest to each of the wanted ones."""
+    return np.abs(np.asarray(wanted)[:, None] - times).argmin(axis=1)

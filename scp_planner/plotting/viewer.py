@@ -1,0 +1,164 @@
+"""A plan, or whatever else was recorded, as one HTML file to look at in a browser.
+
+The file holds its data, style and script; it fetches nothing and works from disk.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from html import escape
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.files import write_text
+from scp_planner.plotting.borders import borders_of
+from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
+
+if TYPE_CHECKING:
+    from scp_planner.planning.plan import Plan
+    from scp_planner.scenario.models import Scenario
+
+SAMPLE_INTERVAL = 0.05
+"""s. The viewer draws straight lines between samples: at 2 m/s2 they are off by 1 mm at most."""
+FEWEST_SAMPLES, MOST_SAMPLES = 100, 800
+VIEWER_SUFFIXES = (".html", ".htm")
+
+
+def save_viewer(plan: Plan, scenario: Scenario, path: str | PathLike[str], *, truth: Truth | None = None) -> None:
+    """Save a plan as an HTML file: map with zones and vehicle, profiles against limits, time slider.
+
+    Parameters
+    ----------
+    plan : Plan
+    scenario : Scenario
+    path : path
+        .html
+    truth : mapping, optional
+        What obstacles really did, see `scp_planner.plotting.recording.Truth`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or `truth` names an unknown obstacle.
+    """
+    samples = int(np.clip(math.ceil(plan.travel_time / SAMPLE_INTERVAL), FEWEST_SAMPLES, MOST_SAMPLES))
+    save_recording(record_plan(plan, scenario, samples + 1, truth), path)
+
+
+def save_recording(recording: Recording, path: str | PathLike[str]) -> None:
+    """Save a recording as an HTML file.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path
+        .html
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    """
+    if Path(path).suffix.lower() not in VIEWER_SUFFIXES:
+        raise ValueError(f"{path}: must end in one of {', '.join(VIEWER_SUFFIXES)}")
+    write_text(path, to_html(recording))
+
+
+def to_html(recording: Recording) -> str:
+    """Give the viewer's page for a recording."""
+    page = (files("scp_planner.plotting") / "assets" / "viewer.html").read_text(encoding="utf-8")
+    before, rest = page.split("[[title]]")
+    between, after = rest.split("[[data]]")
+    return "".join([before, escape(recording.name), between, _script_safe(_data_of(recording)), after])
+
+
+def _script_safe(data: dict[str, Any]) -> str:
+    """Write JSON that can stand in a script element: no text of the data can end it or begin another."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _data_of(recording: Recording) -> dict[str, Any]:
+    """Give what the page's script reads; positions are relative to an origin, as SVG knows only single precision."""
+    low, high = recording.extent()
+    origin = np.round(0.5 * (low + high))
+    # About 1e-5 of the picture: far less than a pixel.
+    digits = max(0, 5 - math.floor(math.log10(float((high - low).max()))))
+    rounding = _Rounding(digits)
+    bounds = recording.bounds
+    clearance = recording.clearance
+    return {
+        "name": recording.name,
+        "facts": recording.facts,
+        "origin": origin.tolist(),
+        "time": np.round(recording.time - recording.epoch, 6).tolist(),
+        "position": rounding.of(recording.position - origin),
+        "heading": _Rounding(5).of(recording.heading),
+        "speed": _Rounding(5).of(recording.speed),
+        "radius": recording.radius,
+        "discs": list(recording.discs),
+        "maxSpeed": recording.max_speed,
+        "goal": rounding.of(np.asarray(recording.goal) - origin),
+        "goalRadius": recording.goal_radius,
+        "bounds": None if bounds is None else rounding.of(np.asarray(bounds) - origin),
+        "corridor": [rounding.of(polygon - origin) for polygon in recording.corridor],
+        "corridorBorder": rounding.of(borders_of(recording.corridor) - origin) if recording.corridor else [],
+        "extent": rounding.of(np.stack([low, high]) - origin),
+        "paths": [rounding.of(path - origin) for path in recording.paths],
+        "pathIndex": recording.path_index.tolist(),
+        "profiles": [
+            {
+                "name": profile.name,
+                "unit": profile.unit,
+                "values": _Rounding(5).of(profile.values),
+                "lower": profile.lower,
+                "upper": profile.upper,
+                "upperAt": None if profile.upper_at is None else _Rounding(5).of(profile.upper_at),
+            }
+            for profile in recording.profiles
+        ],
+        "clearance": rounding.of_known(clearance) if recording.obstacles else None,
+        "obstacles": [_obstacle_data(obstacle, origin, rounding) for obstacle in recording.obstacles],
+    }
+
+
+def _obstacle_data(obstacle: ObstacleRecord, origin: Array, rounding: _Rounding) -> dict[str, Any]:
+    # A boundary that is not known at some time is not the same all the time either.
+    grows = not np.ptp(obstacle.boundary, axis=0).max() <= 0.5 * 10.0**-rounding.digits
+    return {
+        "id": obstacle.id,
+        "outside": obstacle.outside,
+        "center": rounding.of_known(obstacle.center - origin),
+        "heading": _Rounding(4).of(obstacle.heading) if obstacle.turns else None,
+        "turns": obstacle.turns,
+        "body": rounding.of(obstacle.body),
+        "grows": grows,
+        "boundary": rounding.of_known(obstacle.boundary if grows else obstacle.boundary[:1]),
+        "clearance": rounding.of_known(obstacle.clearance),
+        "truth": None if obstacle.truth is None else rounding.of_known(obstacle.truth - origin),
+        "observed": None if obstacle.observed is None else rounding.of(obstacle.observed - origin),
+    }
+
+
+class _Rounding:
+    """Rounds to a number of digits after the point, which is what keeps the file small."""
+
+    def __init__(self, digits: int) -> None:
+        self.digits = digits
+
+    def of(self, values: Array) -> Any:
+        """Give finite values as lists of numbers."""
+        # The sum with 0 makes -0 a 0, which takes a character less.
+        return (np.round(values, self.digits) + 0.0).tolist()
+
+    def of_known(self, values: Array) -> list[Any]:
+        """Give values as a list, None for those that are not finite, or hold any that is not."""
+        return [self.of(value) if np.isfinite(value).all() else None for value in values]

@@ -1,0 +1,166 @@
+"""Problems from scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.problem.ends import EndConditions, _end_conditions
+from scp_planner.problem.guides import default_guide, path_spans
+from scp_planner.problem.limits.arrival import EarliestArrival
+from scp_planner.problem.limits.discs import DiscBox, DiscClearance
+from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.problem.limits.rates import CurvatureRateLimit, JerkLimit
+from scp_planner.problem.limits.speed import SpeedLimits
+from scp_planner.problem.problem import Problem
+from scp_planner.problem.profile import SpeedProfile, fastest_profile
+from scp_planner.scenario.limits import Box, Limits, straight_travel_time
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.places import Line, Stretch, limits_at, stretches
+from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.guide import Guide
+from scp_planner.trips.trajectory import TripSpace
+
+REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
+OPTIONAL_MARGIN = 2.5e-4  # relative, of optional limits, besides the margin of all limits
+PROFILE_STEP = 0.02  # m, of the fastest drive along a guide with such limits
+EARLIEST_MARGIN = 5e-4  # s, by which the trip is planned to arrive later than it has to
+
+
+def build_problem(
+    scenario: Scenario,
+    zones: Sequence[ThreatZone],
+    settings: Settings,
+    breakpoints: tuple[float, ...] | None = None,
+    guide: Guide | None = None,
+) -> Problem:
+    """Make a scenario ready for planning.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    zones : sequence of ThreatZone
+        One an obstacle.
+    settings : Settings
+    breakpoints : tuple of float, optional
+        Of the acceleration, in normalised time: the same ones for many problems share their tables.
+    guide : Guide, optional
+        In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
+
+    Returns
+    -------
+    Problem
+    """
+    start, goal = scenario.start, scenario.goal
+    if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
+        settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
+    frame = PlanningFrame.between(start.position, goal.position, start.time)
+    limits = Limits.of(scenario, settings.limit_margin)
+    if guide is None:
+        guide = default_guide(scenario, frame, limits, settings)
+    slow = _slow_stretches(scenario, frame, settings)
+    profile = _fastest_drive(guide, slow, scenario, limits) if slow else None
+    if breakpoints is None:
+        time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
+        if profile is not None:
+            time, switches = float(profile.times[-1]), profile.switches
+        breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
+        if start.acceleration is not None and settings.acceleration_degree == 0:
+            breakpoints = tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
+    space = TripSpace(
+        guide,
+        start.speed,
+        settings.path_degree,
+        path_spans(guide, settings),
+        settings.acceleration_degree,
+        breakpoints,
+    )
+    inflation = scenario.vehicle.radius + settings.clearance_margin
+    ends = _end_conditions(scenario, frame, space, settings.max_offset)
+    batch = ZoneBatch(zones, frame, inflation).rounded()
+    box = Box.of(scenario, frame, settings.box_margin)
+    samples = space.time_table(
+        np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
+    )
+    optional = _optional_limits(scenario, space, ends, slow, settings.limit_margin)
+    for offset in scenario.vehicle.discs:
+        if offset != 0.0:
+            optional += (DiscClearance(offset, ends.free, samples, batch),)
+            if len(box.offsets):
+                step_size = ends.free.stop - ends.free.start + space.acceleration_size + 1
+                optional += (DiscBox(offset, ends.free, step_size, box.normals, box.offsets),)
+    return Problem(
+        scenario,
+        settings,
+        frame,
+        space,
+        ends,
+        limits,
+        batch,
+        box,
+        samples,
+        settings.samples + 1,
+        optional,
+        profile=profile,
+    )
+
+
+def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: Settings) -> tuple[Stretch, ...]:
+    """Return the speed limits by place in the planning frame, less the margins."""
+    keep = 1.0 - settings.limit_margin - OPTIONAL_MARGIN
+    return tuple(
+        replace(
+            part,
+            line=Line(np.round(frame.to_frame(part.line.points), DECIMALS)),
+            speed=min(part.speed * keep, part.speed),
+        )
+        for part in stretches(scenario)
+    )
+
+
+def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, limits: Limits) -> SpeedProfile:
+    """Return the fastest drive along a guide that keeps to the limits of places."""
+    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / PROFILE_STEP)) + 1)
+    allowed = np.minimum(limits_at(slow, guide.frame(stations).position), limits.speed)
+    start, goal = scenario.start.speed, scenario.goal.speed
+    return fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
+
+
+def _optional_limits(
+    scenario: Scenario, space: TripSpace, ends: EndConditions, slow: tuple[Stretch, ...], margin: float
+) -> tuple[OptionalLimit, ...]:
+    """Return what a scenario asks for beyond what every trip keeps.
+
+    A latest arrival is none of it: the trip is to be as fast as it may be anyway.
+    """
+    found: list[OptionalLimit] = []
+    step_size = ends.free.stop - ends.free.start + space.acceleration_size + 1
+    earliest = scenario.goal.earliest_arrival
+    if earliest is not None and earliest > scenario.start.time:
+        found.append(EarliestArrival(earliest - scenario.start.time + EARLIEST_MARGIN, step_size))
+    if slow:
+        found.append(SpeedLimits(space, ends.free, slow))
+    vehicle, keep = scenario.vehicle, 1.0 - margin
+    if vehicle.max_jerk is not None:
+        free_size = step_size - space.acceleration_size - 1
+        found.append(JerkLimit(space, free_size, vehicle.max_jerk * (keep - OPTIONAL_MARGIN)))
+    if vehicle.max_curvature_rate is not None:
+        limit = vehicle.max_curvature_rate * (keep - OPTIONAL_MARGIN)
+        found.append(CurvatureRateLimit(space, ends.free, limit))
+    return tuple(found)
+
+
+def acceleration_breakpoints(spans: int, switches: tuple[float, ...]) -> tuple[float, ...]:
+    """Equal spans of normalised time, the nearest inner breakpoint moved onto each switching time."""
+    breaks = np.linspace(0.0, 1.0, spans + 1)
+    for switch in switches:
+        nearest = int(np.argmin(np.abs(breaks - switch)))
+        if 0 < nearest < spans and 1e-3 < switch < 1 - 1e-3:
+            breaks[nearest] = switch
+    return tuple(float(value) for value in np.unique(np.round(breaks, 12)))

@@ -1,0 +1,118 @@
+"""Guides to plan along, and the spans of paths on them."""
+
+from __future__ import annotations
+
+from math import pi, remainder, sqrt
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.corridor import way_through
+from scp_planner.mathematics.dubins import Pose, shortest_path
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Limits
+from scp_planner.scenario.models import Scenario
+from scp_planner.settings.planning import Settings
+from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
+from scp_planner.trips.path import Path
+from scp_planner.trips.space import CELLS_PER_SPAN
+
+STEEPEST = 1.05  # rad; where a heading differs by more from the direction to the goal, the guide is no straight line
+ROOM_TO_TURN = 2.0  # guides are rounded with so many times the least radius of the vehicle
+WIDE_BEND = 4.0  # and corners of polylines with up to so many times that
+GOAL_SHARE = 0.95  # of the goal's radius: the guide ends before its centre, and the path anywhere beside that
+STEEP = (
+    1.3  # m of path to a m of a straight guide; a path with more of it anywhere, 40 degrees, bends better over another
+)
+LEFT = 0.2  # spans of the offset; a path with larger offsets has left its guide
+AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
+LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
+
+
+def path_spans(guide: Guide, settings: Settings) -> int:
+    """Number of spans of the offset's spline: so that the pieces of a curved guide are the cells of the quadrature."""
+    if isinstance(guide, CurvedGuide) and guide.pieces % CELLS_PER_SPAN == 0:
+        return guide.pieces // CELLS_PER_SPAN
+    return _spans(guide.length, settings, straight=guide.straight)
+
+
+def _spans(length: float, settings: Settings, *, straight: bool) -> int:
+    """Spans on a length, m; over a curved guide there are as many as its bends need."""
+    wanted = round(length / settings.path_span)
+    return max(4, min(wanted, settings.max_path_spans) if straight else wanted)
+
+
+def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: Settings) -> Guide:
+    """Return the guide of a scenario, in the planning frame.
+
+    It is the scenario's polyline, smoothed. Without one it is the straight line to the goal, or where that leaves the
+    corridor, a polyline in it. Where the heading at an end differs from that line by more than can be done by offsets,
+    it is the shortest path of a curvature somewhat below the limit.
+    """
+    start, goal = scenario.start, scenario.goal
+    distance = round(float(np.hypot(*np.subtract(goal.position, start.position))), DECIMALS)
+    if np.isfinite(limits.curvature):
+        radius = ROOM_TO_TURN / limits.curvature
+    else:
+        radius = max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
+    piece = settings.path_span / CELLS_PER_SPAN
+    short = round(GOAL_SHARE * goal.radius, DECIMALS)
+    if scenario.guide is not None:
+        # Offsets to the outside of a bend are easy, those to the inside are not: bends as wide as they may be driven.
+        radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
+        polyline = _shortened(np.round(frame.to_frame(np.array(scenario.guide)), DECIMALS), short)
+        return smooth_guide(polyline, radius, piece, CELLS_PER_SPAN)
+    turns = [
+        None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
+        for heading in (start.heading, goal.heading)
+    ]
+    through = way_through(scenario.corridor, start.position, goal.position) if scenario.corridor is not None else ()
+    if through:
+        line = np.array([start.position, *through, goal.position])
+        polyline = _shortened(np.round(frame.to_frame(line), DECIMALS), short)
+        return smooth_guide(polyline, radius, piece, CELLS_PER_SPAN)
+    if all(turn is None or abs(turn) <= STEEPEST for turn in turns):
+        return StraightGuide(distance - short)
+    shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
+    return smooth_guide(_shortened(shortest, short), radius, piece, CELLS_PER_SPAN)
+
+
+def _shortened(points: Array, length: float) -> Array:
+    """A polyline without the last part that lies within a distance of its end."""
+    if length == 0.0:
+        return points
+    away = np.hypot(*(points - points[-1]).T)
+    last = int(np.flatnonzero(away > length)[-1])
+    begin, end = points[last] - points[-1], points[last + 1] - points[-1]
+    leg = end - begin
+    # |begin + x leg| = length, the larger root
+    a, b, c = leg @ leg, begin @ leg, begin @ begin - length**2
+    share = (-b + sqrt(max(b * b - a * c, 0.0))) / a if begin @ leg >= 0.0 else (-b - sqrt(max(b * b - a * c, 0.0))) / a
+    return np.concatenate([points[: last + 1], (points[-1] + begin + min(share, 1.0) * leg)[None]])
+
+
+def guide_along(path: Path, settings: Settings) -> CurvedGuide:
+    """Return the guide that is a path over another guide."""
+    count = CELLS_PER_SPAN * _spans(path.arc_length, settings, straight=path.space.guide.straight)
+    stations = path.parameter_at(np.linspace(0.0, path.arc_length, count + 1))
+    direction = path.points(stations).direction
+    headings = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))
+    goal = path.points(np.ones(1)).position[0]
+    return guide_through(headings, path.arc_length, goal)
+
+
+def may_want_another_guide(problem: Problem, path: Path) -> bool:
+    """Whether another guide might let a path go further.
+
+    So it is over a curved guide that it has left, since inside of a bend offsets have little room and resolution, over
+    a straight one that it crosses steeply, or where a control point is at its bound.
+    """
+    ends, free = problem.ends, problem.ends.free
+    theta = path.theta[free]
+    if not problem.space.guide.straight and np.abs(theta).max(initial=0.0) > LEFT * problem.settings.path_span:
+        return True
+    if problem.space.guide.straight and path.node_speed.max() > STEEP:
+        return True
+    return bool(np.any((theta > ends.upper[free] - AT_LIMIT) | (theta < ends.lower[free] + AT_LIMIT)))

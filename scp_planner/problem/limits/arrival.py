@@ -1,0 +1,41 @@
+"""An earliest time of arrival."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.trips.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class EarliestArrival(OptionalLimit):
+    """The trip takes at least so long.
+
+    Attributes
+    ----------
+    travel_time : float
+        s.
+    step_size : int
+        Number of variables of a step.
+    """
+
+    name: ClassVar[str] = "earliest arrival"
+    reach: ClassVar[float] = np.inf
+
+    travel_time: float
+    step_size: int
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return by how much the arrival is too early, (1,) s."""
+        return np.array([self.travel_time - trajectory.travel_time])
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradient: -tau for rho."""
+        gradient = np.zeros((len(index), self.step_size))
+        gradient[:, -1] = -trajectory.travel_time
+        return gradient

@@ -1,0 +1,47 @@
+"""Limits that only some scenarios have. A scenario without one pays nothing for it.
+
+Each is looked at in a fixed number of places of every trip, and gives its excess there (what is above 0 is violated)
+and the excess's gradient with respect to a step z = (d theta, d beta, rho): see the package.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from scp_planner.arrays import Array, Index
+from scp_planner.trips.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from scp_planner.threat_zones.batch import ZoneBatch
+
+
+class OptionalLimit(ABC):
+    """One kind of limit of a trip.
+
+    Attributes
+    ----------
+    name : str
+        What the certificate calls it.
+    reach : float
+        Places with an excess below -reach are not looked at in a step.
+    """
+
+    name: ClassVar[str]
+    reach: ClassVar[float]
+
+    @abstractmethod
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return the excess in each place, (n,); -inf where it does not count."""
+
+    @abstractmethod
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradient of the excess in some places with respect to a step, (m, step)."""
+
+    def tightened(self, more: float) -> Self:
+        """Return the limit with so much more kept from it, in the unit of the excess."""
+        return self
+
+    def among(self, zones: ZoneBatch) -> Self:
+        """Return the limit among other zones."""
+        return self

@@ -1,0 +1,37 @@
+"""Which zones a problem is built with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Index
+from scp_planner.problem.problem import Problem
+from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
+
+GUIDE_LOOKS = 33
+BEYOND = 1.0  # m, beyond the largest offset
+LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
+
+
+def without_far_zones(problem: Problem, longest: float) -> Problem:
+    """Return a problem without the zones that no trip shorter than ``longest``, s, can meet.
+
+    The trip is taken to stay within the largest offset of the guide.
+    """
+    if problem.zones.size <= FEW_ZONES:
+        return problem
+    guide = problem.space.guide
+    line = guide.frame(np.linspace(0.0, guide.length, GUIDE_LOOKS)).position
+    reach = problem.settings.max_offset + BEYOND + max(map(abs, problem.scenario.vehicle.discs))
+    near: Index = np.arange(problem.zones.size)
+    for count in LOOKS:
+        half = 0.5 * longest / count
+        looks = Looks(
+            np.linspace(half, longest - half, count),
+            half,
+            np.broadcast_to(line.min(axis=0) - reach, (count, 2)),
+            np.broadcast_to(line.max(axis=0) + reach, (count, 2)),
+        )
+        some = problem.zones if len(near) == problem.zones.size else problem.zones.subset(near)
+        near = near[least_clearances(some, looks) < 0.0]
+    return problem if len(near) == problem.zones.size else problem.among(problem.zones.subset(near))

@@ -1,0 +1,73 @@
+"""The fastest drive along a guide where places limit the speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+
+SAME_SWITCH = 0.03  # s; the acceleration of a profile changes once in so much time
+
+
+@dataclass(frozen=True)
+class SpeedProfile:
+    """The fastest drive along a line.
+
+    Attributes
+    ----------
+    stations, times : (n,) arrays
+        m and s.
+    switches : tuple of float
+        Times at which the acceleration changes, s.
+    """
+
+    stations: Array
+    times: Array
+    switches: tuple[float, ...]
+
+    def times_at(self, stations: Array) -> Array:
+        """Times at which stations (n,) m are reached, s; beyond the end at the last speed."""
+        speed = (self.stations[-1] - self.stations[-2]) / (self.times[-1] - self.times[-2])
+        beyond = np.maximum(stations - self.stations[-1], 0.0) / speed
+        return np.asarray(np.interp(stations, self.stations, self.times) + beyond)
+
+
+def fastest_profile(
+    stations: Array, limits: Array, start: float, goal: float | None, acceleration: float, deceleration: float
+) -> SpeedProfile:
+    """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards.
+
+    Parameters
+    ----------
+    stations : (n,) array
+        Equidistant, m.
+    limits : (n,) array
+        Of the speed there, m/s; cells between two stations are driven no faster than either allows.
+    start, goal : float
+        Speeds at the ends, m/s; None: free.
+    acceleration, deceleration : float
+        m/s^2, both positive.
+
+    Returns
+    -------
+    SpeedProfile
+    """
+    step = float(stations[1] - stations[0])
+    squared = limits.astype(float) ** 2
+    squared[0] = start**2
+    if goal is not None:
+        squared[-1] = min(squared[-1], goal**2)
+    for i in range(1, len(squared)):
+        squared[i] = min(squared[i], squared[i - 1] + 2.0 * acceleration * step)
+    for i in range(len(squared) - 2, 0, -1):
+        squared[i] = min(squared[i], squared[i + 1] + 2.0 * deceleration * step)
+    speeds = np.sqrt(squared)
+    times = np.concatenate([[0.0], np.cumsum(2.0 * step / np.maximum(speeds[1:] + speeds[:-1], 1e-6))])
+    rates = np.diff(squared) / (2.0 * step)
+    switches: list[float] = []
+    for time in times[1:-1][np.abs(np.diff(rates)) > 0.2 * min(acceleration, deceleration)].tolist():
+        if not switches or time - switches[-1] > SAME_SWITCH:
+            switches.append(time)
+    return SpeedProfile(stations, times, tuple(switches))

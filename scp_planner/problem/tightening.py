@@ -1,0 +1,48 @@
+"""What a certificate found missing between the samples is asked for a little more of: the exchange method."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scp_planner.certificate.verdict import Certificate
+from scp_planner.problem.problem import Problem
+
+TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
+URGENCY = 2.0  # times as much is asked for with each repeat
+
+
+def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) -> Problem:
+    """Return a problem that asks for somewhat more of all that the certificate of a trip found violated.
+
+    Parameters
+    ----------
+    problem : Problem
+    certificate : Certificate
+        Of a trip that keeps all sampled constraints of the problem.
+    urgency : float
+        How many times as much as usual is asked for: the next trip may be another one, with other peaks.
+
+    Returns
+    -------
+    Problem
+    """
+    inflation = np.zeros(problem.zones.size)
+    missing = {"lateral_acceleration": 0.0, "curvature": 0.0, "speed": 0.0, "workspace bounds": 0.0}
+    optional = {limit.name: 0.0 for limit in problem.optional}
+    for violation in certificate.violations:
+        if violation.obstacle is not None:
+            parts = [name == violation.obstacle for name in problem.zones.ids]
+            inflation[parts] = urgency * (-1.5 * violation.value + 1e-3)
+        elif violation.what == "workspace bounds":
+            missing[violation.what] = urgency * (-1.5 * violation.value + 1e-3)
+            optional[violation.what] = missing[violation.what]  # of further discs
+        elif violation.what in missing and violation.allowed > 0.0:  # not driving backwards
+            missing[violation.what] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
+        elif (kind := violation.what.partition("[")[0]) in optional:
+            optional[kind] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
+    asked = problem.tightened(
+        inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
+    )
+    return replace(asked, limits=replace(asked.limits, speed=asked.limits.speed * (1.0 - missing["speed"])))

@@ -1,0 +1,452 @@
+"""How the fields of a scenario must fit together. Each rule looks at one part and yields what is wrong.
+
+A rule reads the fields that it needs; where one of them is faulty itself the rule ends there (see
+`scp_planner.scenario.validation`), so rules are small and independent.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from scp_planner.errors import MISSING
+from scp_planner.mathematics import corridor, planar
+from scp_planner.scenario.validation import Problem, Unknown
+
+SCHEMA_VERSION = 1
+
+SAME_PLACE = 1e-9
+"""Relative to the coordinates: two points nearer than this are one point."""
+
+SYMMETRY = 1e-9
+"""How far the two off-diagonal entries of a covariance may differ, relative to its diagonal: rounding."""
+
+DEFINITE = 1e-12
+"""Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
+
+AXES = ("x", "y")
+
+
+def version_is_known(scenario: Any) -> Iterator[Problem]:
+    """`schema` is a version that this package reads."""
+    if scenario.schema_ != SCHEMA_VERSION:
+        yield Problem(("schema",), scenario.schema_, f"must be {SCHEMA_VERSION}")
+
+
+def goal_is_elsewhere(scenario: Any) -> Iterator[Problem]:
+    """The goal, with its radius, does not hold the start."""
+    start, goal = scenario.start.position, scenario.goal.position
+    if _same(start, goal):
+        yield Problem(("goal", "position"), goal, "must not be the start's position")
+    elif math.dist(start, goal) <= scenario.goal.radius:
+        text = f"must be less than {math.dist(start, goal):g}, the distance from start to goal"
+        yield Problem(("goal", "radius"), scenario.goal.radius, text)
+
+
+def start_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
+    """The start's speed is within the vehicle's limit."""
+    yield from _speed("start", scenario.start.speed, scenario.vehicle.max_speed)
+
+
+def goal_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
+    """The goal's speed is within the vehicle's limit."""
+    if scenario.goal.speed is not None:
+        yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
+
+
+def discs_have_a_reference(vehicle: Any) -> Iterator[Problem]:
+    """One disc is where the point is that follows the path, and none is given twice."""
+    if 0.0 not in vehicle.discs:
+        yield Problem(("discs",), vehicle.discs, "must have one entry that is 0, the point that follows the path")
+    for i, offset in enumerate(vehicle.discs):
+        if offset in vehicle.discs[:i]:
+            yield Problem(("discs", i), offset, "must differ from the entries before it")
+
+
+def arrival_is_possible(goal: Any) -> Iterator[Problem]:
+    """The latest arrival is not before the earliest one."""
+    earliest, latest = goal.earliest_arrival, goal.latest_arrival
+    if earliest is not None and latest is not None and latest < earliest:
+        yield Problem(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
+
+
+def arrival_is_after_start(scenario: Any) -> Iterator[Problem]:
+    """The trip takes time."""
+    start = scenario.start.time
+    for key in ("earliest_arrival", "latest_arrival"):
+        value = getattr(scenario.goal, key)
+        if value is not None and value <= start:
+            yield Problem(("goal", key), value, f"must be later than start.time, {start:g} s")
+
+
+def start_acceleration_is_allowed(scenario: Any) -> Iterator[Problem]:
+    """The start's acceleration is within the vehicle's limits."""
+    value, vehicle = scenario.start.acceleration, scenario.vehicle
+    if value is not None and not -vehicle.max_deceleration <= value <= vehicle.max_acceleration:
+        allowed = f"[{-vehicle.max_deceleration:g}, {vehicle.max_acceleration:g}]"
+        yield Problem(("start", "acceleration"), value, f"must be in {allowed}, the vehicle's limits in m/s2")
+
+
+def box_is_not_empty(bounds: Any) -> Iterator[Problem]:
+    """The upper corner lies above and to the right of the lower one."""
+    for i, axis in enumerate(AXES):
+        if bounds.max[i] <= bounds.min[i]:
+            yield Problem(("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}")
+
+
+def start_is_in_bounds(scenario: Any) -> Iterator[Problem]:
+    """The vehicle's disc at the start lies in the bounds."""
+    yield from _in_bounds("start", scenario)
+
+
+def goal_is_in_bounds(scenario: Any) -> Iterator[Problem]:
+    """The vehicle's disc at the goal lies in the bounds."""
+    yield from _in_bounds("goal", scenario)
+
+
+def guide_begins_at_start(scenario: Any) -> Iterator[Problem]:
+    """The first point of the guide is the start."""
+    if scenario.guide is not None and not _same(scenario.guide[0], scenario.start.position):
+        text = f"must be start.position, {list(scenario.start.position)}"
+        yield Problem(("guide", 0), scenario.guide[0], text)
+
+
+def guide_ends_at_goal(scenario: Any) -> Iterator[Problem]:
+    """The last point of the guide is the goal."""
+    if scenario.guide is not None and not _same(scenario.guide[-1], scenario.goal.position):
+        text = f"must be goal.position, {list(scenario.goal.position)}"
+        yield Problem(("guide", len(scenario.guide) - 1), scenario.guide[-1], text)
+
+
+def guide_moves_on(scenario: Any) -> Iterator[Problem]:
+    """No point of the guide is repeated at once."""
+    guide = scenario.guide or ()
+    for i in range(1, len(guide)):
+        if _same(guide[i - 1], guide[i]):
+            yield Problem(("guide", i), guide[i], "must differ from the point before it")
+
+
+def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Problem]:
+    """Each polygon of the corridor is simple and convex."""
+    for i, polygon in enumerate(scenario.corridor or ()):
+        faults = [
+            Problem(("corridor", i, *problem.location[1:]), problem.value, problem.message)
+            for problem in _polygon_faults(polygon)
+        ]
+        yield from faults
+        if not faults and not planar.is_convex(polygon):
+            yield Problem(("corridor", i), polygon, "must be convex")
+
+
+def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
+    """From a polygon that holds the start one can get to one that holds the goal by those that overlap."""
+    polygons = scenario.corridor
+    if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
+        return
+    start, goal = scenario.start.position, scenario.goal.position
+    reached = {i for i, polygon in enumerate(polygons) if planar.distance_to_polygon(start, polygon) == 0.0}
+    for place, position in (("start", start), ("goal", goal)):
+        if all(planar.distance_to_polygon(position, polygon) > 0.0 for polygon in polygons):
+            yield Problem((place, "position"), position, "must be in the corridor")
+            return
+    fresh = set(reached)
+    while fresh:
+        other = set(range(len(polygons))) - reached
+        fresh = {j for j in other if any(planar.overlap(polygons[i], polygons[j]) for i in fresh)}
+        reached |= fresh
+    if all(planar.distance_to_polygon(goal, polygons[i]) > 0.0 for i in reached):
+        text = "must have polygons that overlap from the one with start.position to the one with goal.position"
+        yield Problem(("corridor",), polygons, text)
+
+
+def ends_are_in_corridor(scenario: Any) -> Iterator[Problem]:
+    """The vehicle's disc at start and goal lies in the corridor; at the goal anywhere within its radius."""
+    polygons = scenario.corridor
+    if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
+        return
+    walls, radius = corridor.outside(polygons), scenario.vehicle.radius
+    for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
+        position = getattr(scenario, place).position
+        discs = _disc_centres(getattr(scenario, place), scenario)
+        room = min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in discs)
+        in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
+        if in_it and room < radius - reach:
+            text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"
+            yield Problem((place, "position"), position, text)
+
+
+def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
+    """No obstacle is called what the walls of the corridor are called."""
+    for i, obstacle in enumerate(scenario.obstacles if scenario.corridor is not None else ()):
+        if _known(obstacle, "id") == corridor.NAME:
+            text = f"must not be {corridor.NAME!r}, which is the corridor itself"
+            yield Problem(("obstacles", i, "id"), corridor.NAME, text)
+
+
+def stretch_is_not_empty(limit: Any) -> Iterator[Problem]:
+    """A stretch ends behind its beginning."""
+    if limit.to is not None and limit.to <= limit.from_:
+        yield Problem(("to",), limit.to, f"must be greater than from, {limit.from_:g}")
+
+
+def line_moves_on(limit: Any) -> Iterator[Problem]:
+    """No point of a line is repeated at once."""
+    line = limit.line or ()
+    for i in range(1, len(line)):
+        if _same(line[i - 1], line[i]):
+            yield Problem(("line", i), line[i], "must differ from the point before it")
+
+
+def stretches_begin_on_their_lines(scenario: Any) -> Iterator[Problem]:
+    """A stretch begins before its line ends."""
+    for i, limit in enumerate(scenario.speed_limits):
+        first, line = _known(limit, "from_"), _line_of(limit, scenario)
+        if first is None or line is None:
+            continue
+        length = sum(math.dist(p, q) for p, q in itertools.pairwise(line))
+        if first >= length:
+            yield Problem(("speed_limits", i, "from"), first, f"must be less than {length:g} m, the length of its line")
+
+
+def speeds_keep_to_places(scenario: Any) -> Iterator[Problem]:
+    """The speeds at start and goal are within the limits there."""
+    for i, limit in enumerate(scenario.speed_limits):
+        first, top, line = _known(limit, "from_"), _known(limit, "speed"), _line_of(limit, scenario)
+        if first is None or top is None or line is None:
+            continue
+        last = math.inf if limit.to is None else limit.to
+        for place in ("start", "goal"):
+            end = getattr(scenario, place)
+            if end.speed is not None and end.speed > top and first <= planar.station(end.position, line) <= last:
+                text = f"must be at most {top:g} m/s, the limit of speed_limits[{i}] there"
+                yield Problem((place, "speed"), end.speed, text)
+
+
+def ids_are_unique(scenario: Any) -> Iterator[Problem]:
+    """No two obstacles have the same id."""
+    first: dict[str, int] = {}
+    for i, obstacle in enumerate(scenario.obstacles):
+        name = _known(obstacle, "id")
+        if name is not None and first.setdefault(name, i) != i:
+            yield Problem(("obstacles", i, "id"), name, f"must be unique; obstacles[{first[name]}] has it too")
+
+
+def start_is_free(scenario: Any) -> Iterator[Problem]:
+    """At the start's time no disc of the vehicle touches an obstacle whose place then is known exactly."""
+    radius, start = scenario.vehicle.radius, scenario.start
+    discs = _disc_centres(start, scenario)
+    for i, obstacle in enumerate(scenario.obstacles):
+        motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
+        if motion is None or shape is None or _known(motion, "covariance") is not None:
+            continue  # observed, or faulty, or a course that is not known exactly
+        try:
+            seen_from = _from_centre if _known(motion, "time") is None else _from_course
+            distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
+        except Unknown:
+            continue
+        if distance < radius:
+            name = _known(obstacle, "id")
+            which = f"obstacles[{i}]" if name is None else f"obstacles[{i}] ({name:.40})"
+            text = f"must be at least {radius:g} m, the radius, from {which}; it is {distance:.6g} m"
+            yield Problem(("start", "position"), start.position, text)
+
+
+def observations_are_past(scenario: Any) -> Iterator[Problem]:
+    """Nothing has been observed after the start."""
+    start = scenario.start.time
+    for i, obstacle in enumerate(scenario.obstacles):
+        times = _known(obstacle, "observations", "time") or ()
+        late = next((k for k, time in enumerate(times) if time > start), None)
+        if late is not None:
+            path = ("obstacles", i, "observations", "time", late)
+            yield Problem(path, times[late], f"must not be later than start.time, {start:g} s")
+
+
+def motion_or_observations(obstacle: Any) -> Iterator[Problem]:
+    """An obstacle has one of the two."""
+    # A faulty one is there all the same: what is left of it is not None.
+    motion, observations = obstacle.motion, obstacle.observations
+    if motion is not None and observations is not None:
+        yield Problem(("observations",), observations, "must be left out where motion is given")
+    elif motion is None and observations is None:
+        yield Problem(("motion",), MISSING, "missing; either motion or observations must be given")
+
+
+def enough_observations(obstacle: Any) -> Iterator[Problem]:
+    """There are enough observations for the model's order, and for the covariance if it is estimated."""
+    if obstacle.observations is None:
+        return
+    model, count = obstacle.model, len(obstacle.observations.time)
+    if model.process is not None:
+        if not count:
+            yield Problem(("observations", "time"), obstacle.observations.time, "must have at least 1 entry")
+        return
+    order, prior = model.order, model.prior
+    # order + 1 coefficients. The quantile of F(2, n - order - 2) and an invertible 2 x 2 estimate of the
+    # covariance need two degrees of freedom more.
+    estimated = obstacle.observations.covariance is None
+    least = order + 3 if estimated else order + 1
+    if prior is not None and not estimated:
+        # what the prior tells need not be observed
+        given = (prior.velocity_deviation, prior.acceleration_deviation)[:order]
+        least -= sum(deviation is not None for deviation in given)
+    if count < least:
+        why = "the covariance to be estimated (null)" if estimated else "a known covariance"
+        text = f"too few: order {order} and {why} need at least {least} observations, not {count}"
+        yield Problem(("observations", "time"), obstacle.observations.time, text)
+
+
+def prior_says_something(prior: Any) -> Iterator[Problem]:
+    """A prior gives at least one deviation."""
+    if prior.velocity_deviation is None and prior.acceleration_deviation is None:
+        yield Problem((), MISSING, "must give velocity_deviation, acceleration_deviation or both")
+
+
+def prior_or_process(model: Any) -> Iterator[Problem]:
+    """A motion with process noise has its own prior."""
+    if model.prior is not None and model.process is not None:
+        yield Problem(("prior",), model.prior, "must be null where process is given")
+
+
+def times_increase(observations: Any) -> Iterator[Problem]:
+    """Each observation is later than the one before."""
+    times = observations.time
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            yield Problem(("time", i), times[i], f"must be later than the time before it, {times[i - 1]!r} s")
+
+
+def one_position_a_time(observations: Any) -> Iterator[Problem]:
+    """There are as many positions as times."""
+    count = len(observations.time)
+    if len(observations.position) != count:
+        text = f"must have as many entries as time, {count}, not {len(observations.position)}"
+        yield Problem(("position",), observations.position, text)
+
+
+def covariance_is_one_or_each(observations: Any) -> Iterator[Problem]:
+    """There is one covariance, or as many as times."""
+    covariance = observations.covariance
+    if covariance is None or not _is_list_of_matrices(covariance):
+        return
+    count = len(observations.time)
+    if len(covariance) != count:
+        text = f"must be one matrix or as many as time has entries, {count}, not {len(covariance)}"
+        yield Problem(("covariance",), covariance, text)
+
+
+def covariance_is_definite(observations: Any) -> Iterator[Problem]:
+    """Each covariance is symmetric and positive definite."""
+    covariance = observations.covariance
+    if covariance is None:
+        return
+    each = _is_list_of_matrices(covariance)
+    for i, matrix in enumerate(covariance if each else [covariance]):
+        (xx, xy), (yx, yy) = matrix
+        path = ("covariance", i) if each else ("covariance",)
+        scale = math.sqrt(max(xx, 0.0)) * math.sqrt(max(yy, 0.0))
+        if abs(xy - yx) > SYMMETRY * scale and xy != yx:
+            yield Problem(path, matrix, "must be symmetric")
+        elif not (scale > 0 and (xy / scale) ** 2 < 1 - DEFINITE):
+            yield Problem(path, matrix, "must be positive definite")
+
+
+def polygon_is_simple(shape: Any) -> Iterator[Problem]:
+    """The polygon's edges bound one area and meet only at its vertices."""
+    yield from _polygon_faults(shape.polygon)
+
+
+def _is_no_convex(polygon: Any) -> bool:
+    return any(True for _ in _polygon_faults(polygon)) or not planar.is_convex(polygon)
+
+
+def _polygon_faults(vertices: Any) -> Iterator[Problem]:
+    repeated = [i for i, vertex in enumerate(vertices) if vertex == vertices[i - 1]]
+    for i in repeated:
+        yield Problem(("polygon", i), vertices[i], "must differ from the vertex before it")
+    if repeated:
+        return
+    extent = max(math.dist(vertices[0], vertex) for vertex in vertices)
+    if abs(planar.area(vertices)) <= SAME_PLACE * extent**2:
+        yield Problem(("polygon",), vertices, "must have an area greater than 0")
+    elif crossing := planar.first_crossing(vertices):
+        text = f"must not cross or touch itself; the edges after vertices {crossing[0]} and {crossing[1]} do"
+        yield Problem(("polygon",), vertices, text)
+
+
+def _speed(place: str, speed: float, limit: float) -> Iterator[Problem]:
+    if speed > limit:
+        yield Problem((place, "speed"), speed, f"must be at most vehicle.max_speed, {limit:g} m/s")
+
+
+def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
+    if scenario.bounds is None:
+        return
+    position, radius = getattr(scenario, place).position, scenario.vehicle.radius
+    discs = _disc_centres(getattr(scenario, place), scenario)
+    for i, axis in enumerate(AXES):
+        low = scenario.bounds.min[i] + radius - min(centre[i] - position[i] for centre in discs)
+        high = scenario.bounds.max[i] - radius - max(centre[i] - position[i] for centre in discs)
+        is_box = scenario.bounds.min[i] < scenario.bounds.max[i]  # else that is the fault
+        if is_box and not low <= position[i] <= high:
+            text = f"must have its {axis} in [{low:g}, {high:g}]: the vehicle's disc stays inside the bounds"
+            yield Problem((place, "position"), position, text)
+
+
+def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
+    """Where the centres of the vehicle's discs are at the start or the goal, as far as the heading there is known."""
+    if end.heading is None:
+        return [end.position]
+    c, s = math.cos(end.heading), math.sin(end.heading)
+    return [(end.position[0] + offset * c, end.position[1] + offset * s) for offset in scenario.vehicle.discs]
+
+
+def _is_list_of_matrices(covariance: Any) -> bool:
+    return not isinstance(covariance[0][0], float) if covariance else True
+
+
+def _same(p: planar.Point, q: planar.Point) -> bool:
+    return math.dist(p, q) <= SAME_PLACE * max(1.0, *map(abs, p), *map(abs, q))
+
+
+def _line_of(limit: Any, scenario: Any) -> Any:
+    """The line that a speed limit is along; None if it is faulty."""
+    own = vars(limit).get("line", MISSING)
+    if own is MISSING:
+        return None
+    return own or scenario.guide or (scenario.start.position, scenario.goal.position)
+
+
+def _known(part: Any, *names: str) -> Any:
+    """Walk down to a field; None if it is null or faulty or lies in something that is."""
+    for name in names:
+        part = None if part is None else vars(part).get(name)
+    return part
+
+
+def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.Point, float]:
+    """Express a point relative to a moving obstacle's centre, and give the obstacle's heading in rad."""
+    x, y = (
+        p - (c + v * time + 0.5 * a * time**2)
+        for p, c, v, a in zip(point, motion.position, motion.velocity, motion.acceleration, strict=True)
+    )
+    vx, vy = (v + a * time for v, a in zip(motion.velocity, motion.acceleration, strict=True))
+    if vx == vy == 0.0:
+        vx, vy = motion.acceleration  # what sets off will head there
+    return (x, y), math.atan2(vy, vx)
+
+
+def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.Point, float]:
+    """Express a point relative to the centre of an obstacle on a course, and give the obstacle's heading in rad."""
+    import numpy as np
+
+    from scp_planner.mathematics.courses import course_polynomials
+
+    if any(True for rule in (times_increase, one_position_a_time) for _ in rule(course)):
+        raise Unknown("time")
+    centre = course_polynomials(course.time, course.position)
+    now = np.array([time])
+    (x, y), (vx, vy) = centre.grid(now)[0, 0].tolist(), centre.derivative.grid(now)[0, 0].tolist()
+    return (point[0] - x, point[1] - y), math.atan2(vy, vx)

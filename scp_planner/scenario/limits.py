@@ -1,0 +1,111 @@
+"""What a vehicle and its workspace allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS
+from scp_planner.scenario.models import Scenario
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the vehicle as planned with: the scenario's, less the margin; inf where there is none.
+
+    Attributes
+    ----------
+    speed : float
+        m/s.
+    acceleration, deceleration : float
+        m/s^2, both positive.
+    lateral_acceleration : float
+        m/s^2.
+    curvature : float
+        1/m.
+    """
+
+    speed: float
+    acceleration: float
+    deceleration: float
+    lateral_acceleration: float
+    curvature: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, margin: float = 0.0) -> Limits:
+        """Return the limits of a scenario's vehicle, each reduced by a relative margin."""
+        vehicle, keep = scenario.vehicle, 1.0 - margin
+        return cls(
+            vehicle.max_speed * keep,
+            vehicle.max_acceleration * keep,
+            vehicle.max_deceleration * keep,
+            np.inf if vehicle.max_lateral_acceleration is None else vehicle.max_lateral_acceleration * keep,
+            np.inf if vehicle.max_curvature is None else vehicle.max_curvature * keep,
+        )
+
+
+@dataclass(frozen=True)
+class Box:
+    """Half planes normal . r <= offset of the planning frame that the vehicle's reference point stays in.
+
+    Attributes
+    ----------
+    normals : (S, 2) array
+        Outward unit normals; S is 0 without a workspace box.
+    offsets : (S,) array
+        m, already less the vehicle's radius and the planner's margin.
+    """
+
+    normals: Array
+    offsets: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario, frame: PlanningFrame, margin: float) -> Box:
+        """Return the workspace box of a scenario, in the planning frame."""
+        if scenario.bounds is None:
+            return cls(np.zeros((0, 2)), np.zeros(0))
+        keep = scenario.vehicle.radius + margin
+        world = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        low, high = scenario.bounds.min, scenario.bounds.max
+        offsets = np.array([high[0], -low[0], high[1], -low[1]]) - keep
+        normals = np.round(world @ frame.rotation, ANGLE_DECIMALS)
+        return cls(normals, np.round(offsets - world @ np.asarray(frame.origin), DECIMALS))
+
+
+def straight_travel_time(
+    length: float, start_speed: float, limits: Limits, goal_speed: float | None = None
+) -> tuple[float, tuple[float, ...]]:
+    """Shortest time to drive a length: accelerate, cruise, and decelerate to the goal speed if there is one.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    start_speed : float
+        m/s.
+    limits : Limits
+    goal_speed : float, optional
+        m/s; None: free.
+
+    Returns
+    -------
+    (time, switches)
+        Seconds, and the times in s at which the acceleration changes.
+    """
+    a, d, top = limits.acceleration, limits.deceleration, max(limits.speed, start_speed)
+    end = goal_speed
+    # The peak speed that uses up the length: (vp^2 - v0^2) / 2a + (vp^2 - ve^2) / 2d = length
+    if end is None:
+        peak = sqrt(start_speed**2 + 2.0 * a * length)
+    else:
+        peak = sqrt(max((2.0 * a * d * length + d * start_speed**2 + a * end**2) / (a + d), 0.0))
+    peak = max(min(peak, top), start_speed)
+    rise = (peak - start_speed) / a
+    fall = 0.0 if end is None else max(peak - end, 0.0) / d
+    driven = (peak**2 - start_speed**2) / (2 * a) + (0.0 if end is None else (peak**2 - end**2) / (2 * d))
+    cruise = max(length - driven, 0.0) / peak
+    return rise + cruise + fall, (rise, rise + cruise)

@@ -1,0 +1,461 @@
+"""What comes in: the vehicle, its start and goal, the obstacles and what is known of them.
+
+SI units, radians, planar positions [x, y] in metres. Everything is frozen, holds plain floats and tuples, and
+has been checked when it exists: `scp_planner.scenario.validation` says how faults are collected,
+`scp_planner.scenario.checks` how the fields of a scenario must fit together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from enum import StrEnum
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
+
+from scp_planner import files
+from scp_planner.errors import ScenarioError, nearest
+from scp_planner.mathematics import planar
+from scp_planner.scenario import checks
+from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
+from scp_planner.scenario.validation import Part, Rule, faults_of, variant
+
+CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
+LARGEST_COORDINATE = 1e12
+"""m, m/s, m/s2 or s. Beyond it a double no longer resolves a tenth of a millimetre."""
+
+Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
+Positive = Annotated[float, Field(strict=True, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, ge=0)]
+Text = Annotated[str, Field(strict=True, min_length=1)]
+Vector = tuple[Number, Number]
+Matrix = tuple[Vector, Vector]
+
+
+class Vehicle(Part):
+    """What the vehicle covers and can do."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.discs_have_a_reference,)
+
+    radius: Positive = Field(description="disc that covers the vehicle, or one of several that do, m")
+    max_speed: Positive = Field(description="m/s")
+    max_acceleration: Positive = Field(description="along the path, m/s2")
+    max_deceleration: Positive = Field(description="along the path, a positive number, m/s2")
+    max_lateral_acceleration: Positive | None = Field(None, description="m/s2; null: unbounded")
+    max_curvature: Positive | None = Field(None, description="1/m; null: unbounded")
+    max_jerk: Positive | None = Field(
+        None,
+        description="how fast the acceleration along the path may change, m/s3; null: it may jump",
+    )
+    max_curvature_rate: Positive | None = Field(
+        None,
+        description="how fast the curvature may change while driving, as by a steering rate, 1/(m s); null: unbounded",
+    )
+    discs: Annotated[tuple[Number, ...], Field(min_length=1)] = Field(
+        (0.0,),
+        description="where the centres of the discs that cover a long vehicle are on its axis, m ahead of the reference"
+        " point, which follows the path; one of them at 0",
+    )
+
+
+class Start(Part):
+    """Where and when the trip begins."""
+
+    time: Number = Field(description="s, on the clock of the obstacles")
+    position: Vector = Field(description="[x, y], m")
+    heading: Number | None = Field(None, description="rad; null: free")
+    speed: NotNegative = Field(description="m/s")
+    acceleration: Number | None = Field(None, description="along the path, m/s2; null: free")
+
+
+class Goal(Part):
+    """Where the trip ends, and when."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.arrival_is_possible,)
+
+    position: Vector = Field(description="[x, y], m")
+    heading: Number | None = Field(None, description="rad; null: free")
+    speed: NotNegative | None = Field(None, description="m/s; null: free")
+    radius: NotNegative = Field(0.0, description="anywhere this near to the position will do, m")
+    earliest_arrival: Number | None = Field(
+        None, description="not before this time, to a millisecond, s on the clock of start.time; null: any"
+    )
+    latest_arrival: Number | None = Field(
+        None, description="not after this time, to a millisecond, s on the clock of start.time; null: any"
+    )
+
+
+class Bounds(Part):
+    """The box, along the axes, that the vehicle's disc stays inside."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.box_is_not_empty,)
+
+    min: Vector = Field(description="lower left corner [x, y], m")
+    max: Vector = Field(description="upper right corner [x, y], m")
+
+
+class SpeedLimit(Part):
+    """How fast the vehicle may drive along a stretch of a line.
+
+    It holds wherever the point of the line that is nearest to the vehicle's reference point lies in the stretch: the
+    borders run across the line.
+    """
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.stretch_is_not_empty, checks.line_moves_on)
+
+    from_: NotNegative = Field(alias="from", description="where it begins, m along the line")
+    to: Positive | None = Field(None, description="where it ends, m along the line; null: with the line")
+    speed: Positive = Field(description="m/s")
+    line: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
+        None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
+    )
+
+
+Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
+
+
+class ConfidenceLevel(StrEnum):
+    """What the probability is the probability of."""
+
+    PER_TIME = "per_time"
+    """One obstacle is in its zone at one time."""
+    PER_OBSTACLE = "per_obstacle"
+    """One obstacle is in its zone at all times of the trip."""
+    JOINT = "joint"
+    """All obstacles are in their zones at all times of the trip."""
+
+
+class Confidence(Part):
+    """How sure the zones of the estimated obstacles are to hold them."""
+
+    probability: Annotated[float, Field(strict=True, gt=0, lt=1)] = Field(
+        0.95, description="greater than 0 and less than 1"
+    )
+    level: ConfidenceLevel = ConfidenceLevel.JOINT
+
+
+class Disc(Part):
+    """A disc about the obstacle's centre."""
+
+    disc: Positive = Field(description="radius, m")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
+        return max(0.0, math.hypot(*point) - self.disc)
+
+
+class Rectangle(Part):
+    """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
+
+    rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
+    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
+        turned = planar.turned(point, -(heading if self.heading is None else self.heading))
+        beyond = [max(0.0, abs(x) - 0.5 * side) for x, side in zip(turned, self.rectangle, strict=True)]
+        return math.hypot(*beyond)
+
+
+class PolygonShape(Part):
+    """A simple polygon, its vertices relative to the obstacle's centre; it does not turn with the heading."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.polygon_is_simple,)
+
+    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(description="vertices [[x, y], ...], m")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
+        return planar.distance_to_polygon(point, self.polygon)
+
+
+class Ellipse(Part):
+    """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
+
+    ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
+    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
+
+    def distance(self, point: planar.Point, heading: float) -> float:
+        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
+        own = heading if self.heading is None else self.heading
+        return planar.distance_to_ellipse(planar.turned(point, -own), *self.ellipse)
+
+
+_SHAPE_KEYS: dict[str, type[Part]] = {
+    "disc": Disc,
+    "rectangle": Rectangle,
+    "polygon": PolygonShape,
+    "ellipse": Ellipse,
+}
+
+
+def _shape_case(data: Any) -> str | None:
+    """Tell which shape is meant: the one with the given key, or else with a key spelt nearly so."""
+    if isinstance(data, Part):
+        return next((variant(key) for key, kind in _SHAPE_KEYS.items() if isinstance(data, kind)), None)
+    if not isinstance(data, Mapping):
+        return None
+    known = [key for key in data if key in _SHAPE_KEYS]
+    keys = known or [near for key in data if (near := nearest(key, _SHAPE_KEYS))]
+    return variant(keys[0]) if len(keys) == 1 else None
+
+
+Shape = Annotated[
+    Annotated[Disc, Tag(variant("disc"))]
+    | Annotated[Rectangle, Tag(variant("rectangle"))]
+    | Annotated[PolygonShape, Tag(variant("polygon"))]
+    | Annotated[Ellipse, Tag(variant("ellipse"))],
+    Discriminator(
+        _shape_case,
+        custom_error_type="shape",
+        custom_error_message=f"must be a mapping with exactly one of the keys {', '.join(_SHAPE_KEYS)}",
+    ),
+]
+
+
+def _covariance_case(data: Any) -> str:
+    """Tell one matrix from a list of matrices by what stands two brackets deep."""
+    try:
+        return variant("each" if isinstance(data[0][0], (list, tuple)) else "common")
+    except (TypeError, LookupError):
+        return variant("common")
+
+
+Covariance = Annotated[
+    Annotated[Matrix, Tag(variant("common"))] | Annotated[tuple[Matrix, ...], Tag(variant("each"))],
+    Discriminator(_covariance_case),
+]
+
+
+class Motion(Part):
+    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
+
+    position: Vector = Field(description="[x, y] at t = 0, m")
+    velocity: Vector = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
+    acceleration: Vector = Field((0.0, 0.0), description="[x, y], m/s2")
+
+
+class Course(Part):
+    """A motion given by positions at times, such as another program's prediction: a cubic spline through them.
+
+    After the last time it goes straight on at the speed that it then has, and before the first one too. With a
+    covariance the positions are those of a prediction: the obstacle keeps clear of at the level of confidence that is
+    asked for, its errors between two times in line with those there, and after the last time as large as then.
+    """
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        checks.times_increase,
+        checks.one_position_a_time,
+        checks.covariance_is_one_or_each,
+        checks.covariance_is_definite,
+    )
+
+    time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
+    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+    covariance: Covariance | None = Field(
+        None,
+        description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
+    )
+
+
+def _motion_case(data: Any) -> str:
+    """Tell a course from a motion by its times."""
+    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
+    return variant("course" if given else "motion")
+
+
+KnownMotion = Annotated[
+    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
+    Discriminator(_motion_case),
+]
+
+
+class Observations(Part):
+    """Noisy positions of one obstacle."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        checks.times_increase,
+        checks.one_position_a_time,
+        checks.covariance_is_one_or_each,
+        checks.covariance_is_definite,
+    )
+
+    time: tuple[Number, ...] = Field(description="s, increasing")
+    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+    covariance: Covariance | None = Field(
+        None,
+        description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated",
+    )
+
+
+class Prior(Part):
+    """Independent normal priors of velocity and acceleration at the time of the last observation."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.prior_says_something,)
+
+    velocity: Vector = Field((0.0, 0.0), description="expected [x, y], m/s")
+    velocity_deviation: Positive | None = Field(None, description="of each component, m/s; null: unknown")
+    acceleration: Vector = Field((0.0, 0.0), description="expected [x, y], m/s2")
+    acceleration_deviation: Positive | None = Field(None, description="of each component, m/s2; null: unknown")
+
+
+class Model(Part):
+    """What the estimate takes for granted about the motion."""
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.prior_or_process,)
+
+    order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
+        2, description="0 standing, 1 constant velocity, 2 constant acceleration"
+    )
+    prior: Prior | None = Field(None, description="of velocity and acceleration; null: none")
+    process: ProcessModel | None = Field(
+        None,
+        description="motion with process noise in place of order and prior, or the name of its file beside this"
+        " one; null: none",
+        json_schema_extra=also_a_file_name,
+    )
+
+
+class Obstacle(Part):
+    """Something to keep clear of: its shape, and either its motion or observations of it."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"required": [key], "properties": {key: {"type": "object"}, other: {"type": "null"}}}
+                for key, other in (("motion", "observations"), ("observations", "motion"))
+            ]
+        }
+    )
+    rules: ClassVar[tuple[Rule, ...]] = (
+        checks.motion_or_observations,
+        checks.enough_observations,
+    )
+
+    id: Text = Field(description="text, unique")
+    shape: Shape = Field(description=f"{{one of {', '.join(_SHAPE_KEYS)}: size}}")
+    motion: KnownMotion | None = Field(None, description="known exactly")
+    observations: Observations | None = Field(None, description="from which the motion is estimated")
+    model: Model = Field(Model(), description="of the motion to estimate")
+    margin: NotNegative = Field(0.0, description="extra clearance, m")
+
+
+def _sampled(guide: Any) -> Any:
+    """Points of a guide that is given as a curve, a callable of [0, 1] that returns [x, y] in m; others as they are."""
+    if not callable(guide):
+        return guide
+    return tuple(tuple(float(value) for value in guide(k / CURVE_SIDES)) for k in range(CURVE_SIDES + 1))
+
+
+class Scenario(Part):
+    """A trip to plan: `Scenario.load(path)`, or from its parts, each a model or a dictionary.
+
+    Raises
+    ------
+    ScenarioError
+        With every fault: the key's path, the value, and what is allowed.
+    """
+
+    model_config = ConfigDict(title="scp_planner scenario")
+    rules: ClassVar[tuple[Rule, ...]] = (
+        checks.version_is_known,
+        checks.goal_is_elsewhere,
+        checks.start_speed_is_allowed,
+        checks.goal_speed_is_allowed,
+        checks.arrival_is_after_start,
+        checks.start_acceleration_is_allowed,
+        checks.start_is_in_bounds,
+        checks.goal_is_in_bounds,
+        checks.guide_begins_at_start,
+        checks.guide_ends_at_goal,
+        checks.guide_moves_on,
+        checks.corridor_is_of_convex_polygons,
+        checks.corridor_leads_from_start_to_goal,
+        checks.ends_are_in_corridor,
+        checks.corridor_has_its_name,
+        checks.stretches_begin_on_their_lines,
+        checks.speeds_keep_to_places,
+        checks.ids_are_unique,
+        checks.start_is_free,
+        checks.observations_are_past,
+    )
+
+    schema_: Annotated[int, Field(strict=True)] = Field(
+        1, alias="schema", description="version of this format: 1", json_schema_extra={"const": 1}
+    )
+    name: Text = Field("unnamed", description="text")
+    vehicle: Vehicle
+    start: Start
+    goal: Goal
+    guide: Annotated[Annotated[tuple[Vector, ...], Field(min_length=2)] | None, BeforeValidator(_sampled)] = Field(
+        None,
+        description="polyline [[x, y], ...], m, from start to goal that the path is an offset of; null: straight",
+    )
+    bounds: Bounds | None = Field(None, description="box that the vehicle's disc stays inside; null: none")
+    corridor: Annotated[tuple[Polygon, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="convex polygons [[[x, y], ...], ...] that overlap; the vehicle's disc stays inside their union;"
+        " null: none",
+    )
+    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by place, besides the vehicle's own")
+    confidence: Confidence = Confidence()
+    obstacles: tuple[Obstacle, ...] = ()
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a scenario from a YAML or JSON file.
+
+        Parameters
+        ----------
+        path
+            A file whose name ends in .yaml, .yml or .json.
+
+        Returns
+        -------
+        Scenario
+
+        Raises
+        ------
+        ScenarioError
+            With every fault of the file.
+        OSError
+            If the file cannot be read.
+        """
+        data, faults = files.read(path)
+        faults = [*faults, *read_processes(data, Path(path).parent)]
+        try:
+            scenario = cls.model_validate(data) if data is not None else None
+        except ValidationError as error:
+            faults = [*faults, *faults_of(error)]
+        if faults or scenario is None:
+            raise ScenarioError(str(path), faults)
+        return scenario
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the scenario so that `load` gives an equal one: floats keep every bit.
+
+        Parameters
+        ----------
+        path
+            A file whose name ends in .yaml, .yml or .json. It is replaced as a whole or not at all.
+        """
+        files.write(path, self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give the contents of the scenario's file: dictionaries, lists, text, numbers and None."""
+        data = self.model_dump(mode="json", by_alias=True)
+        for obstacle in data["obstacles"]:
+            # An obstacle has one of the two; the file need not say that the other is null.
+            for key in ("motion", "observations"):
+                if obstacle[key] is None:
+                    del obstacle[key]
+        return data
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """Give the JSON schema (draft 2020-12) of the scenario file."""
+        schema = cls.model_json_schema(by_alias=True, mode="validation")
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,111 @@
+"""Places along a line: which stretch of it a point belongs to, and how fast it may be driven there.
+
+A point belongs to the stretch in which the point of the line lies that is nearest to it. So the borders between
+stretches run across the line, and where the line bends, along the bisectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+
+if TYPE_CHECKING:
+    from scp_planner.scenario.models import Scenario
+
+
+class Line:
+    """A polyline with stations.
+
+    Parameters
+    ----------
+    points : (k, 2) array
+        m.
+    """
+
+    def __init__(self, points: Array) -> None:
+        self.points = np.asarray(points, dtype=float)
+        legs = np.diff(self.points, axis=0)
+        self._lengths = np.hypot(legs[:, 0], legs[:, 1])
+        self._tangents = legs / self._lengths[:, None]
+        self._stations = np.concatenate([[0.0], np.cumsum(self._lengths)])
+        self.length = float(self._stations[-1])
+
+    def nearest(self, points: Array) -> Array:
+        """Stations of the points of the line nearest to points (n, 2), (n,) m."""
+        along, away = self._onto_legs(points)
+        leg = np.argmin(away, axis=1)
+        every = np.arange(len(points))
+        stations: Array = self._stations[leg] + np.clip(along[every, leg], 0.0, self._lengths[leg])
+        return stations
+
+    def tangent_at(self, stations: Array) -> Array:
+        """Directions of the legs at stations, (n, 2)."""
+        leg = np.searchsorted(self._stations[1:-1], stations, "right")
+        tangents: Array = self._tangents[leg]
+        return tangents
+
+    def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> NDArray[np.bool_]:
+        """Whether any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
+        along, away = self._onto_legs(points)
+        reach = reach[:, None]
+        candidate = away - reach <= away.min(axis=1, keepdims=True) + reach
+        low = self._stations[:-1] + np.clip(along - reach, 0.0, self._lengths)
+        high = self._stations[:-1] + np.clip(along + reach, 0.0, self._lengths)
+        found: NDArray[np.bool_] = np.any(candidate & (high >= first) & (low <= last), axis=1)
+        return found
+
+    def _onto_legs(self, points: Array) -> tuple[Array, Array]:
+        """Stations of points on each leg, not limited to it, and distances from it, (n, legs) m."""
+        offset = points[:, None] - self.points[:-1]
+        along = (offset * self._tangents).sum(axis=2)
+        beyond = along - np.clip(along, 0.0, self._lengths)
+        across = offset[:, :, 0] * self._tangents[:, 1] - offset[:, :, 1] * self._tangents[:, 0]
+        return along, np.hypot(across, beyond)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a line and how fast it may be driven: stations in m, m/s."""
+
+    line: Line
+    first: float
+    last: float
+    speed: float
+
+
+def stretches(scenario: Scenario) -> tuple[Stretch, ...]:
+    """Return the speed limits of a scenario by place, in world coordinates."""
+    found = []
+    for limit in scenario.speed_limits:
+        line = Line(np.array(limit.line or reference_line(scenario)))
+        found.append(Stretch(line, limit.from_, np.inf if limit.to is None else limit.to, limit.speed))
+    return tuple(found)
+
+
+def reference_line(scenario: Scenario) -> tuple[tuple[float, float], ...]:
+    """Return what places are measured along: the guide of a scenario, or the straight line from start to goal."""
+    return scenario.guide or (scenario.start.position, scenario.goal.position)
+
+
+def anchored(scenario: Scenario) -> Scenario:
+    """Return a scenario whose places stay where they are when its start moves on."""
+    if all(limit.line is not None for limit in scenario.speed_limits):
+        return scenario
+    line = reference_line(scenario)
+    limits = tuple(limit.model_copy(update={"line": limit.line or line}) for limit in scenario.speed_limits)
+    return scenario.model_copy(update={"speed_limits": limits})
+
+
+def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
+    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none."""
+    limit = np.full(len(positions), np.inf)
+    for part in parts:
+        station = part.line.nearest(positions)
+        np.minimum(limit, part.speed, out=limit, where=(station >= part.first) & (station <= part.last))
+    return limit

@@ -1,0 +1,250 @@
+"""Parts of an input file as frozen models that report everything that is wrong with them at once.
+
+pydantic collects the faults of the single fields. What it cannot do is to check how fields fit together while
+one of them is faulty. Here each part has *rules*, generators of faults, which run on whatever is valid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
+
+Location = tuple[int | str, ...]
+
+_FAULT = "fault"  # the error type of what is already in our own words
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a rule finds: a location below the part that it looks at, the value there, what is allowed."""
+
+    location: Location
+    value: object
+    message: str
+
+
+class Unknown(Exception):
+    """A rule asked for a field that is faulty itself: the rule has nothing to say."""
+
+
+class Salvage:
+    """The valid fields of a faulty part. Asking for any other one raises `Unknown`."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.__dict__.update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        raise Unknown(name)
+
+    def __repr__(self) -> str:
+        return repr(self.__dict__)
+
+
+Rule = Callable[[Any], Iterator[Problem]]
+
+
+class Part(BaseModel):
+    """A frozen piece of a scenario; built from its fields, each a value, a model or a dictionary.
+
+    Parameters
+    ----------
+    **data
+        The fields.
+
+    Raises
+    ------
+    ScenarioError
+        With every fault, where pydantic alone would raise its own `ValidationError`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
+
+    rules: ClassVar[tuple[Rule, ...]] = ()
+    """How the fields must fit together."""
+
+    def __init__(self, **data: Any) -> None:
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise ScenarioError(type(self).__name__, faults_of(error)) from None
+
+    # pydantic calls an overridden __init__ for nested dictionaries too, and would lose the paths of their
+    # faults. This mark, which its own RootModel carries, says that the override only passes on.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _collect_faults(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        data = _without_arrays(data)
+        errors: list[InitErrorDetails] = []
+        part: Any
+        try:
+            part = handler(data)
+        except ValidationError as error:
+            errors = _in_our_words(cls, error)
+            part = _salvage(cls, data)
+        for rule in cls.rules:
+            try:
+                errors.extend(_details(p.location, p.value, p.message) for p in rule(part))
+            except Unknown:
+                continue
+        if errors:
+            raise ValidationError.from_exception_data(cls.__name__, errors)
+        checked: Self = part
+        return checked
+
+
+def faults_of(error: ValidationError) -> list[Fault]:
+    """Give the faults that pydantic collected, in the order of the file's keys where it has one."""
+    return [Fault(_path(e["loc"]), e["input"], e["msg"]) for e in error.errors(include_url=False)]
+
+
+def variant(name: str) -> str:
+    """Name the case `name` of a union, so that it can be told from a key in the location of an error."""
+    return f"({name})"
+
+
+def _path(location: Location) -> str:
+    path = ""
+    for step in location:
+        if isinstance(step, int):
+            path += f"[{step}]"
+        elif step.startswith("(") and step.endswith(")"):
+            continue  # the case of a union, not a key
+        else:
+            path += f".{step}" if path else step
+    return path
+
+
+def _without_arrays(data: Any) -> Any:
+    """Turn numpy arrays, which have `tolist`, into lists without importing numpy."""
+    if not isinstance(data, Mapping):
+        return data
+    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in data.items()}
+
+
+def _details(location: Location, value: object, message: str) -> InitErrorDetails:
+    # The message is an argument of its template: it may hold braces of its own.
+    kind = PydanticCustomError(_FAULT, "{message}", {"message": message})
+    return InitErrorDetails(type=kind, loc=location, input=value)
+
+
+def _in_our_words(part: type[Part], error: ValidationError) -> list[InitErrorDetails]:
+    """Say what pydantic found: the value, and what is allowed; a misspelt key is one fault, not two."""
+    found = error.errors(include_url=False)
+    keys = {field.alias or name: field.description for name, field in part.model_fields.items()}
+    misspelt = {e["loc"][0]: nearest(e["loc"][0], keys) for e in found if _is_unknown_key(e)}
+    details: list[InitErrorDetails] = []
+    for e in found:
+        location, value, kind, context = e["loc"], e["input"], e["type"], e.get("ctx", {})
+        if kind == _FAULT:
+            message = e["msg"]
+        elif _is_unknown_key(e):
+            near = misspelt[location[0]]
+            message = f"unknown key; did you mean {near!r}?" if near else "unknown key"
+            message += f" (known here: {', '.join(keys)})"
+        elif kind == "missing" and isinstance(location[-1], str):
+            if location[0] in misspelt.values():
+                continue
+            value, message = MISSING, "missing; it is required" + _meaning(keys.get(str(location[0])))
+        elif kind == "missing":  # a tuple of fixed length that ends too early
+            least = int(location[-1]) + 1
+            location = location[:-1]
+            if details and details[-1]["loc"] == location:
+                del details[-1]  # said of the entry before
+            message = f"too short: must have at least {least} entries"
+        else:
+            said = _MESSAGES.get(kind, "{msg}").format(msg=e["msg"], **context)
+            message = said + _meaning(keys.get(str(location[0]) if location else ""))
+        details.append(_details(location, value, message))
+    return details
+
+
+_MESSAGES = {
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "finite_number": "must be a finite number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "string_type": "must be text; quote it",
+    "string_too_short": "must not be empty",
+    "string_unicode": "must be text without lone surrogates",
+    "tuple_type": "must be a list",
+    "too_long": "too long: must have at most {max_length} entries",
+    "too_short": "too short: must have at least {min_length} entries",
+    "enum": "must be one of {expected}",
+    "literal_error": "must be {expected}",
+    "none_required": "must be null in this version",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+    "invalid_key": "keys must be text",
+}
+
+
+def _is_unknown_key(error: Mapping[str, Any]) -> bool:
+    return error["type"] == "extra_forbidden" and len(error["loc"]) == 1
+
+
+def _meaning(description: str | None) -> str:
+    return f" ({description})" if description else ""
+
+
+def _salvage(part: type[Part], data: Any) -> Salvage:
+    """Validate each field by itself, and keep what is valid."""
+    if not isinstance(data, Mapping):
+        return Salvage({})
+    values: dict[str, Any] = {}
+    for name, field in part.model_fields.items():
+        key = field.alias if field.alias in data else name
+        if key not in data:
+            if not field.is_required():
+                values[name] = field.get_default(call_default_factory=True)
+            continue
+        try:
+            values[name] = _adapter(part, name).validate_python(_without_arrays({key: data[key]})[key])
+        except ValidationError:
+            nested = _part_in(field.annotation)
+            if nested is None:
+                continue
+            if get_origin(field.annotation) is not tuple:
+                values[name] = _salvage(nested, data[key])
+            elif isinstance(data[key], (list, tuple)):
+                values[name] = tuple(_valid_or_salvage(nested, item) for item in data[key])
+    return Salvage(values)
+
+
+def _valid_or_salvage(part: type[Part], data: Any) -> Part | Salvage:
+    try:
+        return part.model_validate(data)
+    except ValidationError:
+        return _salvage(part, data)
+
+
+@lru_cache(maxsize=256)
+def _adapter(part: type[Part], name: str) -> TypeAdapter[Any]:
+    return TypeAdapter(get_type_hints(part, include_extras=True)[name])
+
+
+def _part_in(annotation: Any) -> type[Part] | None:
+    """Find the part class in `Vehicle`, `Motion | None` or `tuple[Obstacle, ...]`; None if several."""
+    classes = [annotation, *get_args(annotation)]
+    found = [c for c in classes if isinstance(c, type) and issubclass(c, Part)]
+    return found[0] if len(found) == 1 else None

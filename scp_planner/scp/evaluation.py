@@ -1,0 +1,299 @@
+"""Everything the loop needs to know of one trip: violations, the merit, and the contacts that rows are made from.
+
+The merit is the one objective of all methods (docs: the penalised objective),
+
+    Q = tau + sum_l mu_l max(0, deepest entry into zone l) + sum_k mu_k max(0, excess over limit k),
+
+with the minima between samples refined, so that it is a function of the trip and not of the sampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.bend_sites import BendSites, bend_sites
+from scp_planner.scp.merit import Limit, Penalties
+from scp_planner.threat_zones.batch import ZoneContacts
+from scp_planner.trips.bundle import TripBundle
+from scp_planner.trips.path import Path
+from scp_planner.trips.space import TimeTable
+from scp_planner.trips.trajectory import Trajectory, TripPoints
+
+
+def box_gaps(problem: Problem, path: Path) -> Array:
+    """Distances of the vehicle's disc to the sides of the box, inside, at the fixed stations.
+
+    Parameters
+    ----------
+    problem : Problem
+    path : Path
+
+    Returns
+    -------
+    (M, S) array
+        m, negative outside; S is 0 without a box.
+    """
+    box = problem.box
+    if len(box.offsets) == 0:
+        return np.zeros((len(problem.space.tables.station_parameters), 0))
+    return box.offsets - path.station_positions @ box.normals.T
+
+
+SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Trips that were evaluated together, and their points at the problem's samples, one trip after the other."""
+
+    bundle: TripBundle
+    points: TripPoints
+
+    @classmethod
+    def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> Batch:
+        """Return trips as a batch: the one that they were evaluated in if they are all of it, in order."""
+        batch = evaluations[0].batch
+        if batch is not None and batch.bundle.count == len(evaluations):
+            pairs = zip(evaluations, batch.bundle.trips, strict=True)
+            if all(evaluation.trajectory is trip for evaluation, trip in pairs):
+                return batch
+        bundle = TripBundle([evaluation.trajectory for evaluation in evaluations])
+        return cls(bundle, TripPoints.joined([evaluation.points for evaluation in evaluations], table))
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One trip, evaluated.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+    points : TripPoints
+        At the problem's samples.
+    clearance : (N, L) array
+        Signed distances to the inflated zones at the samples, m.
+    minima : TripPoints
+        At the refined minima of the clearances over time.
+    minima_zone : (m,) array of int
+        Which zone each of them is about.
+    minima_contacts : ZoneContacts
+        The contacts there.
+    sites : BendSites
+        Curvature and lateral acceleration.
+    zone_violation : (L,) array
+        Deepest entry into each zone, m, 0 where there is none.
+    box_gaps : (M, S) array
+        Distances to the sides of the workspace box at the fixed stations, m.
+    limit_violation : (5 + E,) array
+        Excess over the limits, see LIMIT_NAMES, and then over the problem's optional ones.
+    optional : tuple of (n,) arrays
+        Excesses over each of the optional limits in all places.
+    given_violation : float
+        Worst violation of a user's own constraints.
+    batch : Batch or None
+        The trips that it was evaluated with.
+    """
+
+    trajectory: Trajectory
+    points: TripPoints
+    clearance: Array
+    minima: TripPoints
+    minima_zone: Index
+    minima_contacts: ZoneContacts
+    sites: BendSites
+    zone_violation: Array
+    box_gaps: Array
+    limit_violation: Array
+    optional: tuple[Array, ...] = ()
+    given_violation: float = 0.0
+    batch: Batch | None = None
+
+    def merit(self, penalties: Penalties) -> float:
+        """Travel time plus penalised violations, s."""
+        return float(
+            self.trajectory.travel_time
+            + penalties.zones @ self.zone_violation
+            + penalties.limits @ self.limit_violation
+            + penalties.given * self.given_violation
+        )
+
+    @cached_property
+    def worst_violation(self) -> float:
+        """Largest of all violations (m for zones, relative for limits)."""
+        worst = max(float(self.limit_violation.max()), self.given_violation)
+        return max(worst, float(self.zone_violation.max())) if len(self.zone_violation) else worst
+
+
+def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Evaluation:
+    """Evaluate a trip.
+
+    Parameters
+    ----------
+    problem : Problem
+    trajectory : Trajectory
+    near : float
+        Clearances below this are looked at closely, m.
+
+    Returns
+    -------
+    Evaluation
+    """
+    return evaluate_trips(problem, [trajectory], near)[0]
+
+
+def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -> list[Evaluation]:
+    """Evaluate several trips at once.
+
+    Parameters
+    ----------
+    problem : Problem
+    trips : sequence of Trajectory
+        At least one.
+    near : float
+        Clearances below this are looked at closely, m.
+
+    Returns
+    -------
+    list of Evaluation
+        One for each.
+    """
+    zones, count = problem.zones, len(trips)
+    bundle = TripBundle(trips)
+    points = bundle.at_each(problem.samples)
+    clearance = zones.distances(points.time, points.path.position, near)
+    clearance = clearance.reshape(count, len(problem.samples.sigma), zones.size)
+    equidistant = clearance[:, : problem.grid]
+    owner, sample, zone = local_minima(equidistant, near)
+    sigma = refine_minima(problem.samples.sigma[: problem.grid], equidistant, owner, sample, zone)
+    if zones.outlines is not None:
+        _settle_minima(problem, bundle, points, owner, sample, zone, sigma)
+    minima = bundle.at(owner, sigma)
+    contacts = zones.contacts(zone, minima.time, minima.path.position)
+    violation = np.zeros((count, zones.size))
+    if zones.size:
+        np.maximum(-clearance.min(axis=1), 0.0, out=violation)
+        np.maximum.at(violation, (owner, zone), -contacts.distance)
+    sites = bend_sites(problem, bundle, points)
+    gaps = [box_gaps(problem, trip.path) for trip in trips]
+    optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
+    limits = _limit_violations(problem, bundle, sites, gaps, optional)
+    bounds = bundle.bounds(owner)
+    batch = Batch(bundle, points)
+    evaluations = []
+    for k, (trip, its_points, its_minima) in enumerate(
+        zip(trips, bundle.split_each(points), bundle.split(minima, owner), strict=True)
+    ):
+        mine = slice(bounds[k], bounds[k + 1])
+        evaluations.append(
+            Evaluation(
+                trip,
+                its_points,
+                clearance[k],
+                its_minima,
+                zone[mine],
+                contacts if count == 1 else contacts.take(mine),
+                sites[k],
+                violation[k],
+                gaps[k],
+                limits[k],
+                optional[k],
+                0.0 if problem.given is None else problem.given.worst(trip),
+                batch,
+            )
+        )
+    return evaluations
+
+
+def local_minima(values: Array, below: float) -> tuple[Index, Index, Index]:
+    """Where the local minima are, along the second of three axes, of the values below a bound, ends included."""
+    low = values < below
+    low[:, 1:] &= values[:, 1:] <= values[:, :-1]
+    low[:, :-1] &= values[:, :-1] < values[:, 1:]
+    owner, row, column = np.nonzero(low)
+    return owner, row, column
+
+
+def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: Index) -> Array:
+    """Abscissae of the minima of parabolas through a sample and its two neighbours, on an equidistant grid."""
+    last = len(grid) - 1
+    inner = np.minimum(np.maximum(row, 1), last - 1)
+    before, here, after = (values[owner, inner + k, column] for k in (-1, 0, 1))
+    bend = before - 2.0 * here + after
+    shift = 0.5 * (before - after) / np.where(bend > 0.0, bend, np.inf)
+    shift = np.where((row > 0) & (row < last), np.minimum(np.maximum(shift, -1.0), 1.0), row - inner)
+    return grid[inner] + shift * (grid[1] - grid[0])
+
+
+def _settle_minima(
+    problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, sample: Index, zone: Index, sigma: Array
+) -> None:
+    """Move minima of the distances to outlines, in place, to where their rates are zero.
+
+    Passing a corner, such a distance is nowhere like a parabola over three samples: its minimum is bracketed, and found
+    by the Illinois variant of the secant method.
+    """
+    zones = problem.zones
+    rows = np.flatnonzero((zones.outline_slot[zone] >= 0) & (sample > 0) & (sample < problem.grid - 1))
+    if len(rows) == 0:
+        return
+    middle, which = sample[rows], zone[rows]
+    x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
+    place = middle + len(points.table.sigma) * owner[rows]
+    slope = np.stack(
+        [_closing(zones.contacts(which, *_place(points, place + k)), points, place + k) for k in (-1, 0, 1)]
+    )
+    falling = slope[1] < 0.0
+    low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
+    below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])
+    bracketed = (below < 0.0) & (above > 0.0)
+    rows, which = rows[bracketed], which[bracketed]
+    low, high, below, above = low[bracketed], high[bracketed], below[bracketed], above[bracketed]
+    every, whose = np.arange(len(rows)), owner[rows]
+    for _ in range(SETTLING_STEPS if len(rows) else 0):
+        guess = (low * above - high * below) / (above - below)
+        sigma[rows] = guess
+        there = bundle.at(whose, guess)
+        rate = _closing(zones.contacts(which, *_place(there, every)), there, every)
+        falling = rate < 0.0
+        # The end that stays loses weight, lest it stay for ever.
+        above, below = np.where(falling, 0.5 * above, rate), np.where(falling, rate, 0.5 * below)
+        low, high = np.where(falling, guess, low), np.where(falling, high, guess)
+
+
+def _place(points: TripPoints, index: Index) -> tuple[Array, Array]:
+    return points.time[index], points.path.position[index]
+
+
+def _closing(contacts: ZoneContacts, points: TripPoints, index: Index) -> Array:
+    """Rate of the distances on the way, m/s."""
+    velocity = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
+    rate: Array = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+    return rate
+
+
+def _limit_violations(
+    problem: Problem,
+    bundle: TripBundle,
+    sites: Sequence[BendSites],
+    gaps: Sequence[Array],
+    optional: Sequence[tuple[Array, ...]],
+) -> Array:
+    """Violations of each trip, (K, 5 + E), in the order of Limit, then of the optional limits."""
+    excess = np.zeros((bundle.count, len(Limit) + len(problem.optional)))
+    limits, goal_speed = problem.limits, problem.ends.goal_speed
+    excess[:, Limit.LATERAL_ACCELERATION] = [site.worst_lateral / limits.lateral_acceleration - 1.0 for site in sites]
+    excess[:, Limit.CURVATURE] = [site.worst_curvature / limits.curvature - 1.0 for site in sites]
+    excess[:, Limit.SPEED] = bundle.top_speeds / limits.speed - 1.0
+    if len(problem.box.offsets):
+        excess[:, Limit.WORKSPACE_BOUNDS] = [-its.min() for its in gaps]
+    if goal_speed is not None:
+        excess[:, Limit.GOAL_SPEED] = [abs(trip.final_speed - goal_speed) for trip in bundle.trips]
+    for number in range(len(problem.optional)):
+        excess[:, len(Limit) + number] = [its[number].max(initial=-np.inf) for its in optional]
+    return np.maximum(excess, 0.0, out=excess)

@@ -1,0 +1,153 @@
+"""Convex constraints that a user gives in CVXPY: what they are written in, and whether a trip keeps them.
+
+The subproblem's variables (theta, b, tau), b = tau^2 beta, make offsets, positions at stations, distances at normalised
+times and the travel time affine: constraints on these go into the subproblem as they are, without linearisation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.verdict import Certificate, Violation
+from scp_planner.problem.problem import Problem
+from scp_planner.trips.trajectory import Trajectory
+
+ALLOWED = 2e-4  # largest violation of a given constraint, in its own unit: that of every sampled constraint
+
+
+class TripVariables:
+    """A trip as CVXPY expressions, affine in what is optimised: what one's own constraints are written in.
+
+    Stations are arc lengths of the guide in m, from 0 at the start to ``length`` at the goal. Without a ``guide`` in
+    the scenario the guide is the straight line from start to goal, unless the headings at its ends do not allow that.
+    Normalised times go from 0 at the start to 1 on arrival.
+
+    Parameters
+    ----------
+    problem : Problem
+    values : cvxpy.Variable
+        The free control points of the offset (m), b = tau^2 beta (m), and the travel time tau (s).
+    """
+
+    def __init__(self, problem: Problem, values: Any) -> None:
+        ends, space = problem.ends, problem.space
+        free = np.eye(space.path_size)[:, ends.free]
+        fixed = ends.theta.copy()
+        fixed[ends.free] = 0.0
+        count = free.shape[1]
+        self._problem = problem
+        self._drive = values[count:-1]
+        self.offset_control_points = free @ values[:count] + fixed
+        """Control points of the offset, (K1,) m: a bound on them holds at all stations, as the offset is their mean."""
+        self.travel_time = values[-1]
+        """s."""
+        self.arrival_time = values[-1] + problem.scenario.start.time
+        """Absolute, s."""
+
+    @property
+    def length(self) -> float:
+        """Length of the guide, m."""
+        return float(self._problem.space.length)
+
+    @property
+    def stations(self) -> Array:
+        """Equidistant stations from start to goal, close enough for constraints of a whole path, (n,) m."""
+        return self.length * self._problem.space.tables.station_parameters
+
+    def offset(self, stations: ArrayLike) -> Any:
+        """Offset from the guide at stations, (n,) m to an expression (n,) m, positive to the left."""
+        return self._rows(stations) @ self.offset_control_points
+
+    def position(self, stations: ArrayLike) -> Any:
+        """Positions of the path at stations, (n,) m to an expression (n, 2) m, in world coordinates."""
+        frame, guide = self._problem.frame, self._problem.space.guide.frame(_at_least_1d(stations))
+        offset = self.offset(stations)
+        normal = frame.vectors_to_world(guide.normal)
+        columns = [frame.to_world(guide.position)[:, axis] + np.diag(normal[:, axis]) @ offset for axis in (0, 1)]
+        return cp.vstack(columns).T  # type: ignore[attr-defined]
+
+    def distance(self, times: ArrayLike) -> Any:
+        """Distance driven along the path at normalised times, (n,) to an expression (n,) m."""
+        table = self._problem.space.time_table(_at_least_1d(times))
+        return self._problem.space.start_speed * table.sigma * self.travel_time + table.distance @ self._drive
+
+    def speed_times_travel_time(self, times: ArrayLike) -> Any:
+        """Speed at normalised times, times the travel time: (n,) to an expression (n,) m.
+
+        The speed itself is not affine. A bound c m/s on it reads ``speed_times_travel_time(t) <= c * travel_time``.
+        """
+        table = self._problem.space.time_table(_at_least_1d(times))
+        return self._problem.space.start_speed * self.travel_time + table.speed @ self._drive
+
+    def _rows(self, stations: ArrayLike) -> Array:
+        return self._problem.space.path.rows(_at_least_1d(stations) / self.length)
+
+
+UserConstraints = Callable[[TripVariables], Sequence[Any]]
+"""Gives convex CVXPY constraints on a trip."""
+
+
+class GivenConstraints:
+    """A user's constraints on the trips of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    function : callable
+        Called with :class:`TripVariables`; returns CVXPY constraints.
+
+    Raises
+    ------
+    TypeError
+        If it returns anything else.
+    ValueError
+        If a constraint is not convex by the rules of CVXPY.
+    """
+
+    def __init__(self, problem: Problem, function: UserConstraints) -> None:
+        self._problem = problem
+        self._function = function
+        self._values = cp.Variable(problem.step_size)
+        self._constraints = self.on(self._values)
+        for number, constraint in enumerate(self._constraints, 1):
+            if not isinstance(constraint, cp.Constraint):
+                raise TypeError(f"constraints: number {number} must be a constraint of cvxpy, not {constraint!r}")
+            if not constraint.is_dcp():
+                raise ValueError(f"constraints: number {number} is not convex by the rules of cvxpy: {constraint}")
+
+    def on(self, values: Any) -> list[Any]:
+        """Return the constraints on a CVXPY variable that holds what :class:`TripVariables` says."""
+        return list(self._function(TripVariables(self._problem, values)))
+
+    def violations(self, trajectory: Trajectory) -> Array:
+        """How far each constraint is from being kept, (n,), in its own unit."""
+        tau = trajectory.travel_time
+        free = trajectory.theta[self._problem.ends.free]
+        self._values.value = np.concatenate([free, tau**2 * trajectory.beta, [tau]])
+        return np.array([float(np.max(constraint.violation())) for constraint in self._constraints])
+
+    def worst(self, trajectory: Trajectory) -> float:
+        """Return the largest of the violations; 0 without constraints."""
+        return float(self.violations(trajectory).max(initial=0.0))
+
+    def judged(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
+        """Return a certificate that holds only if the constraints are kept too."""
+        found = tuple(
+            Violation(f"excess over given constraint {number}", float(excess), ALLOWED, self._problem.frame.time)
+            for number, excess in enumerate(self.violations(trajectory), 1)
+            if not excess <= ALLOWED
+        )
+        if not found:
+            return certificate
+        return replace(certificate, holds=False, violations=(*certificate.violations, *found))
+
+
+def _at_least_1d(values: ArrayLike) -> Array:
+    return np.atleast_1d(np.asarray(values, dtype=float))

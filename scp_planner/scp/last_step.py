@@ -1,0 +1,131 @@
+"""Curvature that the model of a subproblem lacks, learnt from the last step.
+
+The subproblem's Hessian is that of the arc length. The constraints bend too: towards an obstacle's disc less than their
+tangents, for lateral acceleration more. Where they are active, the Hessian of the Lagrangian differs from the model's,
+and the loop creeps or overshoots. The gradient of the Lagrangian with the last step's multipliers is known at both
+ends of the step; the model is corrected so that it explains the difference: one update of BFGS, damped (Powell, 1978),
+of a fresh Hessian each time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.rows.base import Rows
+from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.solvers.interface import QuadraticProgram, Solution
+from scp_planner.trips.trajectory import Trajectory
+
+DAMPING = 0.2  # least curvature along the step that is believed, relative to the model's
+TINY = 1e-14  # s; of a step's curvature term, below which nothing is learnt from it
+
+
+@dataclass(frozen=True)
+class LastStep:
+    """A step, and the multipliers of its subproblem.
+
+    Attributes
+    ----------
+    start, end : Trajectory
+        The trips between which it leads.
+    step : (n,) array
+        z.
+    keys : (a,) array of int
+        Sorted keys of the active rows that may be violated at a price.
+    matrix : (a, n) array
+        These rows.
+    prices : (a,) array
+        Their multipliers.
+    arrival : float
+        Multiplier of arrival.
+    timing : float
+        Second derivative, with respect to rho, of the active bounds of the acceleration times their multipliers: what
+        is linear in the subproblem is b_k <= a tau^2.
+    """
+
+    start: Trajectory
+    end: Trajectory
+    step: Array
+    keys: NDArray[np.intp]
+    matrix: Array
+    prices: Array
+    arrival: float
+    timing: float
+
+    @classmethod
+    def of(
+        cls,
+        kinematics: KinematicRows,
+        rows: Rows,
+        start: Trajectory,
+        end: Trajectory,
+        program: QuadraticProgram,
+        solution: Solution,
+    ) -> LastStep:
+        """Remember a step, given the rows of its subproblem and the program's solution."""
+        prices = solution.multipliers[len(program.gradient) :]
+        hard = len(prices) - len(rows.gap)
+        active = np.flatnonzero(prices[hard:])
+        active = active[np.argsort(rows.key[active])]
+        return cls(
+            start,
+            end,
+            solution.x[: rows.matrix.shape[1]],
+            rows.key[active],
+            rows.matrix[active],
+            prices[hard:][active],
+            float(prices[0]),
+            kinematics.timing_curvature(prices),
+        )
+
+    def gradient_change(self, problem: Problem, rows: Rows) -> Array:
+        """Change of the gradient of the Lagrangian along the step, (n,), given the rows at its end.
+
+        It is in the variables of the step, of the trip that it starts from.
+        """
+        free = problem.ends.free
+        count = free.stop - free.start
+        ratio = self.start.travel_time / self.end.travel_time
+        change = np.zeros(len(self.step))
+        if len(self.keys):
+            place = np.minimum(self.keys.searchsorted(rows.key), len(self.keys) - 1)
+            again = np.flatnonzero(self.keys[place] == rows.key)
+            place = place[again]
+            # b and tau are what both trips share: db = tau^2 dbeta, dtau = tau rho
+            units = np.full(len(self.step), ratio * ratio)
+            units[:count], units[-1] = 1.0, ratio
+            change += self.prices[place] @ (rows.matrix[again] * units - self.matrix[place])
+        change[:count] -= self.arrival * (self.end.path.final_gradient - self.start.path.final_gradient)[free]
+        change[-1] += self.timing * self.step[-1]
+        return change
+
+    def teach(self, problem: Problem, rows: Rows, hessian: Array, proximal: Array) -> None:
+        """Correct the Hessian of the next subproblem, (n, n), in place.
+
+        Parameters
+        ----------
+        problem : Problem
+        rows : Rows
+            At the trip that the step led to.
+        hessian : (n, n) array
+            Of the model there, the proximal term included.
+        proximal : (n,) array
+            Diagonal of the proximal term, which stays.
+        """
+        step = self.step
+        change = self.gradient_change(problem, rows) + proximal * step
+        expected = hessian @ step
+        curvature, actual = float(step @ expected), float(step @ change)
+        if curvature < TINY:
+            return
+        if actual < DAMPING * curvature:
+            share = (1.0 - DAMPING) * curvature / (curvature - actual)
+            change = share * change + (1.0 - share) * expected
+            actual = float(step @ change)
+        hessian += np.outer(change, change / actual)
+        hessian -= np.outer(expected, expected / curvature)

@@ -1,0 +1,74 @@
+"""What a run of the loop came to, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.merit import Penalties
+
+FEASIBILITY = 2e-4  # largest violation of a converged trip: m in a zone inflated by more, relative for limits
+NEAR = 1.0  # m; obstacles nearer than this are looked at closely
+
+
+class Status(Enum):
+    """How a run of the loop ended."""
+
+    CONVERGED = "converged"
+    STALLED = "stalled"
+    INFEASIBLE = "infeasible"
+    ITERATION_LIMIT = "iteration limit"
+    TIME_LIMIT = "time limit"
+    SOLVER_FAILED = "solver failed"
+    SLOWER = "slower than the best"
+    SAME_WAY = "the way of the best"
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One row of the iteration record.
+
+    Attributes
+    ----------
+    number : int
+    travel_time : float
+        Of the candidate, s.
+    merit : float
+        Of the candidate, s.
+    violation : float
+        Worst violation of the candidate.
+    predicted, actual : float
+        Decrease of the merit by the model and in truth, s.
+    accepted : bool
+        Whether the candidate was accepted, if only on trial.
+    trust : TrustRegion
+    rows : int
+        Number of rows that could be violated.
+    """
+
+    number: int
+    travel_time: float
+    merit: float
+    violation: float
+    predicted: float
+    actual: float
+    accepted: bool
+    trust: TrustRegion
+    rows: int
+
+
+@dataclass
+class Run:
+    """A run of the loop and where it ended."""
+
+    status: Status
+    evaluation: Evaluation
+    penalties: Penalties
+    record: list[Iteration] = field(default_factory=list)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the trip keeps all sampled constraints."""
+        return self.evaluation.worst_violation <= FEASIBILITY

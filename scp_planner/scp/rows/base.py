@@ -1,0 +1,93 @@
+"""Constraints of a trip: each gives Jacobian rows of its linearisation, with labels.
+
+A row (J, gap) of a step z = (d theta, d beta, rho) stands for J z <= gap. Here d theta are the free control points of
+the offset (m), beta + d beta = b / tau_k^2 those of the acceleration (m/s^2) and rho = (tau - tau_k) / tau_k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+
+
+def join_blocks(theta: Array, beta: Array, rho: Array) -> Array:
+    """Rows of the offset, of the acceleration and of rho side by side."""
+    return np.concatenate([theta, beta, rho[:, None]], axis=1)
+
+
+KEYS = 10**9  # more than there are different rows of one kind
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Linearised constraints J z <= gap.
+
+    Attributes
+    ----------
+    matrix : (m, n) array
+        J, over the free control points of the offset, those of the acceleration, and rho.
+    gap : (m,) array
+        What is left, in the constraint's own unit; negative where it is violated.
+    group : (m,) array of int
+        Index of the violation in the merit that the row belongs to.
+    key : (m,) array of int
+        What the row is about: the same from one linearisation to the next, for warm starts.
+    owner : (m,) array of int
+        Which of several trips the row belongs to.
+    """
+
+    matrix: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    group: NDArray[np.intp]
+    key: NDArray[np.intp]
+    owner: NDArray[np.intp]
+
+    @classmethod
+    def stack(cls, parts: list[Rows]) -> Rows:
+        """Return the rows of several constraints as one; the place in the list becomes part of the keys."""
+        numbered = [
+            replace(part, key=part.key + place * KEYS) if place else part
+            for place, part in enumerate(parts)
+            if len(part.gap)
+        ]
+        return cls.joined(numbered) if numbered else parts[0]
+
+    @classmethod
+    def joined(cls, parts: list[Rows]) -> Rows:
+        """Return several sets of rows as one."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.matrix for part in parts]),
+            np.concatenate([part.gap for part in parts]),
+            np.concatenate([part.group for part in parts]),
+            np.concatenate([part.key for part in parts]),
+            np.concatenate([part.owner for part in parts]),
+        )
+
+    @classmethod
+    def none(cls, width: int) -> Rows:
+        """Return no rows."""
+        return cls(np.zeros((0, width)), np.zeros(0), _NONE, _NONE, _NONE)
+
+    def take(self, index: NDArray[np.intp] | slice) -> Rows:
+        """Return some of the rows."""
+        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index], self.owner[index])
+
+    def shares(self, index: NDArray[np.intp], count: int) -> list[Rows]:
+        """Return some of the rows, sorted by which of several trips they belong to, and in their order."""
+        if count == 1:
+            return [self.take(index)]
+        owner = self.owner[index]
+        order = np.argsort(owner, kind="stable")
+        bounds = owner[order].searchsorted(np.arange(count + 1)).tolist()
+        index = index[order]
+        return [self.take(index[first:last]) for first, last in pairwise(bounds)]
+
+
+_NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)

@@ -1,0 +1,111 @@
+"""Rows of what the drive along the path must keep: speed, acceleration, the speed at the goal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.rows.base import Rows
+from scp_planner.trips.bundle import TripBundle
+from scp_planner.trips.trajectory import Trajectory
+
+
+class KinematicRows:
+    """Arrival, speed and acceleration rows: linear in (b, tau), made once and scaled at each iterate.
+
+    Parameters
+    ----------
+    problem : Problem
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        space, limits = problem.space, problem.limits
+        self.problem = problem
+        self.theta_size = problem.ends.free.stop - problem.ends.free.start
+        count = space.acceleration_size
+        self.equalities = 1
+        width = self.theta_size + count + 1
+        speeds = space.tables.speed_control[1:]
+        moves = np.flatnonzero(np.abs(speeds).sum(axis=1) > 0)
+        self._speeds = speeds[moves]
+        eye = np.eye(count)
+        self._beta = slice(self.theta_size, self.theta_size + count)
+        first = self.equalities
+        self._upper = slice(first, first + len(moves))
+        self._lower = slice(self._upper.stop, self._upper.stop + len(moves))
+        self._up = slice(self._lower.stop, self._lower.stop + count)
+        self._down = slice(self._up.stop, self._up.stop + count)
+        self.matrix = np.zeros((self._down.stop, width))
+        self.matrix[self._upper, -1] = space.start_speed - limits.speed
+        self.matrix[self._lower, -1] = -space.start_speed
+        self.matrix[self._up, self._beta] = eye
+        self.matrix[self._up, -1] = -2.0 * problem.highest_accelerations
+        self.matrix[self._down, self._beta] = -eye
+        self.matrix[self._down, -1] = 2.0 * problem.lowest_accelerations
+        self.bound = np.zeros(self._down.stop)
+
+    def at(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Rows and bounds of the step from a trip: the first ``equalities`` rows with equality.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+
+        Returns
+        -------
+        (matrix, bound)
+            Reused at the next call.
+        """
+        problem, matrix, bound = self.problem, self.matrix, self.bound
+        tables, limits, v0 = problem.space.tables, problem.limits, problem.space.start_speed
+        tau, beta, path = trajectory.travel_time, trajectory.beta, trajectory.path
+        # Arrival: v0 tau + C2(1) b = L(theta)
+        matrix[0, : self.theta_size] = -path.final_gradient[problem.ends.free]
+        matrix[0, self._beta] = tau * tau * tables.final_distance
+        matrix[0, -1] = v0 * tau
+        bound[0] = path.arc_length - v0 * tau - tau * tau * float(tables.final_distance @ beta)
+        np.multiply(self._speeds, tau, out=matrix[self._upper, self._beta])
+        np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
+        speeds = v0 + tau * (self._speeds @ beta)
+        bound[self._upper] = limits.speed - speeds
+        bound[self._lower] = speeds
+        bound[self._up] = problem.highest_accelerations - beta
+        bound[self._down] = beta - problem.lowest_accelerations
+        return matrix, bound
+
+    def excess(self, trajectory: Trajectory) -> float:
+        """Largest excess over the bounds of speed (m/s) and acceleration (m/s^2), 0 where there is none."""
+        return max(0.0, -float(self.at(trajectory)[1][self.equalities :].min()))
+
+    def timing_curvature(self, prices: Array) -> float:
+        """Second derivative of the bounds b_k <= a tau^2 with respect to rho, times the multipliers of all rows."""
+        problem = self.problem
+        up, down = prices[self._up], prices[self._down]
+        return float(2.0 * (down @ problem.lowest_accelerations - up @ problem.highest_accelerations))
+
+
+def goal_speed_rows(problem: Problem, bundle: TripBundle, group: int) -> Rows:
+    """Return the rows of v(1) = goal speed: linear in (b, tau), v0 tau + C1(1) b = v_goal tau.
+
+    Parameters
+    ----------
+    problem : Problem
+    bundle : TripBundle
+    group : int
+        Index of the violation in the merit, in m/s.
+
+    Returns
+    -------
+    Rows
+    """
+    space, goal = problem.space, problem.ends.goal_speed
+    if goal is None:
+        return Rows.none(problem.step_size)
+    gradient = np.zeros((bundle.count, problem.step_size))
+    gradient[:, -1 - space.acceleration_size : -1] = bundle.travel_times[:, None] * space.tables.final_speed
+    gradient[:, -1] = space.start_speed - goal
+    excess = np.array([trip.final_speed - goal for trip in bundle.trips])
+    side, owner = np.arange(2).repeat(bundle.count), np.tile(np.arange(bundle.count), 2)
+    both = np.concatenate([gradient, -gradient])
+    return Rows(both, np.concatenate([-excess, excess]), np.full(len(owner), group, dtype=np.intp), side, owner)

@@ -1,0 +1,210 @@
+"""One linearisation of the trip as a convex quadratic program.
+
+Variables: the step z = (d theta, d beta, rho) and one slack for each violation that has rows. The objective is
+tau_k rho + sum mu s + the curvature of the arc length (convex, weighted by the multiplier of arrival) + a small
+proximal term.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.last_step import LastStep
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.rows.base import Rows
+from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.solvers.interface import QuadraticProgram, Solution, StepOrigin
+from scp_planner.trips.trajectory import Trajectory
+
+PROXIMAL_OFFSET = 1e-2  # s/m^2 on steps of the offset's control points
+PROXIMAL_ACCELERATION = 1e-3  # s/(m/s^2)^2
+PROXIMAL_TIME = 1e-3  # s, on the relative step of the travel time
+SLACK_CURVATURE = 1e-3
+MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arrival
+
+
+@dataclass
+class ActiveSet:
+    """Which constraints were active in the last subproblem: the guess for the next one.
+
+    Attributes
+    ----------
+    step : (n,) array of int
+        Of the bounds of the step: -1 at the lower one, +1 at the upper one, 0 inactive.
+    hard : (h,) array of int
+        Of the hard rows.
+    keys : (k,) array of int
+        Sorted keys of the active rows that may be violated at a price.
+    violated : (G,) array of bool
+        Whether the slack of each violation was positive.
+    """
+
+    step: NDArray[np.int8]
+    hard: NDArray[np.int8]
+    keys: NDArray[np.intp]
+    violated: NDArray[np.bool_]
+
+    def guess(self, rows: Rows, groups: NDArray[np.intp]) -> NDArray[np.int8]:
+        """Return the guess for a program with these rows and slacks."""
+        slacks = self.violated[groups].astype(np.int8) - np.int8(1)
+        return np.concatenate([self.step, slacks, self.hard, _among(rows.key, self.keys)])
+
+
+@dataclass(frozen=True)
+class Subproblem:
+    """A quadratic program and how its variables are laid out.
+
+    Attributes
+    ----------
+    program : QuadraticProgram
+    rows : Rows
+        Those that may be violated at a price.
+    step_size : int
+        Number of variables of the step; the slacks follow.
+    groups : (g,) array of int
+        Violation that each slack belongs to.
+    group_count : int
+        Number G of violations in the merit.
+    """
+
+    program: QuadraticProgram
+    rows: Rows
+    step_size: int
+    groups: NDArray[np.intp]
+    group_count: int
+
+    def active_set(self, solution: Solution) -> ActiveSet:
+        """Return what is active in a solution of the program."""
+        signs = np.sign(solution.multipliers).astype(np.int8)
+        size, total = self.step_size, len(self.program.gradient)
+        soft = len(signs) - len(self.rows.gap)
+        return ActiveSet(
+            signs[:size],
+            signs[total:soft],
+            np.sort(self.rows.key[signs[soft:] != 0]),
+            self._violated(signs[size:total] == 0),
+        )
+
+    def _violated(self, positive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        violated = np.zeros(self.group_count, dtype=bool)
+        violated[self.groups] = positive
+        return violated
+
+
+def build_subproblem(
+    problem: Problem,
+    kinematics: KinematicRows,
+    trajectory: Trajectory,
+    rows: Rows,
+    weights: Array,
+    trust: TrustRegion,
+    active: ActiveSet | None = None,
+    last: LastStep | None = None,
+) -> Subproblem:
+    """Build the quadratic program of a step from a trip.
+
+    Parameters
+    ----------
+    problem : Problem
+    kinematics : KinematicRows
+    trajectory : Trajectory
+    rows : Rows
+        Linearised constraints that may be violated at a price.
+    weights : (G,) array
+        Price of each violation, s.
+    trust : TrustRegion
+    active : ActiveSet, optional
+        Of the last subproblem.
+    last : LastStep, optional
+        The step that led to this trip, if the Hessian is to be corrected by it.
+
+    Returns
+    -------
+    Subproblem
+    """
+    present = np.bincount(rows.group, minlength=len(weights)) > 0
+    groups = np.flatnonzero(present)
+    slack = (np.cumsum(present) - 1)[rows.group]
+    hard, bound = kinematics.at(trajectory)
+    size = hard.shape[1]
+    count = len(groups)
+    total = size + count
+    matrix = np.zeros((len(hard) + len(rows.gap), total))
+    matrix[: len(hard), :size] = hard
+    matrix[len(hard) :, :size] = rows.matrix
+    matrix[np.arange(len(hard), len(matrix)), size + slack] = -1.0
+
+    hessian = np.zeros((total, total))
+    free = problem.ends.free
+    theta = free.stop - free.start
+    hessian[:theta, :theta] = _arc_length_hessian(problem, trajectory)[free, free]
+    diagonal = np.empty(total)
+    diagonal[:theta] = PROXIMAL_OFFSET
+    diagonal[theta : size - 1] = PROXIMAL_ACCELERATION
+    diagonal[size - 1] = PROXIMAL_TIME
+    diagonal[size:] = SLACK_CURVATURE
+    hessian.flat[:: total + 1] += diagonal
+    if last is not None:
+        last.teach(problem, rows, hessian[:size, :size], diagonal[:size])
+
+    gradient = np.zeros(total)
+    gradient[size - 1] = trajectory.travel_time
+    gradient[size:] = weights[groups]
+
+    lower, upper = np.empty(total), np.empty(total)
+    offsets = trajectory.theta[free]
+    radius = trust.theta * problem.space.tables.leverage[free]
+    upper[:theta] = np.minimum(radius, problem.ends.upper[free] - offsets)
+    lower[:theta] = np.maximum(-radius, problem.ends.lower[free] - offsets)
+    upper[theta : size - 1] = trust.beta
+    lower[theta : size - 1] = -trust.beta
+    upper[size - 1] = trust.rho
+    lower[size - 1] = -trust.rho
+    upper[size:] = 1e6
+    lower[size:] = 0.0
+    program = QuadraticProgram(
+        hessian,
+        gradient,
+        lower,
+        upper,
+        matrix,
+        np.concatenate([bound, rows.gap]),
+        kinematics.equalities,
+        None if active is None else active.guess(rows, groups),
+        None if problem.given is None else _origin(problem, trajectory),
+    )
+    return Subproblem(program, rows, size, groups, len(weights))
+
+
+def _origin(problem: Problem, trajectory: Trajectory) -> StepOrigin:
+    """The variables (theta, b, tau) that a user's own constraints are about, and how a step moves them."""
+    tau, offsets = trajectory.travel_time, trajectory.theta[problem.ends.free]
+    start = np.concatenate([offsets, tau**2 * trajectory.beta, [tau]])
+    scale = np.concatenate([np.ones(len(offsets)), np.full(len(trajectory.beta), tau**2), [tau]])
+    return StepOrigin(start, scale)
+
+
+def _among(keys: NDArray[np.intp], wanted: NDArray[np.intp]) -> NDArray[np.int8]:
+    """1 where a key is among the wanted ones, which are sorted, else 0."""
+    if len(wanted) == 0:
+        return np.zeros(len(keys), dtype=np.int8)
+    place = np.minimum(wanted.searchsorted(keys), len(wanted) - 1)
+    return (wanted[place] == keys).astype(np.int8)
+
+
+def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:
+    """Second derivative of the arc length, times the multiplier of arrival, (K1, K1)."""
+    space, path = problem.space, trajectory.path
+    tables = space.tables
+    cells = space.length / tables.cells
+    weights = tables.node_weights * (cells / space.length**2) / (path.node_speed**2 * path.node_speed)
+    if path.node_stretch is not None:
+        weights = weights * path.node_stretch**2
+    multiplier = 1.0 / max(trajectory.final_speed, MULTIPLIER_SPEED * problem.limits.speed)
+    slopes = tables.node_slopes
+    return (slopes * (multiplier * weights)[:, None]).T @ slopes

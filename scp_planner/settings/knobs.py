@@ -1,0 +1,266 @@
+"""What makes a frozen dataclass a set of knobs: every one has a range, a unit and an effect, and is checked.
+
+The range and unit of a field stand in its annotation, ``Annotated[float, Range(0.0, 10.0, "m")]``, its effect in the
+class's docstring. From these come the checks, the messages, the listing of the command line and the reference page.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import numbers
+import re
+import types
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, Field, dataclass, fields, replace
+from enum import Enum
+from functools import cache
+from typing import Annotated, Any, Self, cast, get_args, get_origin, get_type_hints
+
+from scp_planner import errors
+from scp_planner.errors import Fault, SettingsError
+
+
+@dataclass(frozen=True)
+class Range:
+    """What a number may be, ends included.
+
+    Attributes
+    ----------
+    least, most : float
+    unit : str
+        SI; empty for a count or a ratio.
+    """
+
+    least: float
+    most: float = math.inf
+    unit: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        return self.least <= value <= self.most
+
+    def __str__(self) -> str:
+        numbers = f"at least {self.least:g}" if self.most == math.inf else f"{self.least:g} to {self.most:g}"
+        return f"{numbers} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a word may be.
+
+    Attributes
+    ----------
+    words : callable
+        Gives the words; called when they are needed.
+    """
+
+    words: Callable[[], Iterable[str]]
+
+    def __contains__(self, value: str) -> bool:
+        return value in self.words()
+
+    def __str__(self) -> str:
+        return "one of " + ", ".join(self.words())
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One setting.
+
+    Attributes
+    ----------
+    name : str
+    kind : type
+        int, float, str or an Enum.
+    optional : bool
+        Whether it may be None.
+    allowed : Range, Choice or None
+        None: not checked here, and not to be set by text.
+    default : object
+    effect : str
+        What it does, from the class's docstring.
+    """
+
+    name: str
+    kind: type
+    optional: bool
+    allowed: Range | Choice | None
+    default: Any
+    effect: str
+
+    @property
+    def unit(self) -> str:
+        """SI unit; empty for a count, a ratio or a word."""
+        return self.allowed.unit if isinstance(self.allowed, Range) else ""
+
+    @property
+    def allowed_text(self) -> str:
+        """What is allowed, in words."""
+        number = "" if isinstance(self.allowed, Choice) else "a whole number, " if self.kind is int else "a number, "
+        return f"{number}{self.allowed}{', or none' if self.optional else ''}"
+
+    @property
+    def default_text(self) -> str:
+        """The default, as it is given on a command line."""
+        match self.default:
+            case None:
+                return "none"
+            case Enum():
+                return str(self.default.value)
+            case float():
+                return f"{self.default:g}"
+            case _:
+                return str(self.default)
+
+    def fault(self, value: Any) -> str | None:
+        """Say what is wrong with a value; None if nothing is."""
+        if self.allowed is None or (self.optional and value is None):
+            return None
+        right = isinstance(value, str)
+        if isinstance(self.allowed, Range):
+            number = numbers.Integral if self.kind is int else numbers.Real
+            right = isinstance(value, number) and not isinstance(value, bool)
+        return None if right and value in self.allowed else f"must be {self.allowed_text}"
+
+    def parsed(self, text: str) -> Any:
+        """Read a value from text, as it is given on a command line; text that is no such value is given back."""
+        if self.optional and text.lower() in ("none", "null"):
+            return None
+        if issubclass(self.kind, Enum):
+            return self.kind(text) if text in [member.value for member in self.kind] else text
+        try:
+            return cast(Any, self.kind)(text)
+        except ValueError:
+            return text
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """Base of a frozen dataclass of settings; see the module.
+
+    Raises
+    ------
+    SettingsError
+        With every unknown name and the nearest known one, and every value that is not allowed.
+    """
+
+    def __new__(cls, *args: object, **values: object) -> Self:
+        """Refuse unknown names, which dataclasses do without a hint."""
+        _raise(_unknown(cls, values))
+        return object.__new__(cls)
+
+    def __post_init__(self) -> None:
+        values = {name: getattr(self, name) for name in knobs(type(self))}
+        _raise(
+            Fault(name, value, message)
+            for name, value in values.items()
+            if (message := knobs(type(self))[name].fault(value)) is not None
+        )
+
+    @classmethod
+    def from_text(cls, assignments: Iterable[str], base: Self | None = None) -> Self:
+        """Read settings from texts such as ``path_span=2``.
+
+        Parameters
+        ----------
+        assignments : iterable of str
+            ``name=value`` each.
+        base : optional
+            What holds for the rest; default: the defaults.
+
+        Returns
+        -------
+        An instance of the class.
+
+        Raises
+        ------
+        SettingsError
+            With every text that is no assignment, every unknown name and every value that is not allowed.
+        """
+        values = parse_assignments(assignments, cls)
+        return replace(base if base is not None else cls(), **values)
+
+
+def parse_assignments(assignments: Iterable[str], *classes: type[Knobs]) -> dict[str, Any]:
+    """Read texts such as ``path_span=2`` as values of the settings of some classes.
+
+    Parameters
+    ----------
+    assignments : iterable of str
+        ``name=value`` each.
+    *classes : type
+        Whose settings may be named.
+
+    Returns
+    -------
+    dict of str to value
+        Not yet checked against the ranges.
+
+    Raises
+    ------
+    SettingsError
+        With every text that is no assignment, and every unknown name.
+    """
+    known = {name: knob for each in classes for name, knob in knobs(each).items() if knob.allowed is not None}
+    faults: list[Fault] = []
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        name, equals, text = (part.strip() for part in assignment.partition("="))
+        if not equals:
+            faults.append(Fault(assignment, errors.MISSING, "must be NAME=VALUE"))
+        elif name not in known:
+            faults.append(unknown_name(name, text, known))
+        else:
+            values[name] = known[name].parsed(text)
+    _raise(faults)
+    return values
+
+
+def knobs(settings: type[Knobs]) -> dict[str, Knob]:
+    """Give the settings of a class by name, in order."""
+    return _knobs(cast(Any, settings))  # mypy takes no class with fields for hashable
+
+
+@cache
+def _knobs(settings: type[Any]) -> dict[str, Knob]:
+    hints = get_type_hints(settings, include_extras=True)
+    effects = _effects(settings)
+    return {each.name: _knob(each, hints[each.name], effects.get(each.name, "")) for each in fields(settings)}
+
+
+def _knob(field: Field[Any], hint: Any, effect: str) -> Knob:
+    allowed = next((note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Range | Choice)), None)
+    kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    options = get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    kinds = [option for option in options if option is not types.NoneType]
+    made = field.default_factory
+    default = field.default if made is MISSING else made()
+    return Knob(field.name, kinds[0], types.NoneType in options, allowed, default, effect)
+
+
+def _effects(settings: type[Knobs]) -> dict[str, str]:
+    """Read the attributes' descriptions out of a docstring in numpydoc's form; none where docstrings are stripped."""
+    text = inspect.cleandoc(settings.__doc__ or "")
+    _, _, section = text.partition("Attributes\n----------\n")
+    entries = re.findall(r"^(\w+)(?: : .*)?\n((?:    .*\n?|\n(?=    ))+)", section, flags=re.MULTILINE)
+    return {name: " ".join(description.split()) for name, description in entries}
+
+
+def _unknown(settings: type[Knobs], values: Mapping[str, object]) -> list[Fault]:
+    known = knobs(settings)
+    return [unknown_name(name, value, known) for name, value in values.items() if name not in known]
+
+
+def unknown_name(name: str, value: object, known: Iterable[str]) -> Fault:
+    """Give the fault of a name that is no setting, with the nearest one that is."""
+    from scp_planner.errors import nearest
+
+    near = nearest(name, known)
+    hint = f"; did you mean {near!r}?" if near else ""
+    return Fault(name, value, f"there is no such setting{hint}")
+
+
+def _raise(faults: Iterable[Fault]) -> None:
+    found = list(faults)
+    if found:
+        raise SettingsError("settings", found)

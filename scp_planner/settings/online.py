@@ -1,0 +1,110 @@
+"""Settings and outcomes of planning while driving."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Annotated
+
+from scp_planner.settings.knobs import Choice, Knobs, Range
+
+GATE_PROBABILITY = 1e-7
+"""An observation that is less probable than this, by what was seen before, is taken for a fault of the sensor..."""
+
+
+@dataclass(frozen=True)
+class Newcomers(Knobs):
+    """What is taken for granted of obstacles that have only just been seen, until their motion shows.
+
+    Attributes
+    ----------
+    velocity_deviation : float
+        Standard deviation of each component of the velocity. Larger: wider zones at first.
+    acceleration_deviation : float
+        Standard deviation of each component of the acceleration. Larger: zones that grow faster at first.
+    noise_deviation : float
+        Of an observed coordinate, where it is to be estimated and there are too few observations for that.
+    """
+
+    velocity_deviation: Annotated[float, Range(1e-6, 1000.0, "m/s")] = 1.5
+    acceleration_deviation: Annotated[float, Range(1e-6, 1000.0, "m/s2")] = 0.5
+    noise_deviation: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.1
+
+
+class Safety(StrEnum):
+    """What must be certified before a plan is driven."""
+
+    STOP = "stop"
+    """The trip up to a moment at or after the next replan, and a stop from there."""
+    TRIP = "trip"
+    """The trip up to the goal."""
+
+
+def _safeties() -> tuple[str, ...]:
+    return tuple(each.value for each in Safety)
+
+
+@dataclass(frozen=True)
+class OnlineSettings(Knobs):
+    """Settings of :class:`scp_planner.Planner`.
+
+    Attributes
+    ----------
+    period : float
+        Longest time between two replans. A plan is safe until the next one, so longer: more caution.
+    tracking_error : float
+        Largest distance between the vehicle and where its plan has it. Zones are larger by this.
+    reaction_time : float
+        Time between a replan and the moment from which the vehicle follows it. At its top speed the vehicle drives
+        on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too.
+    safety : Safety
+        What must be certified before a plan is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
+    foresight : float or None
+        Time that zones are looked at as they are foreseen, see `scp_planner.online.obstacle_tracks`. None: the time to
+        react, to the next replan and to stop, and somewhat more, since a stop need not begin at once.
+    iterations : int
+        Steps of the loop in one replan, at most; one is enough where it ends clear of all zones, and half as many where
+        the vehicle is where the last plan has it. More: better plans sooner, and longer replans.
+    improve_every : int
+        Replans from one improvement of the plan to the next; half as many while it does not keep all limits yet. In
+        between it is kept while it holds, with a new stop. Larger: less work, and a plan that follows what is seen a
+        little later.
+    look_every : int
+        Replans from one look at other ways round to the next. Smaller: other ways are found sooner, and more work.
+    look_iterations : int
+        Steps of the loop from another way, at most. More: ways that need more work are found too.
+    look_steps : int
+        Steps of the loop from other ways in one replan, one less while there is a plan to drive: a look is spread over
+        several. More: other ways are found sooner, and longer replans.
+    first_runs : int
+        Ways that a first plan is started from, at most.
+    reserve : float
+        Wall time before the deadline that is kept for what is left to do when nothing better has been found.
+    newcomers : Newcomers
+        What is taken for granted of obstacles that have only just been seen.
+    gate_probability : float
+        An observation less probable than this is left out, see `scp_planner.online.obstacle_tracks`.
+    forget_after : float
+        An obstacle that has not been seen for so long has gone.
+    """
+
+    period: Annotated[float, Range(1e-3, 1000.0, "s")] = 0.1
+    tracking_error: Annotated[float, Range(0.0, 10.0, "m")] = 0.0
+    reaction_time: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
+    foresight: Annotated[float | None, Range(0.0, unit="s")] = None
+    iterations: Annotated[int, Range(1, 1000)] = 2
+    improve_every: Annotated[int, Range(1, 1000)] = 5
+    look_every: Annotated[int, Range(1, 1_000_000)] = 10
+    look_iterations: Annotated[int, Range(1, 1000)] = 16
+    look_steps: Annotated[int, Range(1, 1000)] = 4
+    first_runs: Annotated[int, Range(1, 1000)] = 4
+    reserve: Annotated[float, Range(0.0, 60.0, "s")] = 5e-3
+    newcomers: Newcomers = field(default_factory=Newcomers)
+    gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
+    forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
+
+    def margin(self, max_speed: float) -> float:
+        """What is added to zones, m: tracking error, and what the vehicle drives in its reaction time."""
+        return self.tracking_error + self.reaction_time * max_speed

@@ -1,0 +1,251 @@
+"""One cycle of a closed loop as it is written down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+
+from scp_planner.mathematics.outlines import Outline
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.simulation.sensors import Observation
+from scp_planner.threat_zones.zone import ThreatZone
+
+
+@dataclass(frozen=True)
+class OutlineRecord:
+    """A convex outline: the numbers of an `Outline`.
+
+    Attributes
+    ----------
+    vertices, matrix : nested tuples or None
+        Of a polygon, (V, 2) m, or of an ellipse, (3,) m2.
+    turning : bool
+    """
+
+    vertices: tuple[Any, ...] | None
+    matrix: tuple[float, ...] | None
+    turning: bool
+
+    @classmethod
+    def of(cls, outline: Outline) -> Self:
+        """Write down an outline."""
+        vertices, matrix = outline.vertices, outline.matrix
+        return cls(
+            None if vertices is None else _tuples(vertices.tolist()),
+            None if matrix is None else tuple(matrix.tolist()),
+            outline.turning,
+        )
+
+    def outline(self) -> Outline:
+        """The outline."""
+        vertices, matrix = (None if part is None else np.array(part) for part in (self.vertices, self.matrix))
+        return Outline(vertices, matrix, self.turning)
+
+
+@dataclass(frozen=True)
+class ZoneRecord:
+    """A zone as the planner saw it: the numbers of a `ThreatZone`.
+
+    Attributes
+    ----------
+    id : str
+    radius : float
+        m.
+    breakpoints : tuple of float
+        s.
+    center, covariance : nested tuples
+        Coefficients, (S, P, 2) and (S, P, 3); the covariance is None where the motion is known.
+    outlines : tuple of OutlineRecord
+        None for a disc.
+    """
+
+    id: str
+    radius: float
+    breakpoints: tuple[float, ...]
+    center: tuple[Any, ...]
+    covariance_breakpoints: tuple[float, ...] | None
+    covariance: tuple[Any, ...] | None
+    outlines: tuple[OutlineRecord, ...] = ()
+
+    @classmethod
+    def of(cls, zone: ThreatZone) -> Self:
+        """Write down a zone."""
+        spread = zone.covariances
+        return cls(
+            zone.id,
+            zone.radius,
+            tuple(zone.centers.breakpoints[0].tolist()),
+            _pieces(zone.centers),
+            None if spread is None else tuple(spread.breakpoints[0].tolist()),
+            None if spread is None else _pieces(spread),
+            tuple(OutlineRecord.of(outline) for outline in zone.outlines),
+        )
+
+    def zone(self) -> ThreatZone:
+        """The zone, to ask for its place and size."""
+        spread = None
+        if self.covariance is not None:
+            spread = PiecewisePolynomials(np.array([self.covariance_breakpoints]), np.array([self.covariance]))
+        centers = PiecewisePolynomials(np.array([self.breakpoints]), np.array([self.center]))
+        outlines = tuple(record.outline() for record in self.outlines)
+        return ThreatZone(self.id, self.radius, centers, spread, outlines)
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle: what was seen, what came of it, and how near it was.
+
+    Attributes
+    ----------
+    time : float
+        Of the replan, s.
+    position : (x, y)
+        Of the vehicle, m.
+    heading, speed : float
+        rad, m/s.
+    outcome, status : str
+        Of the plan.
+    certified, safe : bool
+        Whether its whole trip is certified; whether that or a stop from it is.
+    reason : str
+    arrival_time : float
+        By the plan, s.
+    iterations : int
+    observations : tuple of Observation
+        That came in since the last cycle.
+    zones : tuple of ZoneRecord
+        As they were when this was planned, with the planner's margin.
+    truth : tuple of (id, (x, y))
+        Where obstacles really were.
+    clearance : float
+        Least distance to a true obstacle up to the next cycle, m; inf without any.
+    wall_time : float
+        That the replan took, s; not part of the record: it is not the same in two runs.
+    """
+
+    time: float
+    position: tuple[float, float]
+    heading: float
+    speed: float
+    outcome: str
+    status: str
+    certified: bool
+    safe: bool
+    reason: str
+    arrival_time: float
+    iterations: int
+    observations: tuple[Observation, ...]
+    zones: tuple[ZoneRecord, ...]
+    truth: tuple[tuple[str, tuple[float, float]], ...]
+    clearance: float
+    wall_time: float = field(default=0.0, compare=False)
+
+
+def _record_to_dict(record: Cycle) -> dict[str, Any]:
+    return {
+        "time": record.time,
+        "position": list(record.position),
+        "heading": record.heading,
+        "speed": record.speed,
+        "outcome": record.outcome,
+        "status": record.status,
+        "certified": record.certified,
+        "safe": record.safe,
+        "reason": record.reason,
+        "arrival_time": record.arrival_time,
+        "iterations": record.iterations,
+        "observations": [
+            {
+                "obstacle": seen.obstacle,
+                "time": seen.time,
+                "arrival": seen.arrival,
+                "position": list(seen.position),
+                "deviation": seen.deviation,
+            }
+            for seen in record.observations
+        ],
+        "zones": [
+            {
+                "id": zone.id,
+                "radius": zone.radius,
+                "breakpoints": [_finite(b) for b in zone.breakpoints],
+                "center": zone.center,
+                "covariance_breakpoints": None
+                if zone.covariance_breakpoints is None
+                else [_finite(b) for b in zone.covariance_breakpoints],
+                "covariance": zone.covariance,
+                "outlines": [
+                    {"vertices": outline.vertices, "matrix": outline.matrix, "turning": outline.turning}
+                    for outline in zone.outlines
+                ],
+            }
+            for zone in record.zones
+        ],
+        "truth": {name: list(place) for name, place in record.truth},
+        "clearance": _finite(record.clearance),
+    }
+
+
+def _record_from_dict(data: dict[str, Any]) -> Cycle:
+    x, y = data["position"]
+    return Cycle(
+        time=data["time"],
+        position=(x, y),
+        heading=data["heading"],
+        speed=data["speed"],
+        outcome=data["outcome"],
+        status=data["status"],
+        certified=data["certified"],
+        safe=data["safe"],
+        reason=data["reason"],
+        arrival_time=data["arrival_time"],
+        iterations=data["iterations"],
+        observations=tuple(
+            Observation(
+                seen["obstacle"],
+                seen["time"],
+                seen["arrival"],
+                (seen["position"][0], seen["position"][1]),
+                seen["deviation"],
+            )
+            for seen in data["observations"]
+        ),
+        zones=tuple(
+            ZoneRecord(
+                zone["id"],
+                zone["radius"],
+                tuple(_infinite(b) for b in zone["breakpoints"]),
+                _tuples(zone["center"]),
+                None
+                if zone["covariance_breakpoints"] is None
+                else tuple(_infinite(b) for b in zone["covariance_breakpoints"]),
+                None if zone["covariance"] is None else _tuples(zone["covariance"]),
+                tuple(
+                    OutlineRecord(_tuples(outline["vertices"]), _tuples(outline["matrix"]), outline["turning"])
+                    for outline in zone.get("outlines", ())
+                ),
+            )
+            for zone in data["zones"]
+        ),
+        truth=tuple((name, (place[0], place[1])) for name, place in data["truth"].items()),
+        clearance=_infinite(data["clearance"]),
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _infinite(value: float | None) -> float:
+    return float("inf") if value is None else value
+
+
+def _pieces(polynomials: PiecewisePolynomials) -> tuple[Any, ...]:
+    """Coefficients of the first of them, (S, P, d)."""
+    return tuple(tuple(map(tuple, piece)) for piece in polynomials.coefficients[0].tolist())
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(each) for each in value) if isinstance(value, list) else value

@@ -1,0 +1,252 @@
+"""What happened in a closed loop: every cycle, the whole course of vehicle and obstacles, and the plans."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import write_text
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.planning.plan import Plan
+from scp_planner.scenario.models import Disc, Obstacle, Scenario, Shape
+from scp_planner.simulation.cycle import Cycle, _finite, _infinite, _record_from_dict, _record_to_dict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scp_planner.plotting.recording import Recording
+
+PLAN_SAMPLES = 21
+STRANGER = Disc(disc=0.3)
+"""What an obstacle that is not in the scenario looks like, if nothing else is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A closed loop from start to end. Two runs are equal if all that is recorded of them is.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        What was given.
+    seed : int
+    arrived : bool
+    contact : bool
+        Whether the vehicle touched an obstacle while it moved.
+    contact_standing : bool
+        Whether it was touched while it stood.
+    travel_time : float
+        s; up to the end of the run if it did not arrive.
+    least_clearance : float
+        Least distance of the vehicle's disc to the true obstacles while it moved, m; inf without any.
+    records : tuple of Cycle
+    time : (n,) array
+        Fine times, s.
+    position : (n, 2) array
+        Of the vehicle, m.
+    heading, speed : (n,) arrays
+        rad, m/s.
+    obstacles : dict of str to (n, 2) array
+        True centres, m; NaN where not there.
+    plans : tuple of Plan
+        One a cycle.
+    shapes : dict of str to Shape
+        Of obstacles that are not in the scenario.
+    """
+
+    scenario: Scenario
+    seed: int
+    arrived: bool
+    contact: bool
+    contact_standing: bool
+    travel_time: float
+    least_clearance: float
+    records: tuple[Cycle, ...]
+    time: Array
+    position: Array
+    heading: Array
+    speed: Array
+    obstacles: Mapping[str, Array]
+    plans: tuple[Plan, ...]
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """How often each outcome came about."""
+        counted = Counter(record.outcome for record in self.records)
+        return {str(outcome): counted[str(outcome)] for outcome in Outcome}
+
+    @property
+    def wall_times(self) -> Array:
+        """What each replan took, (n,) s."""
+        return np.array([record.wall_time for record in self.records])
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Run) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the contents of the run file."""
+        return {
+            "schema": 1,
+            "scenario": self.scenario.to_dict(),
+            "seed": self.seed,
+            "arrived": self.arrived,
+            "contact": self.contact,
+            "contact_standing": self.contact_standing,
+            "travel_time": self.travel_time,
+            "least_clearance": _finite(self.least_clearance),
+            "outcomes": self.outcomes,
+            "course": {
+                "time": self.time.tolist(),
+                "position": self.position.tolist(),
+                "heading": self.heading.tolist(),
+                "speed": self.speed.tolist(),
+                "obstacles": {
+                    name: [None if np.isnan(x) else [x, y] for x, y in center.tolist()]
+                    for name, center in self.obstacles.items()
+                },
+            },
+            "records": [_record_to_dict(record) for record in self.records],
+            "plans": [_plan_to_dict(plan) for plan in self.plans],
+            "shapes": {name: shape.model_dump(mode="json") for name, shape in self.shapes.items()},
+        }
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the run file, JSON, whole or not at all."""
+        write_text(path, json.dumps(self.to_dict(), allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Self:
+        """Read a run file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        PlanError
+            If it is not one.
+        """
+        name = str(path)
+        try:
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+            course = data["course"]
+            return cls(
+                scenario=Scenario.model_validate(data["scenario"]),
+                seed=data["seed"],
+                arrived=data["arrived"],
+                contact=data["contact"],
+                contact_standing=data["contact_standing"],
+                travel_time=data["travel_time"],
+                least_clearance=_infinite(data["least_clearance"]),
+                records=tuple(_record_from_dict(record) for record in data["records"]),
+                time=np.array(course["time"]),
+                position=np.array(course["position"]).reshape(-1, 2),
+                heading=np.array(course["heading"]),
+                speed=np.array(course["speed"]),
+                obstacles={
+                    key: np.array([[np.nan, np.nan] if place is None else place for place in center])
+                    for key, center in course["obstacles"].items()
+                },
+                plans=tuple(_plan_from_dict(plan, name) for plan in data["plans"]),
+                shapes={key: _shape_from_dict(shape) for key, shape in data["shapes"].items()},
+            )
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise PlanError(name, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+        except (KeyError, TypeError, IndexError) as error:
+            raise PlanError(name, [Fault("", MISSING, f"not a run file: {error!r}")]) from None
+
+    def table(self) -> dict[str, NDArray[Any]]:
+        """Give what vehicle and obstacles did, (n,) arrays with units in their names; `pandas.DataFrame` takes it."""
+        from scp_planner.export import run_table
+
+        return run_table(self)
+
+    def export(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the run for other programs: .csv, .npz, .mcap, or a bag's folder; options of `export_run`."""
+        from scp_planner.export import export_run
+
+        export_run(self, path, **options)
+
+    def plot(self, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
+        """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
+
+        Parameters
+        ----------
+        path : path, optional
+            Where to save the figure.
+        view : str
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import plot_run_view
+
+        return plot_run_view(self, path, view)
+
+    def draw(self, path: str | PathLike[str], view: str = "map") -> None:
+        """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
+
+        Parameters
+        ----------
+        path : path
+        view : str
+            Of a figure.
+
+        Raises
+        ------
+        ValueError
+            If the suffix or the view is another one.
+        """
+        from scp_planner.plotting import draw_run
+
+        draw_run(self, path, view)
+
+    def recording(self, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
+        """Sample the run, evenly and at times (n,) s, for pictures and the viewer."""
+        from scp_planner.plotting.run_recording import record_run
+
+        return record_run(self, frames_per_second, times)
+
+
+def _plan_to_dict(plan: Plan) -> dict[str, Any]:
+    data = plan.to_dict(PLAN_SAMPLES)
+    data["wall_time"] = 0.0  # not the same in two runs
+    if isinstance(plan, OnlinePlan):
+        data["outcome"] = str(plan.outcome)
+    return data
+
+
+def _plan_from_dict(data: dict[str, Any], name: str) -> Plan:
+    plan = Plan.from_dict(data, name)
+    if "outcome" not in data:
+        return plan
+    fields = {key: getattr(plan, key) for key in Plan.__dataclass_fields__}
+    return OnlinePlan(**fields, outcome=Outcome(data["outcome"]))
+
+
+def _shape_from_dict(data: dict[str, Any]) -> Shape:
+    return Obstacle.model_validate({"id": "any", "shape": data, "motion": {"position": [0.0, 0.0]}}).shape

@@ -1,0 +1,689 @@
+"""Many zones at once, in the planning frame: distances, contacts, and bounds on intervals of time.
+
+Zones of concave polygons are several convex parts of one id. Distances to outlines are exact only where a lower bound
+by the disc that covers them does not do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
+from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
+from scp_planner.mathematics.outlines import Outline, Outlines
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.threat_zones.bounds import (
+    DistanceBounds,
+    MovingPoint,
+    _broken,
+    _directed_range,
+    _magnitude_bound,
+    _ranges,
+    _root_bounds,
+    _second_bound,
+    _size_bound,
+    _taylor,
+)
+
+if TYPE_CHECKING:
+    from scp_planner.mathematics.frames import PlanningFrame
+    from scp_planner.threat_zones.zone import ThreatZone
+
+NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
+
+
+@dataclass(frozen=True)
+class ZoneContacts:
+    """Signed distances of points to chosen zones, and how they change.
+
+    Attributes
+    ----------
+    distance : (n,) array
+        m, negative inside.
+    normal : (n, 2) array
+        Unit normal nu of the supporting line, from the zone towards the point: the gradient of the distance.
+    rate : (n,) array
+        Time derivative of the distance at a fixed point, m/s: -(nu . centre velocity + growth of the support).
+    """
+
+    distance: Array
+    normal: Array
+    rate: Array
+
+    def take(self, index: slice) -> ZoneContacts:
+        """Return some of the contacts."""
+        return ZoneContacts(self.distance[index], self.normal[index], self.rate[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[ZoneContacts]) -> ZoneContacts:
+        """Return several sets of contacts as one."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.distance for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+            np.concatenate([part.rate for part in parts]),
+        )
+
+
+@dataclass(frozen=True)
+class KnownDiscs:
+    """Discs whose motion is one polynomial, as numbers.
+
+    Attributes
+    ----------
+    index : (k,) array of int
+        Which of all zones they are, increasing.
+    ids : list of str
+    radius : (k,) array
+        m.
+    coefficients : (k, 3, 2) array
+        Of the centres, m: ascending powers of absolute time in s.
+    """
+
+    index: Index
+    ids: list[str]
+    radius: Array
+    coefficients: Array
+
+    @property
+    def centers(self) -> PiecewisePolynomials:
+        """The motions."""
+        breakpoints = np.broadcast_to([0.0, np.inf], (len(self.index), 2))
+        return PiecewisePolynomials(breakpoints, self.coefficients[:, None])
+
+
+class ZoneBatch:
+    """All zones of a plan, in the planning frame, for evaluation at many times at once.
+
+    Parameters
+    ----------
+    zones : sequence of ThreatZone
+    frame : PlanningFrame
+        The planning frame (coordinates and clock).
+    inflation : float
+        Added to every radius, m: the vehicle's disc and the planner's own margin.
+    """
+
+    def __init__(self, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> None:
+        discs = getattr(zones, "discs", None)
+        others = range(len(zones)) if discs is None else zones.others  # type: ignore[attr-defined]
+        numbered = [(k, _Part.of(zones[k], some)) for k in others for some in (zones[k].outlines or (None,))]
+        parts = [part for _, part in numbered]
+        ids = [part.id for part in parts]
+        radius, centers = np.array([part.radius for part in parts]), [part.centers for part in parts]
+        place: Index = np.arange(len(parts))
+        if discs is not None and len(discs.index):
+            # Discs first, then all in the order of the zones
+            still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
+            order = np.argsort(still_to_sort, kind="stable")
+            place = np.empty(len(order), dtype=np.intp)
+            place[order] = np.arange(len(order))
+            place = place[len(discs.index) :]
+            ids = [*discs.ids, *ids]
+            ids = [ids[k] for k in order] if parts else ids
+            radius = np.concatenate([discs.radius, radius])[order]
+            self.centers = frame.points_batch([discs.centers, *centers])
+            if parts:
+                self.centers = self.centers.take(order)
+        else:
+            self.centers = frame.points_batch(centers)
+        self.ids = tuple(ids)
+        self.size = len(ids)
+        self.radius = radius + inflation
+        self.velocities = self.centers.derivative
+        uncertain = [k for k, part in zip(place, parts, strict=True) if part.covariances is not None]
+        self.uncertain: Index = np.array(uncertain, dtype=np.intp)
+        self.slot = _slots(self.uncertain, self.size)
+        self.covariances: PiecewisePolynomials | None = None
+        if uncertain:
+            self.covariances = frame.covariances_batch(
+                [part.covariances for part in parts if part.covariances is not None]
+            )
+        shaped = [k for k, part in zip(place, parts, strict=True) if part.outline is not None]
+        still = np.zeros(2)
+        self._shape(
+            np.array(shaped, dtype=np.intp),
+            [part.outline.moved(still, -frame.heading) for part in parts if part.outline is not None],
+        )
+
+    def _shape(self, shaped: Index, outlines: list[Outline]) -> None:
+        """Set the outlines of some of the zones; the others are discs."""
+        self.shaped = shaped
+        self.outline_slot = _slots(shaped, self.size)
+        self.outlines = Outlines(outlines) if outlines else None
+        self.extent = np.zeros(self.size)
+        self.turning = np.zeros(self.size, dtype=bool)
+        if self.outlines is not None:
+            self.extent[shaped] = self.outlines.reach
+            self.turning[shaped] = self.outlines.turning
+        self.any_turning = bool(self.turning.any())
+
+    def subset(self, index: Index) -> ZoneBatch:
+        """Return the batch of some of the zones."""
+        batch = object.__new__(ZoneBatch)
+        batch.ids = tuple(self.ids[i] for i in index)
+        batch.size = len(index)
+        batch.radius = self.radius[index]
+        batch.centers = self.centers.take(index)
+        batch.velocities = batch.centers.derivative
+        slots = self.slot[index]
+        batch.uncertain = np.flatnonzero(slots >= 0)
+        batch.slot = _slots(batch.uncertain, batch.size)
+        batch.covariances = None
+        if self.covariances is not None and len(batch.uncertain):
+            batch.covariances = self.covariances.take(slots[batch.uncertain])
+        slots = self.outline_slot[index]
+        outlines = [] if self.outlines is None else [self.outlines.outlines[k] for k in slots[slots >= 0]]
+        batch._shape(np.flatnonzero(slots >= 0), outlines)
+        return batch
+
+    @cached_property
+    def standing(self) -> Index:
+        """Zones that neither move nor grow."""
+        still = ~np.any(self.velocities.coefficients, axis=(1, 2, 3))
+        if self.covariances is not None:
+            still[self.uncertain] &= ~np.any(self.covariances.derivative.coefficients, axis=(1, 2, 3))
+        return np.flatnonzero(still)
+
+    @cached_property
+    def moving(self) -> Index:
+        """The other zones."""
+        return np.setdiff1d(np.arange(self.size), self.standing)
+
+    def rounded(self) -> ZoneBatch:
+        """Return the batch with rounded coefficients and vertices, in m, m/s and so on, to ``DECIMALS`` and finer.
+
+        A scene that has been moved or turned differs in its last bits; so it does not, and is planned to the same trip.
+        """
+        batch = copy(self)
+        batch.centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
+        batch.velocities = batch.centers.derivative
+        if self.covariances is not None:
+            batch.covariances = self.covariances.rounded(DECIMALS + 3, DECIMALS + 3)
+        if self.outlines is not None:
+            batch._shape(self.shaped, [outline.rounded(DECIMALS + 2) for outline in self.outlines.outlines])
+        return batch
+
+    def inflated(self, extra: Array) -> ZoneBatch:
+        """Return the batch with every zone larger by ``extra``, (L,) m."""
+        batch = copy(self)
+        batch.radius = self.radius + extra
+        return batch
+
+    def distances(self, times: Array, points: Array, exact_below: float = np.inf) -> Array:
+        """Signed distances of one moving point to all zones.
+
+        Parameters
+        ----------
+        times : (n,) array
+            Seconds on the planning clock.
+        points : (n, 2) array
+            Planning frame, m.
+        exact_below : float
+            Distances above this may be replaced by lower bounds that are still above it, or below their true value, m.
+
+        Returns
+        -------
+        (n, L) array
+            m, negative inside.
+        """
+        centers = self.centers.grid(times)
+        dx = points[:, 0, None] - centers[:, :, 0]
+        dy = points[:, 1, None] - centers[:, :, 1]
+        squared = dx * dx
+        squared += dy * dy
+        distance = np.sqrt(squared)
+        if self.covariances is not None:
+            columns = self.uncertain if len(self.uncertain) < self.size else _ALL
+            covariance = self.covariances.grid(times)
+            # The support in the direction of the centre gives a lower bound; exact only where that is close.
+            x, y = dx[:, columns], dy[:, columns]
+            quadratic = covariance[..., 0] * x * x
+            quadratic += (2.0 * covariance[..., 1]) * x * y
+            quadratic += covariance[..., 2] * y * y
+            quadratic /= np.maximum(squared[:, columns], 1e-300)
+            bound = distance[:, columns] - np.sqrt(np.maximum(quadratic, 0.0, out=quadratic))
+            near = bound < exact_below + self.radius[columns]
+            if self.outlines is not None:
+                near[:, self.outline_slot[columns] >= 0] = False
+            row, column = np.nonzero(near)
+            if len(row):
+                offset = np.stack([x[row, column], y[row, column]], axis=1)
+                bound[row, column] = ellipse_contact(offset, covariance[row, column]).distance
+            distance[:, columns] = bound
+        distance -= self.radius
+        if self.outlines is not None:
+            distance[:, self.shaped] -= self.extent[self.shaped]
+            row, column = np.nonzero(distance[:, self.shaped] < exact_below)
+            if len(row):
+                index = self.shaped[column]
+                offset = np.stack([dx[row, index], dy[row, index]], axis=1)
+                exact = self._outline_contacts(index, times[row], offset).distance
+                distance[row, index] = exact - self.radius[index]
+        return distance
+
+    def reach(self, times: Array) -> Array:
+        """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
+        radius = np.broadcast_to(self.radius + self.extent, (len(times), self.size))
+        if self.covariances is None:
+            return radius
+        covariance = self.covariances.grid(times)
+        mean = 0.5 * (covariance[..., 0] + covariance[..., 2])
+        spread = np.hypot(0.5 * (covariance[..., 0] - covariance[..., 2]), covariance[..., 1])
+        radius = radius.copy()
+        radius[:, self.uncertain] += np.sqrt(np.maximum(mean + spread, 0.0))
+        return radius
+
+    def _uncertain_among(self, index: Index) -> Index | slice:
+        """Where some zones, (n,), are uncertain: a slice of all if all zones are."""
+        return _ALL if len(self.uncertain) == self.size else np.flatnonzero(self.slot[index] >= 0)
+
+    def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
+        """Exact contacts of points with chosen zones.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+            Which zone.
+        times : (n,) array
+            Planning clock, s.
+        points : (n, 2) array
+            Planning frame, m.
+
+        Returns
+        -------
+        ZoneContacts
+        """
+        center, velocity = self.centers.at_with_rate(index, times)
+        offset = points - center
+        rows = self._uncertain_among(index)
+        if self.covariances is None or rows is not _ALL:
+            distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+            normal = offset / np.maximum(distance, 1e-12)[:, None]
+            growth = np.zeros_like(distance)
+        else:
+            distance, normal, growth = np.empty(len(offset)), np.empty_like(offset), np.empty(len(offset))
+        if self.covariances is not None:
+            covariance, change = self.covariances.at_with_rate(self.slot[index[rows]], times[rows])
+            exact = ellipse_contact(offset[rows], covariance)
+            normal[rows], distance[rows] = exact.normal, exact.distance
+            growth[rows] = _support_rate(covariance, change, exact.normal)
+        rate = -(normal[:, 0] * velocity[:, 0] + normal[:, 1] * velocity[:, 1]) - growth
+        if self.outlines is not None:
+            with_outline = np.flatnonzero(self.outline_slot[index] >= 0)
+            if len(with_outline):
+                those, when, away = index[with_outline], times[with_outline], offset[with_outline]
+                shaped = self._outline_contacts(those, when, away)
+                normal[with_outline], distance[with_outline] = shaped.normal, shaped.distance
+                rate[with_outline] = self._outline_rate(those, when, away, shaped.normal)
+        return ZoneContacts(distance - self.radius[index], normal, rate)
+
+    def _outline_contacts(self, index: Index, times: Array, offset: Array) -> Contact:
+        """Contacts with outlines and their uncertainty, without the radius."""
+        assert self.outlines is not None
+        slot, turning = self.outline_slot[index], self.turning[index]
+        headings = np.zeros((0, 2))
+        if turning.any():
+            headings = np.where(turning[:, None], directions_of(self.velocities.at(index, times)), [1.0, 0.0])
+            offset = turned_back(offset, headings)
+        distance, normal = np.empty(len(index)), np.empty((len(index), 2))
+        blurred = self.slot[index] >= 0
+        for rows in (np.flatnonzero(blurred), np.flatnonzero(~blurred)):
+            if len(rows) == 0:
+                continue
+            covariance = None
+            if self.covariances is not None and blurred[rows[0]]:
+                covariance = self.covariances.at(self.slot[index[rows]], times[rows])
+                if len(headings):
+                    covariance = covariance_turned_back(covariance, headings[rows])
+            contact = self.outlines.contacts(slot[rows], offset[rows], covariance)
+            distance[rows], normal[rows] = contact.distance, contact.normal
+        if len(headings):
+            normal = turned_back(normal, headings * [1.0, -1.0])
+        return Contact(distance, normal)
+
+    def _outline_rate(self, index: Index, times: Array, offset: Array, normal: Array) -> Array:
+        """Time derivative of the distance at fixed points: the contact moves with the centre, grows, and turns."""
+        velocity = self.velocities.at(index, times)
+        rate = -np.einsum("ij,ij->i", normal, velocity)
+        lever = offset
+        blurred = np.flatnonzero(self.slot[index] >= 0)
+        if self.covariances is not None and len(blurred):
+            slot, nu = self.slot[index[blurred]], normal[blurred]
+            covariance = self.covariances.at(slot, times[blurred])
+            rate[blurred] -= _support_rate(covariance, self.covariances.derivative.at(slot, times[blurred]), nu)
+            # The uncertainty does not turn with the shape.
+            lever = offset.copy()
+            lever[blurred] -= _support_point(covariance, nu)
+        rows = np.flatnonzero(self.turning[index])
+        if len(rows):
+            acceleration = self.velocities.derivative.at(index[rows], times[rows])
+            spin = _cross(velocity[rows], acceleration) / np.maximum((velocity[rows] ** 2).sum(axis=1), 1e-300)
+            rate[rows] += spin * _cross(normal[rows], lever[rows])
+        return rate
+
+    def approach_bound(self, first: float, last: float, half: Array, speed: Array) -> Array:
+        """Bound of how much nearer zones come to a moving point within half an interval, crudely.
+
+        The centre moves by |centre'| h at most. With |C(t) - C(m)| <= |C'| h the support sqrt(nu' C nu) grows by
+        sqrt(|C'| h) at most, since sqrt(a + b) <= sqrt(a) + sqrt(b).
+
+        Parameters
+        ----------
+        first, last : float
+            Span of time of which all intervals are parts, s.
+        half : (n,) array
+            Half widths of the intervals, s.
+        speed : (n,) array
+            Bound of the point's speed on them, m/s.
+
+        Returns
+        -------
+        (n, L) array
+            m; inf for zones of which no bound is known so cheaply.
+        """
+        every = np.arange(self.size)
+        middle = np.full(self.size, 0.5 * (first + last))
+        radius = np.full(self.size, 0.5 * (last - first))
+        moved = _magnitude_bound(self.velocities, every, middle, radius)
+        moved[self.turning | _broken(self.centers, first, last)] = np.inf
+        bound = half[:, None] * (moved + speed[:, None])
+        if self.covariances is not None:
+            slots, count = self.uncertain, len(self.uncertain)
+            growth = np.zeros(count)
+            for order, term in enumerate(_taylor(self.covariances.derivative, np.arange(count), middle[:count])):
+                spread = np.maximum(np.abs(term[:, 0]), np.abs(term[:, 2])) + np.abs(term[:, 1])
+                growth += spread * radius[0] ** order
+            growth[_broken(self.covariances, first, last)] = np.inf
+            bound[:, slots] += np.sqrt(half[:, None] * growth)
+        return bound
+
+    def crude_bounds(self, moving: MovingPoint) -> Array:
+        """Lower bounds of the distance of a moving point to all zones on whole intervals of time.
+
+        With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
+        distance is at least nu . (r - c) - sqrt(nu' C nu) less the radius; there nu . (r - c) is bounded by Taylor's
+        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline.
+
+        Parameters
+        ----------
+        moving : MovingPoint
+            On intervals without a breakpoint of a zone.
+
+        Returns
+        -------
+        (n, L) array
+            m.
+        """
+        times, half = moving.time, moving.half[:, None]
+        first, last = float((times - moving.half).min()), float((times + moving.half).max())
+        centers, rates = self.centers.grid_with_rate(times)
+        dx = moving.position[:, 0, None] - centers[:, :, 0]
+        dy = moving.position[:, 1, None] - centers[:, :, 1]
+        squared = dx * dx
+        squared += dy * dy
+        everywhere, nearest = squared, float(squared.min(initial=np.inf))
+        distance = np.sqrt(squared)
+        slope = dx * (moving.velocity[:, 0, None] - rates[:, :, 0])
+        slope += dy * (moving.velocity[:, 1, None] - rates[:, :, 1])
+        np.abs(slope, out=slope)
+        slope /= np.maximum(distance, 1e-150)
+        bend = self.velocities.derivative.size_bounds(times, first, last) + moving.acceleration[:, None]
+        bend *= 0.5 * half
+        bend += slope
+        bend *= half
+        bound = distance - bend
+        bound -= self.radius + self.extent
+        if self.covariances is not None:
+            if len(self.uncertain) < self.size:
+                dx, dy, squared = dx[:, self.uncertain], dy[:, self.uncertain], squared[:, self.uncertain]
+            covariance, change = self.covariances.grid_with_rate(times)
+            xx, xy, yy = dx * dx, 2.0 * dx * dy, dy * dy
+            grown = np.abs(change[:, :, 0] * xx + change[:, :, 1] * xy + change[:, :, 2] * yy)
+            grown *= half
+            grown += covariance[:, :, 0] * xx + covariance[:, :, 1] * xy + covariance[:, :, 2] * yy
+            grown /= np.maximum(squared, 1e-300)
+            grown += self.covariances.derivative.derivative.size_bounds(times, first, last) * (0.5 * half * half)
+            np.sqrt(np.maximum(grown, 0.0, out=grown), out=grown)
+            bound[:, self.uncertain] -= grown
+        if not nearest > NO_DIRECTION:
+            bound[~(everywhere > NO_DIRECTION)] = -np.inf
+        return bound
+
+    def bounds(self, index: Index, interval: Index, moving: MovingPoint) -> DistanceBounds:
+        """Distances of a moving point to chosen zones in the middles of intervals, and lower bounds on all of them.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+            Which zone.
+        interval : (n,) array of int
+            Which interval.
+        moving : MovingPoint
+            On intervals without a breakpoint of a zone.
+
+        Returns
+        -------
+        DistanceBounds
+        """
+        times, half = moving.time[interval], moving.half[interval]
+        position, velocity = moving.position[interval], moving.velocity[interval]
+        own = moving.acceleration[interval]
+        if self.outlines is None:
+            return self._ellipse_bounds(index, times, half, position, velocity, own)
+        contacts = self.contacts(index, times, position)
+        slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+        bend = self.bend_bound(index, times, half, contacts.normal, position, velocity, own)
+        return DistanceBounds(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
+
+    def _ellipse_bounds(
+        self, index: Index, times: Array, half: Array, position: Array, velocity: Array, acceleration: Array
+    ) -> DistanceBounds:
+        """The same for discs and ellipses."""
+        center = self.centers.taylor(index, times)
+        offset, relative = position - center[:, 0], velocity - center[:, 1] if center.shape[1] > 1 else velocity
+        bend = acceleration + _second_bound(np.sqrt(np.einsum("ikd,ikd->ik", center, center)), half)
+        distance = np.sqrt(np.einsum("id,id->i", offset, offset))
+        normal = offset / np.maximum(distance, 1e-12)[:, None]
+        growth = np.zeros_like(distance)
+        if self.covariances is not None:
+            rows = self._uncertain_among(index)
+            covariance = self.covariances.taylor(self.slot[index[rows]], times[rows])
+            contact = ellipse_contact(offset[rows], covariance[:, 0])
+            distance[rows], normal[rows] = contact.distance, contact.normal
+            x, y = contact.normal[:, 0], contact.normal[:, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            terms = np.matmul(covariance, weights[:, :, None])[:, :, 0]
+            rate, bent = _root_bounds(terms, half[rows])
+            growth[rows] = rate
+            bend[rows] += bent
+        slope = np.abs(np.einsum("id,id->i", normal, relative) - growth)
+        distance -= self.radius[index]
+        return DistanceBounds(distance, distance - (slope + 0.5 * bend * half) * half)
+
+    def acceleration_bound(self, index: Index, times: Array, half: Array) -> Array:
+        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+
+        Returns
+        -------
+        (n,) array
+            m/s^2.
+        """
+        return _magnitude_bound(self.velocities.derivative, index, times, half)
+
+    def bend_bound(
+        self,
+        index: Index,
+        times: Array,
+        half: Array,
+        normal: Array,
+        points: Array,
+        velocity: Array,
+        acceleration: Array,
+    ) -> Array:
+        """Bound of the second time derivative of nu . (r - centre) - h(nu) on intervals, nu turning with the zone.
+
+        For a zone that turns by the angle phi, with d = r - centre seen from the zone,
+        |d''| <= |r'' - centre''| + 2 |phi'| |r' - centre'| + (phi'^2 + |phi''|) |r - centre|.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+        normal : (n, 2) array
+            nu at the middles.
+        points, velocity : (n, 2) arrays
+            r and r' at the middles, m and m/s.
+        acceleration : (n,) array
+            Bound of |r''| on the intervals, m/s^2.
+
+        Returns
+        -------
+        (n,) array
+            m/s^2.
+        """
+        bound = acceleration + self.acceleration_bound(index, times, half)
+        growth = self.growth_bend_bound(index, times, half, normal)
+        rows = np.flatnonzero(self.turning[index]) if self.any_turning else _NONE
+        if len(rows) == 0:
+            return bound + growth
+        zone, t, h, relative = index[rows], times[rows], half[rows], bound[rows]
+        spin, spin_rate = self._spin_bounds(zone, t, h)
+        speed = np.hypot(*(velocity[rows] - self.velocities.at(zone, t)).T) + relative * h
+        gap = np.hypot(*(points[rows] - self.centers.at(zone, t)).T) + speed * h
+        bound[rows] += 2.0 * spin * speed + (spin * spin + spin_rate) * gap
+        blurred = np.flatnonzero(self.slot[zone] >= 0)
+        if self.covariances is not None and len(blurred):
+            growth[rows[blurred]] = self._turning_growth_bend_bound(
+                self.slot[zone[blurred]],
+                t[blurred],
+                h[blurred],
+                normal[rows[blurred]],
+                spin[blurred],
+                spin_rate[blurred],
+            )
+        return bound + growth
+
+    def _spin_bounds(self, index: Index, times: Array, half: Array) -> tuple[Array, Array]:
+        """Bounds of |phi'| in 1/s and |phi''| in 1/s^2 on intervals, phi the direction of the centre's velocity."""
+        v, a, j = (
+            _ranges(part, index, times, half)
+            for part in (self.velocities, self.velocities.derivative, self.velocities.derivative.derivative)
+        )
+        least = v[0].squared().lower + v[1].squared().lower
+        turn = (v[0] * a[1] - v[1] * a[0]).magnitude()
+        change = (v[0] * j[1] - v[1] * j[0]).magnitude()
+        gain = (v[0] * a[0] + v[1] * a[1]).magnitude()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spin = np.where(least > 0.0, turn / least, np.inf)
+            spin_rate = np.where(least > 0.0, change / least + 2.0 * turn * gain / least**2, np.inf)
+        return spin, spin_rate
+
+    def _turning_growth_bend_bound(
+        self, slot: Index, times: Array, half: Array, normal: Array, spin: Array, spin_rate: Array
+    ) -> Array:
+        """As :meth:`growth_bend_bound`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
+
+        |s'| <= |C'| + 2 |phi'| |C| and |s''| <= |C''| + 4 |phi'| |C'| + (4 phi'^2 + 2 |phi''|) |C|.
+        """
+        assert self.covariances is not None
+        rate = self.covariances.derivative
+        size, speed, bend = (_size_bound(part, slot, times, half) for part in (self.covariances, rate, rate.derivative))
+        value = support(self.covariances.at(slot, times), normal) ** 2
+        least = value - (speed + 2.0 * spin * size) * half
+        second = bend + 4.0 * spin * speed + (4.0 * spin * spin + 2.0 * spin_rate) * size
+        with np.errstate(invalid="ignore"):
+            return np.where(least > 0.0, second / (2.0 * np.sqrt(np.maximum(least, 1e-300))), np.inf)
+
+    def growth_bend_bound(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
+        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
+
+        With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.
+        """
+        bound = np.zeros(len(index))
+        if self.covariances is None:
+            return bound
+        rows = np.flatnonzero(self.slot[index] >= 0)
+        if len(rows):
+            slot, x, y = self.slot[index[rows]], normal[rows, 0], normal[rows, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            rate = self.covariances.derivative
+            value = _directed_range(self.covariances, slot, times[rows], half[rows], weights)
+            second = _directed_range(rate.derivative, slot, times[rows], half[rows], weights)
+            bound[rows] = np.where(
+                value.lower > 0.0,
+                np.maximum(second.upper, 0.0) / (2.0 * np.sqrt(np.maximum(value.lower, 1e-300))),
+                np.where(second.upper > 0.0, np.inf, 0.0),
+            )
+        return bound
+
+
+class _Part(NamedTuple):
+    """One convex part of a zone, in world coordinates, about a centre of its own."""
+
+    id: str
+    radius: float
+    centers: PiecewisePolynomials
+    covariances: PiecewisePolynomials | None
+    outline: Outline | None
+
+    @classmethod
+    def of(cls, zone: ThreatZone, outline: Outline | None) -> _Part:
+        """Return a part; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
+        if outline is None:
+            return cls(zone.id, zone.radius, zone.centers, zone.covariances, None)
+        if outline.matrix is not None and not outline.turning and zone.covariances is None:
+            constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
+            return cls(zone.id, zone.radius, zone.centers, constant, None)
+        coefficients = zone.centers.coefficients.copy()
+        coefficients[:, :, 0] += outline.middle
+        centers = PiecewisePolynomials(zone.centers.breakpoints, coefficients)
+        return cls(zone.id, zone.radius, centers, zone.covariances, outline.moved(-outline.middle))
+
+
+def _slots(index: Index, size: int) -> Index:
+    """Place of each of ``size`` items in a list of some of them; -1 where it is not there."""
+    slot = np.full(size, -1, dtype=np.intp)
+    slot[index] = np.arange(len(index))
+    return slot
+
+
+def _support_point(covariance: Array, normal: Array) -> Array:
+    """The point C nu / sqrt(nu' C nu) of an ellipse at which a supporting line touches it."""
+    xx, xy, yy = covariance.T
+    x, y = normal.T
+    return (
+        np.stack([xx * x + xy * y, xy * x + yy * y], axis=1) / np.maximum(support(covariance, normal), 1e-300)[:, None]
+    )
+
+
+def _cross(first: Array, second: Array) -> Array:
+    product: Array = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    return product
+
+
+_NONE: Index = np.zeros(0, dtype=np.intp)
+_ALL = slice(None)
+
+
+def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
+    """Time derivative of sqrt(nu' C nu) at a fixed nu."""
+    x, y = normal[:, 0], normal[:, 1]
+    quadratic_rate = covariance_rate[:, 0] * x * x + 2.0 * covariance_rate[:, 1] * x * y + covariance_rate[:, 2] * y * y
+    return quadratic_rate / np.maximum(2.0 * support(covariance, normal), 1e-300)

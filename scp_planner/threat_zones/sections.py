@@ -1,0 +1,82 @@
+"""Where straight lines across a guide cut convex zones: what the search for ways round calls blocked.
+
+On the line g + f n a zone with support function h about its centre c blocks the offsets f with
+nu . (g + f n - c) <= h(nu) for every nu. Finitely many nu, the normals of the outline's edges and a fan, give an
+interval that contains the blocked one: for polygons the same but for round corners, which are cut less closely.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.ellipse import support
+from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
+from scp_planner.mathematics.intervals import Interval
+from scp_planner.threat_zones.batch import ZoneBatch
+
+FAN = 16  # directions, none of them along the guide
+
+
+def sections(zones: ZoneBatch, index: Index, times: Array, origins: Array, tangents: Array) -> Interval:
+    """Return the offsets that zones block on lines across a guide; empty ones have lower > upper.
+
+    Parameters
+    ----------
+    zones : ZoneBatch
+    index : (n,) array of int
+        Which zone.
+    times : (n,) array
+        Planning clock, s.
+    origins, tangents : (n, 2) arrays
+        Points of the guide, m, and its unit tangents there; the lines run to the left of them.
+
+    Returns
+    -------
+    Interval
+        m.
+    """
+    center = turned_back(zones.centers.at(index, times) - origins, tangents)
+    lower, upper = np.full(len(index), -np.inf), np.full(len(index), np.inf)
+    order = np.argsort(index, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(index[order])) + 1):
+        if len(rows):
+            cut = _one_zone(zones, int(index[rows[0]]), times[rows], center[rows], tangents[rows])
+            lower[rows], upper[rows] = cut.lower, cut.upper
+    return Interval(lower, upper)
+
+
+def _one_zone(zones: ZoneBatch, zone: int, times: Array, center: Array, tangents: Array) -> Interval:
+    """The same for one zone, its centres (n, 2) given along and across the guide."""
+    angle = 2.0 * np.pi * (np.arange(FAN) + 0.5) / FAN
+    fan = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    here = np.full(len(times), zone)
+    # Headings of the outline, seen from the guide
+    heading = turned_back(np.broadcast_to([1.0, 0.0], tangents.shape), tangents)
+    if zones.turning[zone]:
+        heading = turned_back(directions_of(zones.velocities.at(here, times)), tangents)
+    slot = zones.outline_slot[zone]
+    if slot < 0 or zones.outlines is None:
+        directions = np.broadcast_to(fan, (len(times), FAN, 2))
+        reach = np.full(directions.shape[:2], zones.radius[zone])
+    else:
+        outline = zones.outlines.outlines[slot]
+        back = heading * [1.0, -1.0]
+        directions = np.broadcast_to(fan, (len(times), FAN, 2))
+        if outline.vertices is not None:
+            edges = turned_back(np.broadcast_to(outline.normals, (len(times), *outline.normals.shape)), back[:, None])
+            directions = np.concatenate([directions, edges], axis=1)
+        reach = zones.radius[zone] + outline.support(turned_back(directions, heading[:, None]))
+    if zones.slot[zone] >= 0 and zones.covariances is not None:
+        covariance = zones.covariances.at(np.full(len(times), zones.slot[zone]), times)
+        reach = reach + support(covariance_turned_back(covariance, tangents)[:, None], directions)
+    # nu_n f <= nu . c + h with c = (along, across); the line is at 0 along
+    room = reach + (directions * center[:, None]).sum(axis=2)
+    across = directions[:, :, 1]
+    level = np.abs(across) < 1e-9
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = room / across
+    upper = np.where(~level & (across > 0.0), bound, np.inf).min(axis=1)
+    lower = np.where(~level & (across < 0.0), bound, -np.inf).max(axis=1)
+    missed = (level & (room < 0.0)).any(axis=1)
+    return Interval(np.where(missed, np.inf, lower), np.where(missed, -np.inf, upper))

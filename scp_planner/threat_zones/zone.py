@@ -1,0 +1,120 @@
+"""The zone of one obstacle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.ellipse import ellipse_contact, support
+from scp_planner.mathematics.frames import PlanningFrame, directions_of, turned_back
+from scp_planner.mathematics.outlines import Outline
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.threat_zones.batch import ZoneBatch
+
+
+@dataclass(frozen=True)
+class ThreatZone:
+    """The zone of one obstacle, in world coordinates and absolute time.
+
+    Attributes
+    ----------
+    id : str
+        The obstacle's id.
+    radius : float
+        Radius of the obstacle's disc plus its extra margin, m.
+    centers : PiecewisePolynomials
+        Estimated centre, m, of absolute time in s.
+    covariances : PiecewisePolynomials or None
+        (xx, xy, yy) of the scaled covariance C(t), m^2; None where the motion is known.
+    outlines : tuple of Outline
+        Convex pieces of the shape about the centre, in world directions unless they turn; none for a disc.
+    """
+
+    id: str
+    radius: float
+    centers: PiecewisePolynomials
+    covariances: PiecewisePolynomials | None = None
+    outlines: tuple[Outline, ...] = ()
+
+    def center(self, t: float | Array) -> Array:
+        """Estimated centre at times ``t`` (...), s; returns (..., 2) m."""
+        return self._at(self.centers, t)
+
+    def covariance(self, t: float | Array) -> Array:
+        """Scaled covariance C(t), (..., 2, 2) m^2: the uncertainty ellipse is {z : z' C^-1 z <= 1}."""
+        packed = self._covariance(t)
+        return packed[..., [0, 1, 1, 2]].reshape(*packed.shape[:-1], 2, 2)
+
+    def support(self, t: float | Array, directions: Array) -> Array:
+        """Support function of uncertainty and shape around the centre, without the vehicle.
+
+        Parameters
+        ----------
+        t : float or (...) array
+            Absolute time in s.
+        directions : (..., 2) array
+            Vectors in world coordinates, without a unit; need not be of length 1.
+
+        Returns
+        -------
+        (...) array
+            max over z in the zone of directions . (z - center), m.
+        """
+        directions = np.asarray(directions, dtype=float)
+        value = support(self._covariance(t), directions) + self.radius * np.hypot(
+            directions[..., 0], directions[..., 1]
+        )
+        if not self.outlines:
+            return value
+        if self.outlines[0].turning:
+            directions = turned_back(directions, directions_of(self._at(self.centers.derivative, t)))
+        supports: Array = value + np.max([outline.support(directions) for outline in self.outlines], axis=0)
+        return supports
+
+    def signed_distance(self, t: float | Array, points: Array) -> Array:
+        """Signed distance of points to the zone (uncertainty + shape, without the vehicle).
+
+        Parameters
+        ----------
+        t : float or (...) array
+            Absolute time in s.
+        points : (..., 2) array
+            World coordinates in m.
+
+        Returns
+        -------
+        (...) array
+            m, negative inside; there, of a concave polygon, to the border of its deepest convex piece.
+        """
+        points = np.asarray(points, dtype=float)
+        if self.outlines:
+            return self._outline_distance(t, points)
+        offset = points - self.center(t)
+        if self.covariances is None:
+            return np.hypot(offset[..., 0], offset[..., 1]) - self.radius
+        covariance = np.broadcast_to(self._covariance(t), (*offset.shape[:-1], 3))
+        contact = ellipse_contact(offset.reshape(-1, 2), covariance.reshape(-1, 3))
+        return contact.distance.reshape(offset.shape[:-1]) - self.radius
+
+    def _outline_distance(self, t: float | Array, points: Array) -> Array:
+        times = np.broadcast_to(np.asarray(t, dtype=float), points.shape[:-1])
+        if times.size == 0:
+            return np.zeros(points.shape[:-1])
+        near = points.reshape(-1, 2)[0]
+        frame = PlanningFrame((float(near[0]), float(near[1])), 0.0, float(times.min()))
+        batch = ZoneBatch((self,), frame, 0.0)
+        distances = batch.distances(times.ravel() - frame.time, frame.to_frame(points.reshape(-1, 2)))
+        return distances.min(axis=1).reshape(points.shape[:-1])
+
+    def _covariance(self, t: float | Array) -> Array:
+        if self.covariances is None:
+            return np.zeros((*np.shape(t), 3))
+        return self._at(self.covariances, t)
+
+    @staticmethod
+    def _at(polynomials: PiecewisePolynomials, t: float | Array) -> Array:
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        values = polynomials.grid(times.ravel())[:, 0]
+        return values.reshape(*np.shape(t), values.shape[-1])

@@ -1,0 +1,359 @@
+"""Guides: the curves that a path is a normal offset of.
+
+A guide g(s), s in [0, length], is parametrised by its own arc length, so g' = T is a unit tangent,
+n = T turned by +90 degrees the normal, T' = k n and n' = -k T with k the signed curvature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.intervals import Interval
+
+CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline
+QUADRATURE_ORDER = 6
+SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
+ARC_STEP = 0.15  # rad, between the points of an arc
+IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
+LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
+WINDOW = 1.5  # radii: width of the moving average
+SAMPLES_PER_WINDOW = 60
+
+# Power coefficients of the quintic from value, first and second derivative at 0 and at 1
+_HERMITE = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.5, 0.0, 0.0, 0.0],
+        [-10.0, -6.0, -1.5, 10.0, -4.0, 0.5],
+        [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
+        [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class GuideFrame:
+    """The moving frame of a guide at n stations.
+
+    Attributes
+    ----------
+    position, tangent, normal : (n, 2) arrays
+        Point in m; unit tangent; unit normal, to the left of the tangent.
+    curvature : (n,) array
+        Signed curvature k, 1/m, positive to the left.
+    curvature_rate : (n,) array
+        dk/ds, 1/m^2.
+    """
+
+    position: Array
+    tangent: Array
+    normal: Array
+    curvature: Array
+    curvature_rate: Array
+
+
+class Guide(Protocol):
+    """What the trajectory needs to know of a guide."""
+
+    @property
+    def length(self) -> float:
+        """Arc length in m."""
+        ...
+
+    @property
+    def straight(self) -> bool:
+        """Whether the curvature is zero everywhere."""
+        ...
+
+    def frame(self, stations: Array) -> GuideFrame:
+        """Return the moving frame at arc lengths ``stations``, (n,) m."""
+        ...
+
+    def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:
+        """Enclose the curvature and its first two derivatives on [station - width, station + width]."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        ...
+
+
+@dataclass(frozen=True)
+class StraightGuide:
+    """The x axis of the planning frame, from the start at 0 to the goal.
+
+    Attributes
+    ----------
+    length : float
+        m.
+    """
+
+    length: float
+
+    straight = True
+
+    def frame(self, stations: Array) -> GuideFrame:
+        """Return the moving frame at arc lengths ``stations``, (n,) m."""
+        zeros = np.zeros_like(stations)
+        ones = np.ones_like(stations)
+        return GuideFrame(
+            np.stack([stations, zeros], axis=-1),
+            np.stack([ones, zeros], axis=-1),
+            np.stack([zeros, ones], axis=-1),
+            zeros,
+            zeros,
+        )
+
+    def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:
+        """Enclose the curvature and its first two derivatives on intervals of the station: all zero."""
+        zero = Interval(np.zeros_like(stations), np.zeros_like(stations))
+        return zero, zero, zero
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        return {"kind": "straight", "length": self.length}
+
+
+class CurvedGuide:
+    """A curve given by its heading, a cubic spline of its arc length: |g'| = 1, and the curvature is smooth.
+
+    The position is the integral of (cos phi, sin phi), tabulated, and in between the quintic that fits position,
+    tangent and curvature at both ends of a cell: it strays by less than 1e-9 m.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    headings : (n,) array
+        phi in rad at n >= 4 equidistant arc lengths from 0 to ``length``, in the planning frame.
+    """
+
+    straight = False
+
+    def __init__(self, length: float, headings: Array) -> None:
+        from scipy.interpolate import CubicSpline
+
+        self.length = float(length)
+        self.headings = np.asarray(headings, dtype=float)
+        pieces = len(self.headings) - 1
+        self._width = self.length / pieces
+        spline = CubicSpline(np.arange(pieces + 1) * self._width, self.headings)
+        self._heading: Array = np.ascontiguousarray(spline.c[::-1].T)
+        factors = np.array([1.0, 2.0, 3.0])
+        self._curvature: Array = self._heading[:, 1:] * factors
+        self._rate = self._curvature[:, 1:] * factors[:2]
+        self._second = self._rate[:, 1]
+        self._cell = self._width / CELLS_PER_PIECE
+        self._cells = self._fit_cells()
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces of the heading's spline."""
+        return len(self.headings) - 1
+
+    def _fit_cells(self) -> Array:
+        """Coefficients of the quintics, (cells, 6, 2), in powers of the share of the cell."""
+        count = len(self._heading) * CELLS_PER_PIECE
+        edges: Array = self._cell * np.arange(count + 1, dtype=np.float64)
+        rule = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
+        nodes, weights = (np.asarray(values, dtype=np.float64) for values in rule)
+        inner: Array = (edges[:-1, None] + 0.5 * self._cell * (nodes + 1.0)).ravel()
+        phi = self._local(self._heading, inner).reshape(count, -1)
+        steps = 0.5 * self._cell * np.stack([np.cos(phi) @ weights, np.sin(phi) @ weights], axis=1)
+        place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+        phi, bend = self._local(self._heading, edges), self._local(self._curvature, edges)
+        first = self._cell * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+        second = (self._cell**2 * bend)[:, None] * np.stack([-np.sin(phi), np.cos(phi)], axis=1)
+        ends = np.stack([place[:-1], first[:-1], second[:-1], place[1:], first[1:], second[1:]], axis=1)
+        return np.einsum("pq,mqk->mpk", _HERMITE, ends)
+
+    def _local(self, coefficients: Array, stations: Array) -> Array:
+        """Values of a piecewise polynomial over the pieces of the heading."""
+        piece, x = self._locate(stations)
+        local = coefficients[piece]
+        value: Array = local[:, -1].copy()
+        for power in range(local.shape[1] - 2, -1, -1):
+            value *= x
+            value += local[:, power]
+        return value
+
+    def _locate(self, stations: Array) -> tuple[NDArray[np.intp], Array]:
+        piece = np.clip((stations / self._width).astype(np.intp), 0, len(self._heading) - 1)
+        return piece, stations - piece * self._width
+
+    def frame(self, stations: Array) -> GuideFrame:
+        """Return the moving frame at arc lengths ``stations``, (n,) m."""
+        stations = np.asarray(stations, dtype=float)
+        piece, x = self._locate(stations)
+        a, b, c, d = self._heading[piece].T
+        phi = a + x * (b + x * (c + x * d))
+        tangent = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+        normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        curvature, rate = b + x * (2.0 * c + 3.0 * d * x), 2.0 * c + 6.0 * d * x
+        cell = np.clip((stations / self._cell).astype(np.intp), 0, len(self._cells) - 1)
+        share = (stations / self._cell - cell)[:, None]
+        local = self._cells[cell]
+        position = local[:, 5].copy()
+        for power in range(4, -1, -1):
+            position *= share
+            position += local[:, power]
+        return GuideFrame(position, tangent, normal, curvature, rate)
+
+    def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:
+        """Enclose the curvature and its first two derivatives on [station - width, station + width]."""
+        piece, x = self._locate(stations)
+        _, b, c, d = self._heading[piece].T
+        first, last = self._locate(stations - width)[0], self._locate(stations + width)[0]
+        low: Array = self._second[first]
+        high: Array = self._second[first]
+        for further in range(1, int((last - first).max(initial=0)) + 1):
+            value = self._second[np.minimum(first + further, last)]
+            low, high = np.minimum(low, value), np.maximum(high, value)
+        second = Interval(low, high)
+        rate = Interval.around(2.0 * c + 6.0 * d * x, second.magnitude() * width)
+        bend = Interval.around(b + x * (2.0 * c + 3.0 * d * x), rate.magnitude() * width)
+        return bend, rate, second
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what :func:`guide_from_dict` needs to make the same guide."""
+        return {"kind": "curved", "length": self.length, "headings": self.headings.tolist()}
+
+
+def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
+    """Return a guide along a polyline, its corners rounded.
+
+    Sharp corners are cut by arcs of the radius, as far as their legs have room. Then the curve is averaged over a
+    moving window of arc length, which leaves straight parts where they are. At last it is turned and scaled by the
+    tiny amount that brings its end onto the polyline's.
+
+    Parameters
+    ----------
+    points : (n, 2) array
+        In the planning frame, from the start at the origin to the goal, m.
+    radius : float
+        Wanted radius of rounded corners, m.
+    piece : float
+        Length of a piece of the heading's spline, m. Where paths over the guide are integrated, no knot may lie inside
+        a cell.
+    multiple : int
+        The number of pieces is a multiple of this, and at least four times as much.
+
+    Returns
+    -------
+    Guide
+    """
+    corners, least = _rounded(np.asarray(points, dtype=float), radius)
+    legs = np.diff(corners, axis=0)
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    directions = legs / lengths[:, None]
+    turns = np.abs(directions[1:, 0] * directions[:-1, 1] - directions[1:, 1] * directions[:-1, 0])
+    if np.all(turns < IN_LINE):
+        return StraightGuide(float(np.hypot(*(corners[-1] - corners[0]))))
+    places = np.cumsum(lengths)[:-1]
+    total = float(lengths.sum())
+    half = 0.5 * min(WINDOW * least, 0.5 * total)
+    # The average of the polyline over the window has this derivative; beyond its ends the polyline goes straight on.
+    u = np.linspace(0.0, total, max(400, int(SAMPLES_PER_WINDOW * total / half)) + 1)
+    share = np.clip((u[:, None] - places) / half, -1.0, 1.0)
+    weights = 0.5 + 35.0 / 32.0 * (share - share**3 + 0.6 * share**5 - share**7 / 7.0)
+    derivative = directions[0] + weights @ np.diff(directions, axis=0)
+    phi = np.unwrap(np.arctan2(derivative[:, 1], derivative[:, 0]))
+    speed = np.hypot(derivative[:, 0], derivative[:, 1])
+    driven = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(u))])
+    pieces = multiple * max(4, round(driven[-1] / (multiple * piece)))
+    headings = np.interp(np.linspace(0.0, driven[-1], pieces + 1), driven, phi)
+    return _ending_at(corners[-1] - corners[0], driven[-1], headings)
+
+
+def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:
+    """Return a guide along a curve that is known by its headings.
+
+    Parameters
+    ----------
+    headings : (n,) array
+        In the planning frame at equidistant arc lengths from the start to the goal, rad; without jumps by full turns.
+    length : float
+        m.
+    goal : (2,) array
+        Where the guide is to end, m.
+
+    Returns
+    -------
+    CurvedGuide
+    """
+    return _ending_at(goal, length, headings)
+
+
+def _ending_at(goal: Array, length: float, headings: Array) -> CurvedGuide:
+    """Return the guide with these headings, turned and scaled so that it ends at a point."""
+    end = CurvedGuide(length, headings).frame(np.array([length])).position[0]
+    turn = np.arctan2(goal[1], goal[0]) - np.arctan2(end[1], end[0])
+    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    return CurvedGuide(length * float(np.hypot(*goal) / np.hypot(*end)), headings + turn)
+
+
+def _rounded(points: Array, radius: float) -> tuple[Array, float]:
+    """The polyline with arcs, of many short legs, in place of its sharp corners; and the least radius of them."""
+    corners, least = [points[:1]], radius
+    legs = np.diff(points, axis=0)
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    for k in range(1, len(points) - 1):
+        before, after = legs[k - 1] / lengths[k - 1], legs[k] / lengths[k]
+        turn = float(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after))
+        if abs(turn) < SHARP:
+            corners.append(points[k : k + 1])
+            continue
+        # An inner leg is shared by its two corners.
+        room = min(lengths[k - 1] * (1.0 if k == 1 else 0.5), lengths[k] * (1.0 if k == len(points) - 2 else 0.5))
+        half = min(0.5 * abs(turn), 0.499 * np.pi)
+        tangent = min(radius * np.tan(half), 0.999 * room)
+        bend = tangent / np.tan(half)
+        least = min(least, max(bend, LEAST_BEND * radius))
+        left = np.sign(turn) * np.array([-before[1], before[0]])
+        center = points[k] - tangent * before + bend * left
+        angles = np.linspace(0.0, turn, int(np.ceil(abs(turn) / ARC_STEP)) + 1)
+        c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+        spoke = -bend * left
+        corners.append(center + c * spoke + s * np.array([-spoke[1], spoke[0]]))
+    polyline = np.concatenate([*corners, points[-1:]])
+    apart = np.hypot(*np.diff(polyline, axis=0).T) > 1e-9 * max(1.0, float(lengths.sum()))
+    return polyline[np.concatenate([[True], apart])], float(least)
+
+
+def guide_from_dict(data: dict[str, Any]) -> Guide:
+    """Return the guide of a plan file.
+
+    Parameters
+    ----------
+    data : dict
+        What the plan file has under ``path.guide``.
+
+    Returns
+    -------
+    Guide
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If the dictionary does not describe a guide.
+    """
+    kind = data["kind"]
+    if kind == "straight":
+        length = float(data["length"])
+        if not (0.0 < length < float("inf")):
+            raise ValueError(f"length {length!r} is not a positive number")
+        return StraightGuide(length)
+    if kind == "curved":
+        length, headings = float(data["length"]), np.asarray(data["headings"], dtype=float)
+        if not (0.0 < length < float("inf")):
+            raise ValueError(f"length {length!r} is not a positive number")
+        if headings.ndim != 1 or len(headings) < 4 or not np.all(np.isfinite(headings)):
+            raise ValueError("headings are not at least 4 finite numbers")
+        return CurvedGuide(length, headings)
+    raise ValueError(f"kind {kind!r} is none of straight, curved")

@@ -1,0 +1,418 @@
+"""A path: offsets from a guide, by arc length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from math import factorial, perm
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.intervals import Interval
+from scp_planner.mathematics.polynomials import expanded
+from scp_planner.mathematics.splines import evaluate
+from scp_planner.trips.guide import GuideFrame
+from scp_planner.trips.space import QUADRATURE_ORDER
+
+if TYPE_CHECKING:
+    from scp_planner.trips.trajectory import TripSpace
+
+NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
+
+
+@dataclass(frozen=True)
+class PathPoints:
+    """A path at n stations.
+
+    Attributes
+    ----------
+    span, local : (n,) arrays
+        Where the stations lie in the offset's basis.
+    station, offset, slope : (n,) arrays
+        s in m; f(s) in m; f'(s).
+    stretch : (n,) array
+        p = 1 - k f, the tangential part of r'.
+    position, direction, normal : (n, 2) arrays
+        r in m; r' (not normalised); the guide's normal.
+    speed : (n,) array
+        |r'|.
+    """
+
+    span: Index
+    local: Array
+    station: Array
+    offset: Array
+    slope: Array
+    stretch: Array
+    position: Array
+    direction: Array
+    normal: Array
+    speed: Array
+
+    def take(self, index: Index | slice) -> PathPoints:
+        """Return some of the points."""
+        return PathPoints(
+            self.span[index],
+            self.local[index],
+            self.station[index],
+            self.offset[index],
+            self.slope[index],
+            self.stretch[index],
+            self.position[index],
+            self.direction[index],
+            self.normal[index] if len(self.normal) == len(self.station) else self.normal,
+            self.speed[index],
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[PathPoints]) -> PathPoints:
+        """Return several sets of points as one."""
+        if len(parts) == 1:
+            return parts[0]
+        shared = any(len(part.normal) != len(part.station) for part in parts)
+        normal = _UP if shared else np.concatenate([part.normal for part in parts])
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _POINT_FIELDS}
+        return cls(**joined, normal=normal)
+
+
+_POINT_FIELDS = tuple(field.name for field in fields(PathPoints) if field.name != "normal")
+
+
+@dataclass(frozen=True)
+class PathBend:
+    """Curvature of a path at n stations and how it depends on the offset.
+
+    ``d curvature = value d f + slope d f' + bend d f''`` at a fixed station.
+
+    Attributes
+    ----------
+    curvature : (n,) array
+        1/m, positive to the left.
+    value, slope, bend : (n,) arrays
+        Partial derivatives with respect to f, f' and f''; (1,) where it is 0 everywhere.
+    """
+
+    curvature: Array
+    value: Array
+    slope: Array
+    bend: Array
+
+    def take(self, index: Index | slice | int) -> PathBend:
+        """Return some of the points."""
+        value = self.value[index] if len(self.value) == len(self.curvature) else self.value
+        return PathBend(self.curvature[index], value, self.slope[index], self.bend[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[PathBend]) -> PathBend:
+        """Return several sets of points as one."""
+        if len(parts) == 1:
+            return parts[0]
+        shared = any(len(part.value) != len(part.curvature) for part in parts)
+        return cls(
+            np.concatenate([part.curvature for part in parts]),
+            _ZERO if shared else np.concatenate([part.value for part in parts]),
+            np.concatenate([part.slope for part in parts]),
+            np.concatenate([part.bend for part in parts]),
+        )
+
+
+@dataclass(frozen=True)
+class BendEnclosure:
+    """Ranges on intervals of the station: |r'|, and d curvature / ds in 1/m^2."""
+
+    speed: Interval
+    curvature_rate: Interval
+
+
+class Path:
+    """One path of a :class:`TripSpace`: where, without when.
+
+    Parameters
+    ----------
+    space : TripSpace
+    theta : (K1,) array
+        Control points of the offset, m.
+    """
+
+    def __init__(self, space: TripSpace, theta: Array) -> None:
+        self.space = space
+        self.theta = np.asarray(theta, dtype=float)
+        tables = space.tables
+        self._slope = tables.node_slopes @ self.theta
+        self._slope *= 1.0 / space.length
+        if space.frame is None:
+            self.node_stretch = None
+            speed = np.sqrt(1.0 + self._slope * self._slope)
+        else:
+            self.node_stretch = 1.0 - space.frame.curvature * (tables.node_rows @ self.theta)
+            speed = np.sqrt(self.node_stretch**2 + self._slope**2)
+        self.node_speed = speed
+        cell = space.length / tables.cells
+        self.cells = (speed.reshape(tables.cells, QUADRATURE_ORDER) * cell) @ tables.antiderivative.T
+        self.until = np.zeros(tables.cells + 1)
+        np.cumsum(self.cells.sum(axis=1), out=self.until[1:])
+        self.arc_length = float(self.until[-1])
+
+    def arc_length_at(self, parameters: Array) -> Array:
+        """Arc length S up to normalised stations s / length, (n,), in m."""
+        scaled = np.clip(np.asarray(parameters, dtype=float), 0.0, 1.0) * self.space.tables.cells
+        cell = np.minimum(scaled.astype(np.intp), self.space.tables.cells - 1)
+        x = scaled - cell
+        return self.until[cell] + x * evaluate(self.cells, cell, x)
+
+    def parameter_at(self, distance: Array) -> Array:
+        """Normalised station s / length where the arc length equals ``distance``, (n,) m; clamped at the ends."""
+        distance = np.minimum(np.maximum(distance, 0.0), self.arc_length)
+        cell = self.until[1:-1].searchsorted(distance, "right")
+        x = inverted(self.cells.T[:, cell], distance - self.until[cell])
+        return (cell + x) / self.space.tables.cells
+
+    def arc_length_gradient(self, parameters: Array) -> Array:
+        """Derivative of the arc length up to normalised stations with respect to theta, (n, K1)."""
+        cell, weights = self.space.tables.located(parameters)
+        until, nodes = self.gradients
+        return until[cell] + np.matmul(weights[:, None, :], nodes[cell])[:, 0, :]
+
+    @cached_property
+    def final_gradient(self) -> Array:
+        """Derivative of the arc length with respect to theta, (K1,)."""
+        gradient: Array = self.gradients[0][-1]
+        return gradient
+
+    @cached_property
+    def gradients(self) -> tuple[Array, Array]:
+        """D S / d theta at the ends of cells, and d |r'| / d theta at the nodes of each cell, times its width."""
+        space, tables = self.space, self.space.tables
+        rate = (self._slope / (self.node_speed * tables.cells))[:, None] * tables.node_slopes
+        if space.frame is not None and self.node_stretch is not None:
+            factor = -self.node_stretch * space.frame.curvature / self.node_speed * (space.length / tables.cells)
+            rate += factor[:, None] * tables.node_rows
+        nodes = rate.reshape(tables.cells, QUADRATURE_ORDER, -1)
+        return tables.running_sum @ np.matmul(tables.weights, nodes), nodes
+
+    @cached_property
+    def offset_coefficients(self) -> Array:
+        """Local power coefficients of the offset, (spans, P) m."""
+        return self.space.path.combine(self.theta)
+
+    @cached_property
+    def bend_coefficients(self) -> Array:
+        """Local power coefficients of the offset's second derivative, (spans, P - 2) 1/m."""
+        return self.space.path.derivative.derivative.combine(self.theta) / self.space.length**2
+
+    @cached_property
+    def third_coefficients(self) -> Array:
+        """Local power coefficients of the offset's third derivative, (spans, P - 3) 1/m^2."""
+        return self.space.path.derivative.derivative.derivative.combine(self.theta) / self.space.length**3
+
+    def points(self, parameters: Array) -> PathPoints:
+        """Return the path at normalised stations, (n,)."""
+        span, x = self.space.path.locate(parameters)
+        return points_from(self.space, parameters, span, x, self.offset_coefficients.T[:, span])
+
+    def bend(self, points: PathPoints) -> PathBend:
+        """Return the curvature at points of the path, with its derivatives."""
+        return bend_from(self.space, points, evaluate(self.bend_coefficients, points.span, points.local))
+
+    def curvature_rate(self, points: PathPoints) -> Array:
+        """Rate of the curvature along the station at points of the path, (n,) 1/m^2; to the right at breakpoints."""
+        return curvature_rate_from(
+            self.space,
+            points,
+            evaluate(self.bend_coefficients, points.span, points.local),
+            evaluate(self.third_coefficients, points.span, points.local),
+        )
+
+    @cached_property
+    def station_bend(self) -> PathBend:
+        """Curvature at the fixed stations, with its derivatives."""
+        return self.space.station_bend(self.theta)
+
+    @cached_property
+    def station_positions(self) -> Array:
+        """Positions at the fixed stations, (M, 2) m."""
+        tables, frame = self.space.tables, self.space.station_frame
+        offset = tables.station_rows @ self.theta
+        if frame is None:
+            return np.stack([tables.station_parameters * self.space.length, offset], axis=1)
+        return frame.position + offset[:, None] * frame.normal
+
+    @property
+    def station_arc_lengths(self) -> Array:
+        """Arc length up to the fixed stations, m."""
+        return self.until
+
+    @property
+    def station_gradients(self) -> Array:
+        """Derivative of the arc length up to the fixed stations with respect to theta, (M, K1)."""
+        return self.gradients[0]
+
+    def bend_enclosure(self, points: PathPoints, width: Array) -> BendEnclosure:
+        """Enclose |r'| and the rate of the curvature on intervals of the station around points of the path.
+
+        Parameters
+        ----------
+        points : PathPoints
+            Middles of the intervals.
+        width : (n,) array
+            Half widths in m of station; no interval may cross a breakpoint of the offset.
+
+        Returns
+        -------
+        BendEnclosure
+        """
+        f, q, bend, third = self._offset_ranges(points, width)
+        if self.space.frame is None:
+            squared = q.squared()
+            speed = Interval(np.sqrt(1.0 + squared.lower), np.sqrt(1.0 + squared.upper))
+            steepness = bend.squared().times_positive(speed.power(-5.0))
+            bulge = q.times_positive(steepness).scaled(3.0)
+            return BendEnclosure(speed, third.times_positive(speed.power(-3.0)) - bulge)
+        one = Interval(np.ones_like(width), np.ones_like(width))
+        k, rate, second = self.space.guide.curvature_ranges(points.station, width)
+        p = one - k * f
+        p_rate = -(rate * f) - k * q
+        along = -(rate * f) - (k * q).scaled(2.0)
+        across = bend + k * p
+        along_rate = -(second * f) - (rate * q).scaled(3.0) - (k * bend).scaled(2.0)
+        across_rate = third + rate * p + k * p_rate
+        squared = p.squared() + q.squared()
+        squared = Interval(np.maximum(squared.lower, 1e-12), np.maximum(squared.upper, 1e-12))
+        numerator = p * across - q * along
+        numerator_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
+        speed = Interval(np.sqrt(squared.lower), np.sqrt(squared.upper))
+        curvature_rate = numerator_rate * speed.power(-3.0) - (
+            numerator * speed.power(-5.0) * (p * p_rate + q * bend)
+        ).scaled(3.0)
+        return BendEnclosure(speed, curvature_rate)
+
+    def _offset_ranges(self, points: PathPoints, width: Array) -> list[Interval]:
+        """Ranges of the offset and its first three derivatives on intervals of the station, by Taylor's polynomial."""
+        spans = self.space.path.widths[points.span] * self.space.length
+        terms = expanded(self.offset_coefficients[points.span][:, :, None], points.local)[:, :, 0]
+        order = terms.shape[1]
+        sizes, local = np.abs(terms), width / spans
+        ranges, scale = [], np.ones_like(spans)
+        for derivative in range(4):
+            if derivative >= order:
+                ranges.append(Interval(np.zeros_like(width), np.zeros_like(width)))
+                continue
+            # d^j/dx^j sum_k c_k x^k = sum_k k! / (k - j)! c_k x^(k - j)
+            radius = np.zeros_like(width)
+            for power in range(order - 1, derivative, -1):
+                radius += sizes[:, power] * perm(power, derivative)
+                radius *= local
+            middle = terms[:, derivative] * factorial(derivative)
+            ranges.append(Interval((middle - radius) * scale, (middle + radius) * scale))
+            scale = scale / spans
+        return ranges
+
+
+def inverted(local: Array, target: Array) -> Array:
+    """Parameters x in [0, 1] at which the arc lengths sum_k local[k] x^(k + 1), (order, n), reach targets, (n,)."""
+    # From the inverse of the parabola: the speed |r'| hardly bends within a cell.
+    x = target / local.sum(axis=0)
+    x += (local[1] / local[0]) * x * (1.0 - x)
+    for _ in range(NEWTON_STEPS):
+        value = local[-1] * x
+        slope = value + local[-2]
+        value += local[-2]
+        slope += value
+        slope -= local[-2]
+        for power in range(QUADRATURE_ORDER - 3, -1, -1):
+            value *= x
+            value += local[power]
+            slope *= x
+            slope += value
+        # value is the polynomial over x, and slope the derivative of value * x
+        value *= x
+        value -= target
+        value /= slope
+        x -= value
+    return x
+
+
+def points_from(space: TripSpace, parameters: Array, span: Index, x: Array, local: Array) -> PathPoints:
+    """The path at normalised stations, given the local power coefficients of the offset there, (P, n)."""
+    station = parameters * space.length
+    offset = local[-1] * x
+    slope = local[-1].copy()
+    offset += local[-2]
+    for power in range(len(local) - 3, -1, -1):
+        slope *= x
+        slope += offset
+        offset *= x
+        offset += local[power]
+    slope *= len(space.path.widths) / space.length
+    if space.frame is None:
+        # Straight guides lie along the x axis of the planning frame, see problem.py.
+        stretch = np.ones_like(station)
+        position = np.empty((len(station), 2))
+        position[:, 0] = station
+        position[:, 1] = offset
+        direction = np.empty_like(position)
+        direction[:, 0] = 1.0
+        direction[:, 1] = slope
+        normal = _UP
+        speed = np.sqrt(1.0 + slope * slope)
+    else:
+        frame = space.guide.frame(station)
+        stretch = 1.0 - frame.curvature * offset
+        position = frame.position + offset[:, None] * frame.normal
+        direction = stretch[:, None] * frame.tangent + slope[:, None] * frame.normal
+        normal = frame.normal
+        speed = np.sqrt(stretch**2 + slope**2)
+    return PathPoints(span, x, station, offset, slope, stretch, position, direction, normal, speed)
+
+
+def bend_from(space: TripSpace, points: PathPoints, bend: Array) -> PathBend:
+    """Return the curvature at points of a path, with its derivatives, given that of the offset's slope, (n,) 1/m."""
+    frame = None if space.frame is None else space.guide.frame(points.station)
+    return _curvature(frame, points.offset, points.slope, bend, points.speed)
+
+
+def curvature_rate_from(space: TripSpace, points: PathPoints, bend: Array, third: Array) -> Array:
+    """Return the rate of the curvature along the station, (n,) 1/m^2, given two derivatives of the slope."""
+    q, squared = points.slope, points.speed * points.speed
+    if space.frame is None:
+        return (third - 3.0 * q * bend * bend / squared) / (squared * points.speed)
+    guide = space.guide
+    frame = guide.frame(points.station)
+    k, rate, f = frame.curvature, frame.curvature_rate, points.offset
+    second = guide.curvature_ranges(points.station, np.zeros_like(points.station))[2].lower
+    p = points.stretch
+    p_rate = -rate * f - k * q
+    along, across = -rate * f - 2.0 * k * q, bend + k * p
+    along_rate = -second * f - 3.0 * rate * q - 2.0 * k * bend
+    across_rate = third + rate * p + k * p_rate
+    turn = p * across - q * along
+    turn_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
+    return (turn_rate - 3.0 * turn * (p * p_rate + q * bend) / squared) / (squared * points.speed)
+
+
+def _curvature(frame: GuideFrame | None, offset: Array, slope: Array, bend: Array, speed: Array) -> PathBend:
+    """Curvature of g + f n from f, f', f'' and |r'|, with its derivatives."""
+    squared = speed * speed
+    cubed = squared * speed
+    if frame is None:
+        inverse = 1.0 / cubed
+        curvature = bend * inverse
+        return PathBend(curvature, _ZERO, -3.0 * curvature * slope / squared, inverse)
+    k, rate = frame.curvature, frame.curvature_rate
+    p = 1.0 - k * offset
+    tangential = -(rate * offset + 2.0 * k * slope)
+    normal = bend + k * p
+    curvature = (p * normal - slope * tangential) / cubed
+    return PathBend(
+        curvature,
+        (-k * normal - k * k * p + rate * slope) / cubed + 3.0 * curvature * k * p / squared,
+        (-tangential + 2.0 * k * slope) / cubed - 3.0 * curvature * slope / squared,
+        p / cubed,
+    )
+
+
+_ZERO = np.zeros(1)
+_UP = np.array([[0.0, 1.0]])

@@ -1,0 +1,41 @@
+"""A trip in world coordinates and absolute time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scp_planner.arrays import Array
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.trips.trajectory import Trajectory, TripPoints
+
+
+def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[Array]:
+    """Centres of the discs of a vehicle, (n, 2) m each, at positions (n, 2) m and headings (n,) rad."""
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    return [position + offset * ahead if offset else position for offset in offsets]
+
+
+@dataclass(frozen=True)
+class Trip:
+    """A trip in world coordinates and absolute time.
+
+    Attributes
+    ----------
+    frame : PlanningFrame
+    trajectory : Trajectory
+        In the planning frame.
+    """
+
+    frame: PlanningFrame
+    trajectory: Trajectory
+
+    def at(self, t: ArrayLike) -> tuple[TripPoints, tuple[int, ...]]:
+        """Return the trip at absolute times, clamped to the trip, and the shape of ``t``."""
+        times = np.asarray(t, dtype=float)
+        tau = self.trajectory.travel_time
+        sigma = np.clip((times.ravel() - self.frame.time) / tau, 0.0, 1.0)
+        return self.trajectory.at(self.trajectory.space.time_table(sigma)), times.shape

@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scp_planner.errors import EstimationError
+from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.least_squares import MotionPrior
+from scp_planner.estimation.motion_estimate import PolynomialEstimate
+from scp_planner.estimation.recursive import ObservationWindow, RecursiveEstimator
+
+SIGMA = np.array([[0.02, 0.005], [0.005, 0.01]])
+CLOCK = 1e9
+PRIOR = MotionPrior((1.0, 1.0), 0.5, (0.0, 0.0), 0.1)
+
+
+def recording(count: int, obstacles: int = 3, order: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) on a clock of 1e9 s, and positions (n, K, 2) on a map."""
+    rng = np.random.default_rng([count, order])
+    times = np.arange(count) / 8.0 + np.arange(count) % 3 / 64.0
+    rows = times[:, None] ** np.arange(order + 1)
+    truth = np.einsum("nj,kja->nka", rows, rng.normal(size=(obstacles, order + 1, 2)))
+    return CLOCK + times, truth + 0.1 * rng.normal(size=truth.shape) + np.array([5e5, 4e6])
+
+
+def covariances(count: int, obstacles: int = 3) -> np.ndarray:
+    rng = np.random.default_rng(count)
+    return SIGMA * rng.uniform(0.5, 2.0, (count, obstacles, 1, 1)) + np.diag([0.01, 0.0])
+
+
+def assert_same(one: PolynomialEstimate, other: PolynomialEstimate) -> None:
+    """The same to 1e-10 of the distances and of the covariances, up to 4 s ahead."""
+    times = other.reference_time + np.array([-0.5, 0.0, 1.0, 4.0])
+    moved = np.abs(other.position(times) - other.position(times[0])).max() + 0.1
+    assert one.position(times) - other.position(times) == pytest.approx(np.zeros((4, 2)), abs=1e-10 * moved + 1e-9)
+    size = np.abs(other.covariance(times)).max(axis=(1, 2), keepdims=True)
+    assert one.covariance(times) / size == pytest.approx(other.covariance(times) / size, abs=1e-10)
+    assert one.noise_covariance == pytest.approx(other.noise_covariance, rel=1e-10)
+    assert one.velocity == pytest.approx(other.velocity, rel=1e-9, abs=1e-9)
+    assert one.observations == other.observations
+    assert one.reference_time == other.reference_time
+    assert type(one.errors) is type(other.errors)
+    if other.degrees_of_freedom is not None:
+        assert one.degrees_of_freedom == pytest.approx(other.degrees_of_freedom, rel=1e-9)
+    assert one.regressors == other.regressors
+
+
+@pytest.mark.parametrize("prior", [None, PRIOR])
+@pytest.mark.parametrize("forgetting", [1.0, 0.9])
+@pytest.mark.parametrize("noise", ["known", "estimated", "varying"])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_recursive_is_batch(order: int, noise: str, forgetting: float, prior: MotionPrior | None) -> None:
+    for count in (order + 4, 150):
+        times, positions = recording(count, order=order)
+        each = covariances(count)
+        estimator = RecursiveEstimator(
+            3, order, SIGMA if noise == "known" else None, varying=noise == "varying", forgetting=forgetting
+        )
+        for i in range(count):
+            estimator.update(times[i], positions[i], each[i] if noise == "varying" else None)
+        assert estimator.observations.tolist() == [count] * 3
+        for k in range(3):
+            sigma = {"known": SIGMA, "estimated": None, "varying": each[:, k]}[noise]
+            batch = estimate_motion(times, positions[:, k], sigma, order, prior, forgetting=forgetting)
+            assert_same(estimator.estimate(k, prior), batch)
+            assert estimator.positions(times[-1] + 1)[k] == pytest.approx(
+                estimator.estimate(k).position(times[-1] + 1), rel=1e-14
+            )
+
+
+def test_ten_thousand_observations_are_as_good() -> None:
+    times, positions = recording(10_000, 1, 1)
+    for forgetting in (1.0, 0.95):
+        estimator = RecursiveEstimator(1, 2, forgetting=forgetting)
+        for t, z in zip(times, positions, strict=True):
+            estimator.update(t, z)
+        assert_same(estimator.estimate(), estimate_motion(times, positions[:, 0], forgetting=forgetting))
+
+
+def test_observations_may_come_in_any_order() -> None:
+    times, positions = recording(20, 1)
+    shuffled = np.random.default_rng(1).permutation(20)
+    estimator = RecursiveEstimator(1, 2, SIGMA)
+    for i in shuffled:
+        estimator.update(times[i], positions[i])
+    assert_same(estimator.estimate(), estimate_motion(times, positions[:, 0], SIGMA))
+
+
+def test_obstacles_are_seen_when_they_are_seen() -> None:
+    """Each has its own times, and dropouts of its own."""
+    times, positions = recording(40)
+    seen = np.random.default_rng(2).random((40, 3)) < 0.6
+    late = times[:, None] + np.array([0.0, 1 / 32, 1 / 16])
+    estimator = RecursiveEstimator(3, 2, np.array([SIGMA, 2 * SIGMA, 3 * SIGMA]))
+    for i in range(40):
+        garbage = np.where(seen[i][:, None], positions[i], np.nan)
+        assert estimator.update(late[i], garbage, seen=seen[i]).tolist() == seen[i].tolist()
+    for k in range(3):
+        own = seen[:, k]
+        batch = estimate_motion(late[own, k], positions[own, k], (k + 1) * SIGMA)
+        assert_same(estimator.estimate(k), batch)
+
+
+def test_missing_positions_can_be_taken_for_not_seen() -> None:
+    times, positions = recording(10)
+    positions[4, 1] = np.nan
+    estimator = RecursiveEstimator(3, 1, SIGMA, missing="drop")
+    for i in range(10):
+        estimator.update(times[i], positions[i])
+    assert estimator.observations.tolist() == [10, 9, 10]
+    rest = np.delete(np.arange(10), 4)
+    assert_same(estimator.estimate(1), estimate_motion(times[rest], positions[rest, 1], SIGMA, 1))
+
+
+@pytest.mark.parametrize("covariance", [None, SIGMA])
+def test_gate_leaves_out_what_nothing_so_far_explains(covariance: np.ndarray | None) -> None:
+    times, positions = recording(30, 2)
+    positions[20, 1] += 5.0
+    estimator = RecursiveEstimator(2, 2, covariance, gate_probability=1e-6)
+    for i in range(30):
+        used = estimator.update(times[i], positions[i])
+        assert used.tolist() == [True, i != 20]
+        assert estimator.rejected_in_a_row.tolist() == [0, int(i == 20)]
+    rest = np.delete(np.arange(30), 20)
+    assert_same(estimator.estimate(1), estimate_motion(times[rest], positions[rest, 1], covariance))
+
+
+def test_reset_begins_anew() -> None:
+    times, positions = recording(30, 2)
+    estimator = RecursiveEstimator(2, 1, SIGMA, forgetting=0.9)
+    for i in range(30):
+        if i == 15:
+            estimator.reset(1)
+        estimator.update(times[i], positions[i])
+    assert estimator.observations.tolist() == [30, 15]
+    assert_same(estimator.estimate(0), estimate_motion(times, positions[:, 0], SIGMA, 1, forgetting=0.9))
+    assert_same(estimator.estimate(1), estimate_motion(times[15:], positions[15:, 1], SIGMA, 1, forgetting=0.9))
+
+
+def test_refused_observations_change_nothing() -> None:
+    times, positions = recording(8, 2)
+    estimator = RecursiveEstimator(2, 1, SIGMA, forgetting=0.9)
+    for i in range(7):
+        estimator.update(times[i], positions[i])
+    before = estimator.estimate(0)
+    spoiled = positions[7].copy()
+    spoiled[1, 0] = np.inf
+    for arguments, message in (
+        ((times[7], spoiled), r"obstacle 1: time .* or position \[inf, .*\] is not finite"),
+        ((np.nan, positions[7]), "obstacle 0: time nan"),
+        ((times[6], positions[6]), "obstacle 0: the observation at time .* comes twice"),
+        ((times[2], positions[2]), "obstacle 0: time .* is before .* must come in order"),
+        ((times[7], positions[7, :1]), r"positions: their shape is \(1, 2\); must be \(2, 2\)"),
+        ((times[7], positions[7], SIGMA), "covariance: it must not come"),
+    ):
+        with pytest.raises(EstimationError, match=message):
+            estimator.update(*arguments)
+    assert_same(estimator.estimate(0), before)
+    estimator.update(times[7], positions[7])
+    assert_same(estimator.estimate(1), estimate_motion(times, positions[:, 1], SIGMA, 1, forgetting=0.9))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"order": 3}, "order: 3"),
+        ({"forgetting": 1.5}, "forgetting: 1.5"),
+        ({"gate_probability": 0.0}, "gate_probability: 0.0"),
+        ({"covariance": SIGMA, "varying": True}, "comes with each observation"),
+        ({"covariance": -SIGMA}, "not positive definite"),
+    ],
+)
+def test_misuse_is_named(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(EstimationError, match=message):
+        RecursiveEstimator(2, **arguments)  # type: ignore[arg-type]
+
+
+def test_too_few_observations_are_named() -> None:
+    estimator = RecursiveEstimator(2, 2)
+    estimator.update(0.0, np.zeros((2, 2)))
+    with pytest.raises(EstimationError, match="obstacle 1: 1 observations are too few for order 2; need 5"):
+        estimator.estimate(1)
+    known = RecursiveEstimator(1, 2, SIGMA)
+    for x in (0.0, 1.0, 2.0):
+        known.update(1.0, [[x, 0.0]])
+    with pytest.raises(EstimationError, match="too few times"):
+        known.estimate()
+    with pytest.raises(EstimationError, match="does not determine"):
+        known.estimate(prior=MotionPrior(velocity_deviation=1.0))
+    with pytest.raises(EstimationError, match="it must come"):
+        RecursiveEstimator(1, 2, varying=True).update(0.0, [[0.0, 0.0]])
+
+
+class TestWindow:
+    def test_keeps_the_newest(self) -> None:
+        times, positions = recording(30, 1)
+        window = ObservationWindow(8)
+        for i, (t, z) in enumerate(zip(times, positions[:, 0], strict=True)):
+            window.update(t, z)
+            assert len(window) == min(i + 1, 8)
+        assert_same(window.estimate(SIGMA), estimate_motion(times[-8:], positions[-8:, 0], SIGMA))
+        assert_same(window.estimate(), estimate_motion(times[-8:], positions[-8:, 0]))
+        assert_same(window.estimate(SIGMA, 1, PRIOR), estimate_motion(times[-8:], positions[-8:, 0], SIGMA, 1, PRIOR))
+
+    def test_forgets_what_is_old(self) -> None:
+        times, positions = recording(30, 1)
+        window = ObservationWindow(30, duration=1.0)
+        for t, z in zip(times, positions[:, 0], strict=True):
+            window.update(t, z)
+        kept = times >= times[-1] - 1.0
+        assert len(window) == kept.sum() < 30
+        assert_same(window.estimate(SIGMA), estimate_motion(times[kept], positions[kept, 0], SIGMA))
+
+    def test_sorts_in_what_comes_late(self) -> None:
+        times, positions = recording(9, 1)
+        window = ObservationWindow(6)
+        for i in (0, 1, 2, 5, 4, 3, 8, 6, 7):
+            window.update(times[i], positions[i, 0], SIGMA * (i + 1))
+        each = np.array([SIGMA * (i + 1) for i in range(3, 9)])
+        assert_same(window.estimate(), estimate_motion(times[3:], positions[3:, 0], each))
+
+    def test_refuses_what_is_faulty(self) -> None:
+        window = ObservationWindow(5)
+        window.update(0.0, [1.0, 2.0])
+        for arguments, message in (
+            ((np.nan, [0.0, 0.0]), "not finite"),
+            ((1.0, [0.0, np.inf]), "not finite"),
+            ((1.0, [0.0]), r"not \(2,\)"),
+            ((0.0, [1.0, 2.0]), "comes twice"),
+            ((1.0, [0.0, 0.0], SIGMA), "either all observations come with one"),
+        ):
+            with pytest.raises(EstimationError, match=message):
+                window.update(*arguments)
+        assert len(window) == 1
+        with pytest.raises(EstimationError, match="length: 0"):
+            ObservationWindow(0)
+        with pytest.raises(EstimationError, match="duration: 0"):
+            ObservationWindow(5, 0)

@@ -1,0 +1,106 @@
+"""Corridors: what lies outside them, ways through them, and plans that stay in them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import disc, scene
+from shapely import contains_xy, distance, points, unary_union
+from shapely.geometry import LineString, Point, Polygon, box
+
+import scp_planner as sp
+from benchmarks.dense_check import check_trip
+from scp_planner.mathematics import corridor, planar
+
+Ring = list[list[float]]
+
+
+def rectangle(left: float, low: float, right: float, high: float) -> Ring:
+    return [[left, low], [right, low], [right, high], [left, high]]
+
+
+def convex(rng: np.random.Generator) -> tuple[planar.Point, ...]:
+    """A random convex polygon of three to seven corners, in a random direction."""
+    angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 8)))
+    corners = rng.uniform(-4.0, 4.0, 2) + rng.uniform(1.0, 4.0) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return tuple(map(tuple, corners[:: rng.choice([1, -1])].tolist()))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_outside_is_what_shapely_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    polygons = [convex(rng) for _ in range(rng.integers(1, 7))]
+    walls = corridor.outside(polygons, wall=2.0)
+    inside = unary_union([Polygon(polygon) for polygon in polygons])
+    low_x, low_y, high_x, high_y = inside.bounds
+    around = box(low_x - 2.0, low_y - 2.0, high_x + 2.0, high_y + 2.0)
+    assert unary_union([Polygon(wall) for wall in walls]).symmetric_difference(around - inside).area < 1e-6
+    for wall in walls:
+        assert planar.is_convex(wall)
+        assert planar.area(wall) > 0.0
+    assert len(walls) <= 12 * len(polygons)
+
+
+def test_the_signed_distance_to_the_outside_is_the_room_in_the_corridor() -> None:
+    polygons = [rectangle(-1, -1, 9, 1), [[7, -1], [9, -1], [10, 4], [8, 4]], rectangle(6, 3, 14, 8)]
+    scenario = scene(goal={"position": [12.0, 6.0]}, corridor=polygons)
+    (zone,) = sp.zones(scenario)
+    assert zone.id == "corridor"
+    union = unary_union([Polygon(polygon) for polygon in polygons])
+    place = np.random.default_rng(0).uniform([-3.0, -3.0], [16.0, 10.0], (10_000, 2))
+    found = zone.signed_distance(0.0, place)
+    room = distance(union.boundary, points(place))
+    inside = contains_xy(union, place[:, 0], place[:, 1])
+    assert found[inside] == pytest.approx(room[inside], abs=1e-9)
+    assert np.all(found[~inside] <= 1e-9)
+    assert 0.1 < inside.mean() < 0.9
+
+
+def test_a_way_through_lies_in_the_corridor() -> None:
+    sides = [(-1, -1, 9, 1), (7, -1, 9, 6), (0, 4, 9, 6), (0, 4, 2, 12), (20, 20, 21, 21)]
+    polygons = [rectangle(*each) for each in sides]
+    rings = [tuple(map(tuple, polygon)) for polygon in polygons]
+    way = corridor.way_through(rings, (0.0, 0.0), (1.0, 11.0))
+    assert len(way) == 3
+    union = unary_union([Polygon(polygon) for polygon in polygons])
+    assert union.buffer(1e-9).contains(LineString([(0.0, 0.0), *way, (1.0, 11.0)]))
+    assert corridor.way_through(rings, (0.0, 0.0), (8.5, 0.5)) == ()
+    assert corridor.way_through(rings, (0.0, 0.0), (8.0, 4.0)) != ()
+
+
+BENT = [rectangle(-1, -1, 9, 1), rectangle(7, -1, 9, 9)]
+
+
+def test_a_plan_takes_the_corner_of_the_corridor_and_no_more() -> None:
+    scenario = scene(goal={"position": [8.0, 8.0]}, corridor=BENT)
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+    assert report.ok, str(report)
+    corner = np.hypot(*(plan.position(np.linspace(plan.start_time, plan.arrival_time, 5000)) - [7.0, 1.0]).T)
+    assert 0.3 <= corner.min() < 0.31
+
+
+def test_a_path_outside_the_corridor_is_refused() -> None:
+    plan = sp.plan(scene(disc("o", (10.0, 0.1))))
+    wide, narrow = (scene(disc("o", (10.0, 0.1)), corridor=[rectangle(-1, -y, 21, y)]) for y in (1.3, 1.0))
+    assert sp.certify(wide, plan).holds
+    certificate = sp.certify(narrow, plan)
+    assert {(violation.what, violation.obstacle) for violation in certificate.violations} == {("clearance", "corridor")}
+    for scenario, broken in ((wide, []), (narrow, ["corridor"])):
+        report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+        assert [finding.name for finding in report.violations] == broken
+
+
+def test_a_planner_online_stays_in_the_corridor() -> None:
+    scenario = scene(goal={"position": [8.0, 8.0]}, corridor=BENT)
+    planner = sp.Planner(scenario)
+    plan = planner.replan(time=0.0, position=(0.0, 0.0), heading=0.0, speed=1.0)
+    for time in np.arange(0.2, 3.0, 0.2):
+        x, y = plan.position(time)
+        plan = planner.replan(time, (x, y), float(plan.heading(time)), float(plan.speed(time)))
+        assert plan.safe, plan.reason
+    position = plan.position(np.linspace(0.0, plan.arrival_time, 500))
+    union = unary_union([Polygon(polygon) for polygon in BENT])
+    assert min(union.boundary.distance(Point(p)) for p in position) >= 0.3
+    assert all(union.contains(Point(p)) for p in position)

@@ -1,0 +1,132 @@
+"""Reasons of failures: the cause by name, gravest first, and no trifles beside it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, disc, scene
+
+import scp_planner as sp
+from scp_planner.certificate.lower_bound import no_trip_within
+from scp_planner.certificate.verdict import Certificate, Clearance, Violation
+from scp_planner.planning.explain import grave_violations
+
+BOX = {"min": [-1.0, -3.0], "max": [21.0, 3.0]}
+
+
+def block(name: str, center: tuple[float, float], size: tuple[float, float]) -> dict[str, Any]:
+    """A rectangle along the axes that stands."""
+    return {"id": name, "shape": {"rectangle": size, "heading": 0.0}, "motion": {"position": center}}
+
+
+def reason(*obstacles: dict[str, Any], **changes: Any) -> str:
+    plan = sp.plan(scene(*obstacles, **changes))
+    assert plan.status == "infeasible" and plan.reason is not None
+    return plan.reason
+
+
+def seen(name: str) -> dict[str, Any]:
+    """An obstacle on the way that was seen for a second by a poor sensor, and may accelerate."""
+    places = np.array([[10.0, 0.1], [10.1, 0.0], [9.9, 0.05], [10.0, -0.1], [10.0, 0.0]])
+    observations = {"time": [-1.0, -0.75, -0.5, -0.25, 0.0], "position": places.tolist()}
+    return {"id": name, "shape": {"disc": 0.5}, "observations": {**observations, "covariance": [[0.04, 0], [0, 0.04]]}}
+
+
+def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
+    text = reason(disc("crate", (20.0, 0.3), radius=1.0), disc("far", (5.0, 30.0)), disc("beside", (8.0, 2.5)))
+    assert text.startswith("clearance to crate -0.99")
+    assert "crate covers the goal" in text
+    assert "far" not in text and "beside" not in text
+
+
+@pytest.mark.parametrize(("time_limit", "proved"), [(30.0, True), (0.9, False)])
+def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool) -> None:
+    plan = sp.plan(scene(disc("crate", (20.0, 0.3), radius=1.0)), time_limit=time_limit)
+    assert plan.reason is not None
+    assert ("No trip at all" in plan.reason) is proved
+
+
+def test_a_wall_across_the_workspace_is_named_with_the_room_beside_it() -> None:
+    text = reason(block("wall", (10.0, 0.1), (1.0, 5.4)), bounds=BOX)
+    # 3.0 + 0.1 - 2.7 below it, less above; the vehicle is 0.6 m wide.
+    assert "between wall and the workspace bounds (at most 0.4 m between them; the vehicle takes 0.6 m)" in text
+
+
+def test_two_blocks_are_both_named_though_one_is_touched_deepest() -> None:
+    text = reason(block("upper", (10.0, 1.75), (1.0, 3.0)), block("lower", (10.0, -1.7), (1.0, 3.0)), bounds=BOX)
+    (between,) = [sentence for sentence in text.split(". ") if "No trip at all" in sentence]
+    assert {"upper", "lower", "the workspace bounds"} == set(
+        between.split(", between ")[1].replace(" and ", ", ").split(", ")
+    )
+
+
+def test_an_arrival_that_nothing_hinders_but_the_vehicle_itself() -> None:
+    text = reason(disc("beside", (9.0, 3.0)), goal={"latest_arrival": 5.0})
+    earliest = sp.plan(scene()).arrival_time
+    assert text.startswith("latest arrival ")
+    assert "even with nothing in the way" in text and "beside" not in text
+    assert float(text.split("No trip arrives before t = ")[1].split(" s")[0]) == pytest.approx(earliest, abs=2e-3)
+
+
+def test_an_arrival_that_an_obstacle_hinders() -> None:
+    text = reason(disc("gate", (20.0, 0.5), velocity=(0.0, 0.02)), goal={"latest_arrival": 8.0})
+    assert text.startswith("latest arrival ")
+    assert "No trip at all arrives by t = 8 s: gate covers the goal" in text
+
+
+def test_what_cannot_be_stopped_before_is_told() -> None:
+    text = reason(block("wall", (3.0, 0.0), (1.0, 20.0)), start={"speed": 3.0})
+    # 3 m/s at 2 m/s2 take 2.25 m to stop; 2.5 - 0.3 m are left. 3 t - t^2 = 2.2.
+    touch = 1.5 - np.sqrt(1.5**2 - 2.2)
+    told = float(text.split("it would touch wall at t = ")[1].split(" s")[0])
+    assert told == pytest.approx(touch, abs=1.5 / 64 + 1e-3)
+
+
+@pytest.mark.parametrize(("first", "last", "needed"), [(0.0, 3.0, "3"), (3.0, 0.0, "2.25")])
+def test_a_way_that_is_too_short_for_the_speeds(first: float, last: float, needed: str) -> None:
+    text = reason(start={"speed": first}, goal={"position": [1.0, 0.0], "speed": last})
+    assert f"From {first:g} m/s to {last:g} m/s takes {needed} m" in text
+
+
+def test_a_turn_that_is_too_tight() -> None:
+    text = reason(vehicle={"max_curvature": 0.2}, goal={"position": [2.0, 2.0]})
+    assert text.startswith("curvature 0.")
+    assert "has a radius of 5 m" in text
+    assert "lateral_acceleration" not in text, "an excess of a thousandth is a trifle beside that"
+
+
+def test_uncertainty_is_told_apart_from_size() -> None:
+    text = reason(seen("ghost"), bounds=BOX)
+    depth = float(text.split("clearance to ghost -")[1].split(" m")[0])
+    uncertain = float(text.split("the position of ghost is uncertain by up to ")[1].split(" m")[0])
+    assert uncertain > 0.5 * depth > 10.0
+
+
+def test_small_excesses_beside_a_grave_one_are_left_out_and_grave_ones_are_sorted() -> None:
+    plan = sp.plan(scene())
+    found = {
+        "trifle": Violation("goal speed error", 0.05, 1e-3, 7.0),
+        "limit": Violation("curvature", 1.5, 1.0, 3.0),
+        "small, but alone of its kind": Violation("excess over given constraint 1", 1e-3, 2e-4, 0.0),
+        "gravest": Violation("clearance", -2.4, 0.0, 4.0, "shelf"),
+        "of another disc": Violation("clearance", -2.3, 0.0, 4.1, "shelf"),
+        "outside": Violation("workspace bounds", -0.2, 0.0, 4.0),
+    }
+    certificate = Certificate(False, Clearance(-2.4, "shelf", 4.0), {}, tuple(found.values()))
+    told = grave_violations(scene(), plan.trip, certificate)
+    assert told == [found[name] for name in ("small, but alone of its kind", "gravest", "outside", "limit")]
+    alone = Certificate(False, Clearance(0.0), {}, (found["trifle"],))
+    assert grave_violations(scene(), plan.trip, alone) == [found["trifle"]]
+
+
+@pytest.mark.parametrize("factor", [0.999, 1.001, 1.5])
+def test_no_trip_is_excluded_that_there_is(factor: float) -> None:
+    """The quick proof excludes nothing at or above the time of a certified trip."""
+    for scenario in (scene(*CROSSERS), scene(block("block", (10.0, 0.0), (1.0, 4.0)), bounds=BOX), scene()):
+        plan = sp.plan(scenario)
+        assert plan.certified
+        excluded = no_trip_within(scenario, factor * plan.travel_time, sp.zones(scenario))
+        assert not excluded or factor < 1.0
+    assert no_trip_within(scene(), 0.99 * sp.plan(scene()).lower_bound, ())

@@ -1,0 +1,223 @@
+"""Plans as users get them: fast, certified, the same in every frame, and honest when there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, disc, scene
+
+import scp_planner as sp
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Limits, straight_travel_time
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import Status
+from scp_planner.search.starts import bows
+from scp_planner.solvers import solver_named
+
+SCENES = {
+    "crossers": scene(*CROSSERS),
+    "slow": scene(disc("wall", (9.0, 0.2), radius=1.2), disc("walker", (14.0, -3.0), (0.0, 0.5))),
+    "boxed": scene(disc("o", (10.0, 0.0), (-0.2, 0.0)), bounds={"min": [-1.0, -1.2], "max": [21.0, 3.0]}),
+}
+
+
+def bang_bang(length: float, v0: float, top: float, a: float, d: float, end: float | None) -> float:
+    """Shortest time by a fine search over peak speeds: an independent computation."""
+    best = np.inf
+    for peak in np.linspace(max(v0, end or 0.0, 1e-3), max(top, v0), 200001):
+        rise = (peak**2 - v0**2) / (2 * a)
+        fall = 0.0 if end is None else (peak**2 - end**2) / (2 * d)
+        if rise + fall > length + 1e-9:
+            break
+        time = (peak - v0) / a + (0.0 if end is None else (peak - end) / d) + (length - rise - fall) / peak
+        best = min(best, time)
+    if end is None:
+        free = (-v0 + np.sqrt(v0**2 + 2 * a * length)) / a
+        if v0 + a * free <= top:
+            best = min(best, free)
+    return best
+
+
+@pytest.mark.parametrize("goal_speed", [None, 0.0, 1.2])
+@pytest.mark.parametrize("start_speed", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("length", [4.0, 20.0])
+def test_without_obstacles_the_trip_is_bang_bang(length: float, start_speed: float, goal_speed: float | None) -> None:
+    scenario = scene(start={"speed": start_speed}, goal={"position": [length, 0.0], "speed": goal_speed})
+    exact = bang_bang(length, start_speed, 3.0, 1.5, 2.0, goal_speed)
+    closed, _ = straight_travel_time(length, start_speed, Limits.of(scenario), goal_speed)
+    assert closed == pytest.approx(exact, rel=1e-6)
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    assert exact * (1 - 1e-9) <= plan.travel_time <= 1.001 * exact
+    assert plan.lower_bound == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_are_certified(name: str) -> None:
+    plan = sp.plan(SCENES[name])
+    assert plan.certified, plan.reason
+    assert plan.clearance.minimum >= 0.0
+    assert plan.travel_time >= plan.lower_bound
+    assert plan.iterations > 0
+    for use in plan.limits.values():
+        assert use.limit is None or abs(use.worst) <= abs(use.limit) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, -2.9])
+def test_turning_and_moving_the_scene_does_not_matter(angle: float) -> None:
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    shift, late = np.array([8_000.0, -6_000.0]), 1e9
+
+    def moved(obstacle: sp.scenario.Obstacle) -> dict[str, object]:
+        motion = obstacle.motion
+        assert motion is not None
+        position, velocity, acceleration = (
+            turn @ np.array(v) for v in (motion.position, motion.velocity, motion.acceleration)
+        )
+        # the motion's clock is absolute: expand it about the later time
+        at_zero = position - velocity * late + 0.5 * acceleration * late**2
+        return disc(
+            obstacle.id,
+            tuple(at_zero + shift),
+            tuple(velocity - acceleration * late),
+            tuple(acceleration),
+            obstacle.shape.disc,
+        )
+
+    slow_clock = [disc("a", (9.0, 0.3), radius=0.8), disc("b", (14.0, -0.4), radius=0.6)]
+    here = scene(*slow_clock)
+    there = scene(
+        *(moved(obstacle) for obstacle in here.obstacles),
+        start={"time": late, "position": list(shift), "heading": angle},
+        goal={"position": list(shift + turn @ [20.0, 0.0])},
+    )
+    first, second = sp.plan(here), sp.plan(there)
+    assert first.certified and second.certified
+    assert second.travel_time == pytest.approx(first.travel_time, rel=1e-6)
+    t = np.linspace(0.0, first.travel_time, 50)
+    np.testing.assert_allclose(second.position(t + late), first.position(t) @ turn.T + shift, atol=1e-4)
+
+
+def test_turning_a_scene_of_moving_obstacles_does_not_matter() -> None:
+    times = []
+    for angle in (0.0, 0.7, 3.0):
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s], [s, c]])
+        obstacles = [
+            {**o, "motion": {key: (turn @ np.array(value)).tolist() for key, value in o["motion"].items()}}
+            for o in CROSSERS
+        ]
+        scenario = scene(*obstacles, start={"heading": angle}, goal={"position": (turn @ [20.0, 0.0]).tolist()})
+        times.append(sp.plan(scenario).travel_time)
+    np.testing.assert_allclose(times, times[0], rtol=1e-6)
+
+
+def test_the_same_input_gives_the_same_bits() -> None:
+    first, second = (sp.plan(SCENES["crossers"]) for _ in range(2))
+    assert first.trip.trajectory.theta.tobytes() == second.trip.trajectory.theta.tobytes()
+    assert first.trip.trajectory.beta.tobytes() == second.trip.trajectory.beta.tobytes()
+
+
+def test_a_covered_goal_is_explained() -> None:
+    plan = sp.plan(scene(disc("lid", (20.0, 0.2), radius=1.0)))
+    assert plan.status == "infeasible"
+    assert plan.reason is not None
+    assert "clearance to lid" in plan.reason
+    assert "penalty left" in plan.reason
+    # The disc covers the goal by 1.0 + 0.3 - 0.2 m: so much less of it would do.
+    less = float(plan.reason.split("acceptable with ")[1].split(" m less of lid")[0])
+    assert less == pytest.approx(1.1, abs=0.02)
+
+
+def test_a_closed_wall_of_discs_is_explained() -> None:
+    wall = [disc(f"w{k}", (10.0, y), radius=0.8) for k, y in enumerate(np.arange(-12.0, 12.1, 1.2))]
+    plan = sp.plan(scene(*wall))
+    assert not plan.certified
+    assert plan.reason is not None and "clearance to w" in plan.reason
+
+
+def test_a_disc_that_must_be_waited_for_is_waited_for() -> None:
+    # It drives ahead in a corridor that is too narrow to pass it.
+    scenario = scene(
+        disc("ahead", (3.0, 0.0), (1.0, 0.0), radius=0.5),
+        bounds={"min": [-1.0, -0.7], "max": [40.0, 0.7]},
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    # It reaches the goal 0.8 m behind the other disc's centre.
+    assert plan.travel_time == pytest.approx((20.0 + 0.8 - 3.0) / 1.0, abs=0.02)
+
+
+def test_the_time_limit_is_kept_and_the_best_so_far_is_returned() -> None:
+    sp.plan(SCENES["slow"])  # the first plan of a process imports its solver and the splines
+    rng = np.random.default_rng(0)
+    crowd = [
+        disc(f"c{k}", tuple(rng.uniform([2, -8], [18, 8])), tuple(rng.normal(size=2)), radius=0.4) for k in range(60)
+    ]
+    quick = sp.plan(scene(*[c for c in crowd if abs(c["motion"]["position"][1]) > 1.0]), time_limit=1e-3)
+    assert quick.wall_time < 0.5
+    assert quick.iterations <= 4
+
+
+def test_an_unknown_solver_is_refused_before_planning() -> None:
+    with pytest.raises(ValueError, match="solver = 'gurobi': must be one of daqp"):
+        sp.plan(SCENES["slow"], solver="gurobi")
+
+
+def test_far_obstacles_change_nothing() -> None:
+    far = [disc(f"far{k}", (500.0 + 10 * k, 300.0), (0.1, 0.0)) for k in range(200)]
+    near = sp.plan(SCENES["crossers"])
+    both = sp.plan(scene(*CROSSERS, *far))
+    assert both.certified
+    assert both.travel_time == pytest.approx(near.travel_time, rel=1e-9)
+
+
+def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
+    problem = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
+    loop = ScpLoop(problem, solver_named("daqp"))
+    best = loop.run(next(iter(bows(problem))), 60)
+    assert best.status is Status.CONVERGED
+    trip = best.evaluation.trajectory
+    theta = trip.theta.copy()
+    theta[problem.ends.free] += 0.3 * np.sin(np.linspace(0.0, np.pi, len(theta)))[problem.ends.free]
+    near = problem.space.trajectory(theta, 0.9 * trip.beta, trip.travel_time)
+    alone, against = loop.run(near, 60), loop.run(near, 60, rival=best.evaluation)
+    assert alone.evaluation.trajectory.travel_time == pytest.approx(trip.travel_time, abs=1e-3)
+    assert against.status is Status.SAME_WAY
+    assert len(against.record) < len(alone.record)
+    others = 0
+    for start in bows(problem):
+        alone = loop.run(start, 60)
+        if alone.feasible and alone.evaluation.trajectory.travel_time > trip.travel_time + 0.1:
+            against = loop.run(start, 60, rival=best.evaluation)
+            assert against.status is alone.status
+            assert against.evaluation.trajectory.travel_time == alone.evaluation.trajectory.travel_time
+            others += 1
+    assert others > 0
+
+
+def test_spans_of_long_straight_trips_grow_instead_of_their_number() -> None:
+    blocks = [
+        {"id": f"block {x}", "shape": {"rectangle": [6.0, 2.0], "heading": 0.0}, "motion": {"position": [x, side]}}
+        for x, side in ((40.0, 1.5), (100.0, -1.5), (160.0, 1.2), (215.0, -1.2))
+    ]
+    vehicle = {"max_speed": 20.0, "max_acceleration": 3.0, "max_deceleration": 6.0, "max_curvature": 0.2}
+    long_trip = scene(*blocks, vehicle=vehicle, start={"speed": 10.0}, goal={"position": [250.0, 0.0]})
+    plan = sp.plan(long_trip)
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 1.005 * plan.lower_bound
+    spans = [
+        len(problem_of(each, settings).space.path.widths)
+        for each, settings in (
+            (long_trip, None),
+            (long_trip, sp.Settings(max_path_spans=160)),
+            (long_trip, sp.Settings(path_span=5.0)),
+            (scene(), None),
+        )
+    ]
+    assert spans == [100, 160, 50, 13]
+
+
+def problem_of(scenario: sp.Scenario, settings: sp.Settings | None) -> Problem:
+    return build_problem(scenario, sp.zones(scenario), settings or sp.Settings())

@@ -1,0 +1,224 @@
+"""What pictures show: recordings of plans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import Polygon, unary_union
+
+import scp_planner as sp
+from scp_planner import builtin
+from scp_planner.arrays import Array
+from scp_planner.plotting.borders import boundary_of
+from scp_planner.plotting.recording import record_plan
+from scp_planner.plotting.scales import nearest_indices, nice_times
+from tests.scenes import disc, scene
+
+
+@pytest.fixture(scope="module")
+def scenario() -> sp.Scenario:
+    return builtin.load("radar")
+
+
+@pytest.fixture(scope="module")
+def plan(scenario: sp.Scenario) -> sp.Plan:
+    return sp.plan(scenario)
+
+
+def test_samples_are_the_plan(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    recording = record_plan(plan, scenario, 40)
+    time = np.linspace(plan.start_time, plan.arrival_time, 40)
+    assert np.array_equal(recording.time, time)
+    assert np.array_equal(recording.position, plan.position(time))
+    speed, acceleration, lateral, curvature = recording.profiles
+    assert np.array_equal(speed.values, plan.speed(time))
+    assert np.array_equal(acceleration.values, plan.acceleration(time))
+    assert np.allclose(lateral.values, plan.speed(time) ** 2 * plan.curvature(time), rtol=1e-12)
+    assert np.array_equal(curvature.values, plan.curvature(time))
+    limits = [(profile.lower, profile.upper) for profile in recording.profiles]
+    assert limits == [(0.0, 3.0), (-2.0, 1.5), (-2.0, 2.0), (-1.0, 1.0)]
+
+
+def test_unbounded_quantities_have_no_limits(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    vehicle = scenario.vehicle.model_copy(update={"max_lateral_acceleration": None, "max_curvature": None})
+    recording = record_plan(plan, scenario.model_copy(update={"vehicle": vehicle}), 5)
+    assert [(p.lower, p.upper) for p in recording.profiles[2:]] == [(None, None), (None, None)]
+
+
+@pytest.mark.parametrize("name", builtin.names())
+def test_boundaries_lie_on_the_zones(name: str) -> None:
+    scenario = builtin.load(name)
+    plan = sp.plan(scenario)
+    recording = record_plan(plan, scenario, 7)
+    for zone, obstacle in zip(sp.zones(scenario), recording.obstacles, strict=True):
+        points = obstacle.center[:, None] + obstacle.boundary[:, 0]
+        times = np.broadcast_to(recording.time[:, None], points.shape[:2])
+        assert np.abs(zone.signed_distance(times, points)).max() < 1e-6
+        # In order, once around.
+        assert all(Polygon(outline).is_valid and Polygon(outline).exterior.is_ccw for outline in points)
+
+
+def test_clearance_is_from_disc_to_zone(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    recording = record_plan(plan, scenario, 9)
+    for obstacle in recording.obstacles:
+        for i, position in enumerate(recording.position):
+            # A polygon within the zone is at most a little farther away than the zone.
+            disc = Polygon(position + scenario.vehicle.radius * _circle(720))
+            farther = Polygon(obstacle.zone_at(i)[0]).distance(disc)
+            assert obstacle.clearance[i] == pytest.approx(farther, abs=0.02)
+    least = np.min([obstacle.clearance for obstacle in recording.obstacles], axis=0)
+    assert np.array_equal(recording.clearance, least)
+
+
+def _circle(count: int) -> Array:
+    angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+@dataclass(frozen=True)
+class PolygonZone:
+    """A polygon that stands still."""
+
+    vertices: Array
+
+    def center(self, t: Array) -> Array:
+        return np.zeros((*np.shape(t), 2))
+
+    def support(self, t: Array, directions: Array) -> Array:
+        return (directions @ self.vertices.T).max(axis=-1)
+
+
+def test_boundary_of_a_polygon_is_the_polygon() -> None:
+    vertices = np.array([[2.0, 1.0], [-2.0, 1.0], [-2.0, -1.0], [2.0, -1.0]])
+    (points,) = boundary_of(PolygonZone(vertices), np.array([0.0]))
+    outline = Polygon(np.unique(points.round(6), axis=0)[[0, 1, 3, 2]])
+    assert outline.symmetric_difference(Polygon(vertices)).area < 1e-5
+
+
+def test_a_corner_is_not_filled_in(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    """A zone that is not convex is the union of convex pieces."""
+    corner = [(-2.0, -2.0), (2.0, -2.0), (2.0, -1.0), (-1.0, -1.0), (-1.0, 2.0), (-2.0, 2.0)]
+    motion = sp.Motion(position=(10.0, 30.0), velocity=(0.5, 0.0))
+    obstacle = sp.Obstacle(id="corner", shape=sp.PolygonShape(polygon=corner), motion=motion, margin=0.1)
+    (record,) = record_plan(plan, scenario.model_copy(update={"obstacles": (obstacle,)}), 3).obstacles
+    drawn = unary_union([Polygon(piece) for piece in record.boundary[1]])
+    assert drawn.symmetric_difference(Polygon(corner).buffer(0.1, quad_segs=64)).area < 0.01
+
+
+def test_truth_as_function_and_as_record(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    def drift(t: Array) -> Array:
+        return np.stack([t, 2.0 * t], axis=-1)
+
+    seen = np.linspace(plan.start_time, plan.start_time + 3.0, 4)
+    recording = record_plan(plan, scenario, 50, {"ferry": drift, "tug": (seen, drift(seen))})
+    by_id = {obstacle.id: obstacle for obstacle in recording.obstacles}
+    assert np.array_equal(by_id["ferry"].truth, drift(recording.time))
+    inside = recording.time <= seen[-1]
+    truth = by_id["tug"].truth
+    assert truth is not None
+    assert np.allclose(truth[inside], drift(recording.time[inside]))
+    assert np.isnan(truth[~inside]).all()
+    assert by_id["tug"].truth_at(0) is not None and by_id["tug"].truth_at(49) is None
+    assert by_id["buoy"].truth is None and by_id["buoy"].truth_at(0) is None
+
+
+def test_truth_of_nobody_is_refused(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    with pytest.raises(ValueError, match="no obstacle 'nobody' in the scenario 'radar'"):
+        record_plan(plan, scenario, 5, {"nobody": ([0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]])})
+
+
+def test_bodies_turn_with_the_heading() -> None:
+    motion = sp.Motion(position=(5.0, 5.0), velocity=(0.0, 2.0))
+    shape = sp.Rectangle(rectangle=(4.0, 2.0))
+    car = sp.Obstacle(id="car", shape=shape, motion=motion)
+    scenario = builtin.load("crossing").model_copy(update={"obstacles": (car,)})
+    recording = record_plan(sp.plan(scenario), scenario, 3)
+    (obstacle,) = recording.obstacles
+    assert obstacle.heading == pytest.approx([np.pi / 2] * 3, abs=1e-6)
+    low, high = obstacle.body_at(0).min(axis=0), obstacle.body_at(0).max(axis=0)
+    assert low == pytest.approx([4.0, 3.0], abs=1e-6) and high == pytest.approx([6.0, 7.0], abs=1e-6)
+
+
+def test_extent_holds_the_trip_and_little_else(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    low, high = record_plan(plan, scenario, 50).extent()
+    path = plan.position(np.linspace(plan.start_time, plan.arrival_time, 500))
+    assert (path - scenario.vehicle.radius > low).all() and (path + scenario.vehicle.radius < high).all()
+    # Zones grow to many metres by the end, far from the vehicle; the picture does not.
+    assert (high - low).max() < 1.5 * np.ptp(path, axis=0).max()
+
+
+def test_far_clock_is_shown_from_the_start(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    assert record_plan(plan, scenario, 3).epoch == 0.0
+    later = scenario.model_copy(update={"start": scenario.start.model_copy(update={"time": 1.7e9}), "obstacles": ()})
+    assert record_plan(sp.plan(later), later, 3).epoch == 1.7e9
+
+
+@given(
+    start=st.floats(-1e3, 1e3),
+    span=st.floats(1e-3, 1e4),
+    most=st.integers(2, 9),
+)
+def test_nice_times(start: float, span: float, most: int) -> None:
+    end = start + span
+    times = nice_times(start, end, most)
+    assert 2 <= len(times) <= most
+    assert times[0] == start and times[-1] == end
+    steps = np.diff(times)
+    assert (steps > 0.0).all()
+    assert np.allclose(steps[:-1], steps[0], rtol=1e-6, atol=1e-9)
+
+
+def test_nearest_indices() -> None:
+    assert nearest_indices(np.array([0.0, 1.0, 2.0]), [1.6, -5.0, 0.4]).tolist() == [2, 0, 0]
+
+
+@pytest.mark.parametrize("heading", [None, 0.4, -2.0])
+@pytest.mark.parametrize("shape", [{"rectangle": [3.0, 1.0]}, {"ellipse": [2.0, 0.5]}])
+def test_bodies_lie_on_the_borders_of_their_zones(shape: dict[str, object], heading: float | None) -> None:
+    """Turned as the zones are: with the motion, or as they say."""
+    motion = {"position": [8.0, 4.0], "velocity": [0.3, -0.2]}
+    scenario = scene({"id": "body", "shape": {**shape, "heading": heading}, "motion": motion})
+    recording = record_plan(sp.plan(scenario), scenario, 3)
+    (zone,), (obstacle,) = sp.zones(scenario), recording.obstacles
+    for i, time in enumerate(recording.time):
+        body = obstacle.body_at(i)
+        assert np.abs(zone.signed_distance(np.full(len(body), time), body)).max() < 1e-6
+
+
+def test_speed_stands_against_the_limits_of_its_places() -> None:
+    limits = [{"from": 5.0, "to": 9.0, "speed": 1.5}, {"from": 15.0, "speed": 2.0}]
+    scenario = scene(speed_limits=limits)
+    plan = sp.plan(scenario)
+    speed, acceleration, *_ = record_plan(plan, scenario, 500).profiles
+    x = plan.position(np.linspace(plan.start_time, plan.arrival_time, 500))[:, 0]
+    expected = np.where((x >= 5.0) & (x <= 9.0), 1.5, np.where(x >= 15.0, 2.0, 3.0))
+    assert speed.upper_at is not None and np.array_equal(speed.upper_at, expected)
+    assert (speed.values <= speed.upper_at + 1e-6).all() and speed.upper == 3.0
+    assert acceleration.upper_at is None
+    assert record_plan(plan, scene(), 5).profiles[0].upper_at is None
+    driven = sp.simulate(scenario, noise=0.01, rate=4.0).recording(4.0)
+    assert set(driven.profiles[0].upper_at.tolist()) == {1.5, 2.0, 3.0}
+
+
+def test_corridor_has_a_clearance_and_no_body() -> None:
+    polygons = [[[-1, -2], [21, -2], [21, 2], [-1, 2]]]
+    scenario = scene(disc("o", (10.0, 1.0), radius=0.4), corridor=polygons)
+    plan = sp.plan(scenario)
+    recording = record_plan(plan, scenario, 30)
+    assert [obstacle.id for obstacle in recording.bodies] == ["o"]
+    (_, outside) = recording.obstacles
+    expected = 2.0 - np.abs(plan.position(recording.time)[:, 1]) - scenario.vehicle.radius
+    room = np.minimum(expected, np.minimum(*(np.abs(plan.position(recording.time)[:, 0] - x) - 0.3 for x in (-1, 21))))
+    assert outside.outside and outside.clearance == pytest.approx(room, abs=1e-9)
+    assert recording.clearance.min() <= outside.clearance.min()
+    run = sp.simulate(scenario, noise=0.01, rate=4.0)
+    driven = run.recording(4.0)
+    assert [obstacle.id for obstacle in driven.bodies] == ["o"]
+    assert driven.corridor[0].tolist() == polygons[0]
+    room = 2.0 - np.abs(driven.position[:, 1]) - 0.3
+    inner = (driven.position[:, 0] > 1.0) & (driven.position[:, 0] < 19.0)
+    assert driven.obstacles[-1].clearance[inner] == pytest.approx(room[inner], abs=1e-2)

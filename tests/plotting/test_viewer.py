@@ -1,0 +1,418 @@
+"""The HTML viewer: what stands in the file, and what a real browser makes of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner import builtin
+from scp_planner.plotting.recording import record_plan
+from scp_planner.plotting.viewer import save_recording, save_viewer, to_html
+from tests.browser import BROWSER_VARIABLE, Browser, find_browser
+from tests.scenes import scene
+
+
+@pytest.fixture(scope="module")
+def scenario() -> sp.Scenario:
+    return builtin.load("radar")
+
+
+@pytest.fixture(scope="module")
+def plan(scenario: sp.Scenario) -> sp.Plan:
+    return sp.plan(scenario)
+
+
+@pytest.fixture(scope="module")
+def page(plan: sp.Plan, scenario: sp.Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("viewer") / "radar.html"
+    save_viewer(plan, scenario, path)
+    return path
+
+
+def data_of(page: Path) -> dict[str, Any]:
+    """What the page's script will read."""
+    found = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL
+    )
+    assert found
+    return json.loads(found[1])
+
+
+def test_file_holds_the_plan(page: Path, plan: sp.Plan, scenario: sp.Scenario) -> None:
+    data = data_of(page)
+    origin = np.array(data["origin"])
+    time = np.array(data["time"])
+    assert time[0] == plan.start_time and abs(time[-1] - plan.arrival_time) < 1e-5
+    assert np.abs(np.array(data["position"]) + origin - plan.position(time)).max() < 1e-3
+    assert np.abs(np.array(data["speed"]) - plan.speed(time)).max() < 1e-4
+    assert [obstacle["id"] for obstacle in data["obstacles"]] == [o.id for o in scenario.obstacles]
+
+
+def test_straight_lines_between_samples_are_near_the_trip(page: Path, plan: sp.Plan) -> None:
+    data = data_of(page)
+    time, position = np.array(data["time"]), np.array(data["position"]) + np.array(data["origin"])
+    fine = np.linspace(plan.start_time, plan.arrival_time, 5000)
+    drawn = np.stack([np.interp(fine, time, position[:, axis]) for axis in (0, 1)], axis=-1)
+    assert np.linalg.norm(drawn - plan.position(fine), axis=1).max() < 2e-3
+
+
+def test_file_asks_for_nothing_from_elsewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    addresses = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[^\s\"'<]*", text))
+    assert addresses == {"http://www.w3.org/2000/svg"}  # the name of the SVG language, not a place
+    assert not re.search(r"<(?:link|img|iframe)\b|\bsrc=|@import|url\(", text)
+
+
+def test_hostile_names_stay_text(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    evil = "</script><script>document.title = 'taken'</script><!--\u2028 [[data]] [[title]]"
+    obstacle = scenario.obstacles[0].model_copy(update={"id": evil})
+    hostile = scenario.model_copy(update={"name": evil, "obstacles": (obstacle,)})
+    text = to_html(record_plan(plan, hostile, 10))
+    assert text.count("</script>") == 2  # the data's and the script's own
+    assert text.count("<script") == 2
+    assert "<!--" not in text.replace("<!-- Nothing is ever fetched. -->", "")
+    data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
+    assert data and json.loads(data[1])["obstacles"][0]["id"] == evil
+
+
+def test_same_recording_gives_same_file(plan: sp.Plan, scenario: sp.Scenario) -> None:
+    assert to_html(record_plan(plan, scenario, 20)) == to_html(record_plan(plan, scenario, 20))
+
+
+def test_other_suffix_is_refused(plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"plan\.pdf: must end in one of \.html"):
+        save_viewer(plan, scenario, tmp_path / "plan.pdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unknown_truth_is_refused(plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no obstacle 'nobody'"):
+        save_viewer(plan, scenario, tmp_path / "plan.html", truth={"nobody": ([0.0], [[0.0, 0.0]])})
+    assert list(tmp_path.iterdir()) == []
+
+
+# In a real browser
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    executable = find_browser()
+    if executable is None:
+        pytest.skip(f"needs Chromium or Chrome: none is installed, and {BROWSER_VARIABLE} names none")
+    with Browser(executable, tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def opened(browser: Browser, page: Path) -> Iterator[Browser]:
+    """The browser with the page; whatever a test does with it, nothing may go wrong in it."""
+    browser.open(page.as_uri())
+    yield browser
+    assert browser.faults == []
+    assert browser.requests == [page.as_uri()]
+
+
+def test_browser_notices_what_goes_wrong(browser: Browser, tmp_path: Path) -> None:
+    """Without this the tests below could pass by looking away."""
+    broken = tmp_path / "broken.html"
+    broken.write_text("<img src='missing.png'><script>console.error('one'); undefinedThing();</script>")
+    browser.open(broken.as_uri())
+    assert len(browser.faults) == 3
+    assert browser.requests == [broken.as_uri(), (tmp_path / "missing.png").as_uri()]
+
+
+MINUS = "\N{MINUS SIGN}"
+VEHICLE = "['cx', 'cy'].map((name) => Number(document.querySelector('#vehicle').getAttribute(name)))"
+
+
+def shown_time(browser: Browser) -> float:
+    return float(browser.evaluate("document.querySelector('#time').textContent").split()[0])
+
+
+def shown_position(browser: Browser) -> list[float]:
+    """The vehicle's x and y, m, as the page tells them."""
+    texts = browser.evaluate("[...document.querySelectorAll('#now div')].map((row) => row.lastChild.textContent)")
+    return [float(text.replace(MINUS, "-").removesuffix(" m")) for text in texts[:2]]
+
+
+def move_slider(browser: Browser, time: float) -> None:
+    browser.evaluate(
+        f"(() => {{ const s = document.querySelector('#slider'); s.value = {time};"
+        " s.dispatchEvent(new Event('input', {bubbles: true})); })()"
+    )
+
+
+def test_slider_moves_the_vehicle_along_the_plan(opened: Browser, plan: sp.Plan) -> None:
+    places = []
+    for part in (0.0, 0.31, 0.5, 1.0):
+        time = plan.start_time + part * plan.travel_time
+        move_slider(opened, time)
+        assert shown_time(opened) == pytest.approx(time, abs=0.006)
+        assert shown_position(opened) == pytest.approx(plan.position(time), abs=0.008)
+        places.append(opened.evaluate(VEHICLE))
+    # On the map too: the same scale in both directions, and y upwards.
+    pixels = np.diff(places, axis=0)
+    metres = np.diff(plan.position(plan.start_time + np.array([0.0, 0.31, 0.5, 1.0]) * plan.travel_time), axis=0)
+    scale = pixels[0, 0] / metres[0, 0]
+    assert scale > 10.0
+    assert pixels == pytest.approx(metres * [scale, -scale], abs=0.3)
+
+
+def test_dragging_the_slider_with_the_mouse(opened: Browser) -> None:
+    x, y = opened.middle_of("#slider")
+    opened.drag((x, y), (x + 100.0, y))
+    assert shown_time(opened) > 0.55 * float(opened.evaluate("document.querySelector('#slider').max"))
+
+
+def test_zones_are_drawn_where_they_are(opened: Browser, plan: sp.Plan, scenario: sp.Scenario) -> None:
+    time = plan.start_time + 0.4 * plan.travel_time
+    move_slider(opened, time)
+    vehicle = np.array(opened.evaluate(VEHICLE))
+    outlines = opened.evaluate("[...document.querySelectorAll('.zone')].map((zone) => zone.getAttribute('d'))")
+    polygons = [np.array(re.findall(r"([-\d.]+) ([-\d.]+)", outline), dtype=float) for outline in outlines]
+    radius = float(opened.evaluate("document.querySelector('#vehicle').getAttribute('r')"))
+    scale = radius / scenario.vehicle.radius
+    position = plan.position(time)
+    for zone, polygon in zip(sp.zones(scenario), polygons, strict=True):
+        assert len(polygon) > 40
+        world = position + (polygon - vehicle) * [1.0, -1.0] / scale
+        distances = zone.signed_distance(np.full(len(world), time), world)
+        assert np.abs(distances).max() < 2.0 / scale  # two pixels
+
+
+def test_play_and_pause(opened: Browser) -> None:
+    opened.evaluate("document.querySelector('#pace').value = '2'")
+    opened.press(" ")
+    opened.wait_for("Number(document.querySelector('#slider').value) > 0.3")
+    opened.drag(opened.middle_of("#play"), opened.middle_of("#play"))
+    assert opened.evaluate("document.querySelector('#play').textContent") == "Play"
+    stopped = shown_time(opened)
+    opened.evaluate("new Promise((done) => setTimeout(done, 150))")
+    assert shown_time(opened) == stopped
+
+
+def test_play_stops_at_the_end_and_starts_over(opened: Browser, plan: sp.Plan) -> None:
+    opened.press("End")
+    assert shown_time(opened) == pytest.approx(plan.arrival_time, abs=0.006)
+    opened.press(" ")
+    opened.wait_for("Number(document.querySelector('#slider').value) < 2.0")
+    opened.evaluate("document.querySelector('#pace').value = '4'")
+    opened.wait_for("document.querySelector('#play').textContent === 'Play'")
+    assert shown_time(opened) == pytest.approx(plan.arrival_time, abs=0.006)
+
+
+def test_keys(opened: Browser, plan: sp.Plan) -> None:
+    opened.press("ArrowRight", shift=True)
+    assert shown_time(opened) == pytest.approx(plan.start_time + 1.0, abs=0.006)
+    opened.press("ArrowLeft")
+    assert shown_time(opened) == pytest.approx(plan.start_time + 1.0 - 0.01 * plan.travel_time, abs=0.006)
+    opened.press("Home")
+    assert shown_time(opened) == plan.start_time
+    radius = "Number(document.querySelector('#vehicle').getAttribute('r'))"
+    fitted = opened.evaluate(radius)
+    opened.press("+")
+    assert opened.evaluate(radius) == pytest.approx(1.25 * fitted, rel=1e-2)
+    opened.press("f")
+    assert opened.evaluate(radius) == pytest.approx(fitted, rel=1e-6)
+
+
+def test_cursors_of_the_profiles_follow(opened: Browser, plan: sp.Plan) -> None:
+    names = opened.evaluate("[...document.querySelectorAll('.chart .label')].map((label) => label.textContent)")
+    assert names == ["speed", "acceleration", "lateral acceleration", "curvature", "clearance to zones"]
+    places = []
+    for time in (plan.start_time, plan.arrival_time):
+        move_slider(opened, time)
+        places.append(
+            opened.evaluate("[...document.querySelectorAll('.cursor')].map((c) => Number(c.getAttribute('x1')))")
+        )
+    assert np.ptp(places, axis=1).max() == 0.0  # all charts alike
+    assert places[1][0] - places[0][0] > 200.0
+    values = opened.evaluate("[...document.querySelectorAll('.chart text:nth-child(2)')].map((t) => t.textContent)")
+    assert values[0] == f"{plan.speed(plan.arrival_time):.2f} m/s"
+
+
+def test_clicking_a_profile_goes_to_that_time(opened: Browser, plan: sp.Plan) -> None:
+    x, y = opened.middle_of(".chart")
+    opened.drag((x, y), (x, y))
+    assert abs(shown_time(opened) - plan.start_time - 0.5 * plan.travel_time) < 0.1 * plan.travel_time
+
+
+def test_closed_loop_shows_the_plan_of_each_cycle(
+    browser: Browser, plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path
+) -> None:
+    recording = record_plan(plan, scenario, 3)
+    detour = recording.paths[0] + [0.0, 1.0]
+    loop = replace(recording, paths=(recording.paths[0], detour), path_index=np.array([0, 1, 1]))
+    save_recording(loop, tmp_path / "loop.html")
+    browser.open((tmp_path / "loop.html").as_uri())
+    shown = "document.querySelector('path[stroke-width=\"3\"]').getAttribute('d')"
+    first = browser.evaluate(shown)
+    move_slider(browser, plan.arrival_time)
+    assert browser.evaluate(shown) != first
+    move_slider(browser, plan.start_time)
+    assert browser.evaluate(shown) == first
+    assert browser.faults == []
+
+
+@pytest.fixture(scope="module")
+def run() -> sp.Run:
+    """A closed loop past shapes of several kinds, one of them of several convex pieces."""
+    walls = [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]
+    shapes = {
+        "pocket": ({"polygon": walls}, {"position": [6.0, 2.5]}),
+        "car": ({"rectangle": [3.0, 1.0]}, {"position": [4.0, -4.0], "velocity": [1.0, 0.2]}),
+        "pond": ({"ellipse": [2.0, 0.5], "heading": 0.4}, {"position": [3.0, -2.5]}),
+        "walker": ({"disc": 0.4}, {"position": [9.0, -3.0], "velocity": [0.0, 0.8]}),
+    }
+    obstacles = [{"id": name, "shape": shape, "motion": motion} for name, (shape, motion) in shapes.items()]
+    return sp.simulate(scene(*obstacles, goal={"position": [12.0, 0.0]}), noise=0.02, rate=5.0)
+
+
+def test_slider_moves_the_vehicle_through_a_run(browser: Browser, run: sp.Run, tmp_path: Path) -> None:
+    run.draw(tmp_path / "run.html")
+    browser.open((tmp_path / "run.html").as_uri())
+    assert browser.evaluate("document.querySelectorAll('.zone').length") == 4
+    assert browser.evaluate("document.querySelectorAll('.chart').length") == 5
+    plans = set()
+    for part in (0.0, 0.4, 0.7, 1.0):
+        time = float(run.time[0] + part * (run.time[-1] - run.time[0]))
+        move_slider(browser, time)
+        expected = [np.interp(time, run.time, run.position[:, axis]) for axis in (0, 1)]
+        assert shown_time(browser) == pytest.approx(time, abs=0.006)
+        # The page draws straight lines between its samples.
+        assert shown_position(browser) == pytest.approx(expected, abs=0.02)
+        plans.add(browser.evaluate("document.querySelector('path[stroke-width=\"3\"]').getAttribute('d')"))
+    assert len(plans) == 4
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+    assert browser.requests == [(tmp_path / "run.html").as_uri()]
+
+
+def test_run_plays(browser: Browser, run: sp.Run, tmp_path: Path) -> None:
+    run.draw(tmp_path / "run.html")
+    browser.open((tmp_path / "run.html").as_uri())
+    before = browser.evaluate(VEHICLE)
+    browser.evaluate("document.querySelector('#pace').value = '4'")
+    browser.press(" ")
+    browser.wait_for("Number(document.querySelector('#slider').value) > 1.0")
+    browser.press(" ")
+    assert browser.evaluate(VEHICLE)[0] > before[0] + 10.0
+    assert browser.faults == []
+
+
+def test_corridor_and_long_vehicle(browser: Browser, tmp_path: Path) -> None:
+    """The ground is drawn, and every disc of the vehicle is where it is on its axis."""
+    corridor = [[[-2, -3], [9, -3], [9, 3], [-2, 3]], [[8, -3], [22, -2], [22, 2], [8, 3]]]
+    scenario = scene(
+        {"id": "post", "shape": {"disc": 0.5}, "motion": {"position": [10.0, 0.5]}},
+        vehicle={"discs": [-0.5, 0.0, 0.7]},
+        corridor=corridor,
+        speed_limits=[{"from": 4.0, "to": 8.0, "speed": 2.0}],
+    )
+    plan = sp.plan(scenario)
+    plan.draw(scenario, tmp_path / "long.html")
+    browser.open((tmp_path / "long.html").as_uri())
+    time = 0.4 * plan.travel_time
+    move_slider(browser, time)
+    assert browser.evaluate("document.querySelectorAll('.corridor').length") == 2
+    assert browser.evaluate("document.querySelectorAll('path.limit').length") == 1  # of the speed, by place
+    assert browser.evaluate("document.querySelectorAll('.zone').length") == 1
+    radius = float(browser.evaluate("document.querySelector('#vehicle').getAttribute('r')"))
+    discs = browser.evaluate(
+        "[...document.querySelectorAll('.disc')].map((d) => ['cx', 'cy'].map((n) => Number(d.getAttribute(n))))"
+    )
+    ahead = radius / scenario.vehicle.radius * np.array([math.cos(plan.heading(time)), -math.sin(plan.heading(time))])
+    for offset, place in zip((-0.5, 0.7), discs, strict=True):
+        assert place == pytest.approx(np.array(browser.evaluate(VEHICLE)) + offset * ahead, abs=0.3)
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+
+
+def test_switches_hide_their_layers(opened: Browser) -> None:
+    shown = "getComputedStyle(document.querySelector('.zone')).getPropertyValue('display') !== 'none'"
+    parent = "document.querySelector('.zone').parentNode.classList.contains('hidden')"
+    assert opened.evaluate(shown) and not opened.evaluate(parent)
+    opened.evaluate("document.querySelector('#zones').click()")
+    assert opened.evaluate(parent)
+
+
+def test_hostile_names_run_nothing(browser: Browser, plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    evil = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
+    obstacle = scenario.obstacles[0].model_copy(update={"id": evil})
+    hostile = scenario.model_copy(update={"name": evil, "obstacles": (obstacle,)})
+    save_recording(record_plan(plan, hostile, 20), tmp_path / "evil.html")
+    browser.open((tmp_path / "evil.html").as_uri())
+    assert browser.evaluate("document.title") == evil
+    assert browser.evaluate("document.querySelector('h1').textContent") == evil
+    assert browser.evaluate("document.querySelectorAll('img').length") == 0
+    assert browser.faults == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_far_places_and_clocks(browser: Browser, scheme: str, tmp_path: Path) -> None:
+    """Half a million kilometres from the origin and at a Unix time; a car, a polygon, a radius about the goal."""
+    far = sp.Scenario.model_validate(
+        {
+            "name": "far",
+            "vehicle": {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0},
+            "start": {"time": 1.6e9, "position": [691000.0, 5335000.0], "speed": 0.5},
+            "goal": {"position": [691002.0, 5335020.0], "radius": 0.5},
+            "obstacles": [
+                {"id": "car", "shape": {"rectangle": [4.5, 1.8]}, "motion": {"position": [691006.0, 5335008.0]}},
+                {
+                    "id": "block",
+                    "shape": {"polygon": [[-1, -1], [1, -1], [0, 1.6]]},
+                    "motion": {"position": [690997.0, 5335014.0]},
+                },
+            ],
+        }
+    )
+    plan = sp.plan(far)
+    save_viewer(plan, far, tmp_path / "far.html")
+    browser.emulate(prefers_color_scheme=scheme)
+    browser.open((tmp_path / "far.html").as_uri())
+    move_slider(browser, 0.5 * plan.travel_time)
+    assert shown_position(browser) == pytest.approx(plan.position(plan.start_time + 0.5 * plan.travel_time), abs=0.008)
+    assert all(math.isfinite(value) for value in browser.evaluate(VEHICLE))
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+
+
+def test_obstacle_that_comes_late(browser: Browser, plan: sp.Plan, scenario: sp.Scenario, tmp_path: Path) -> None:
+    """A zone that is not known at first, of an obstacle that is never known to be anywhere."""
+    recording = record_plan(plan, scenario, 5)
+    first = recording.obstacles[0]
+    center, boundary, clearance = first.center.copy(), first.boundary.copy(), first.clearance.copy()
+    for array in (center, boundary, clearance):
+        array[:3] = np.nan
+    late = replace(first, center=center, boundary=boundary, clearance=clearance)
+    save_recording(replace(recording, obstacles=(late,)), tmp_path / "late.html")
+    browser.open((tmp_path / "late.html").as_uri())
+    hidden = "document.querySelector('.zone').classList.contains('hidden')"
+    assert browser.evaluate(hidden)
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    browser.press("End")
+    assert not browser.evaluate(hidden)
+    assert "NaN" not in browser.evaluate("document.body.innerHTML")
+    assert browser.faults == []
+
+
+def test_trip_without_obstacles(browser: Browser, scenario: sp.Scenario, tmp_path: Path) -> None:
+    alone = scenario.model_copy(update={"obstacles": ()})
+    plan = sp.plan(alone)
+    save_viewer(plan, alone, tmp_path / "alone.html")
+    browser.open((tmp_path / "alone.html").as_uri())
+    move_slider(browser, plan.arrival_time)
+    assert shown_position(browser) == pytest.approx(alone.goal.position, abs=0.008)
+    assert browser.evaluate("document.querySelectorAll('.chart').length") == 4
+    assert browser.faults == []

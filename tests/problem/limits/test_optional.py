@@ -1,0 +1,286 @@
+"""Limits that only some scenarios have: gradients against differences, and what the certificate says of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import CROSSERS, disc, scene
+from shapely.geometry import LineString, Point
+
+import scp_planner as sp
+from benchmarks.dense_check import check_trip
+from scp_planner.arrays import Array
+from scp_planner.baseline.descent import DescentSettings
+from scp_planner.baseline.objective import OPTIONAL, Hinge, PenalisedObjective, Weights
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.limits.rates import rate_partials
+from scp_planner.problem.problem import Problem
+from scp_planner.problem.profile import fastest_profile
+from scp_planner.scenario.places import Line
+from scp_planner.settings.planning import Settings
+from scp_planner.trips.trajectory import Trajectory
+from tests.baseline.test_objective import finite_differences, random_trips
+from tests.scp.test_linearisation import differences
+
+BENT: list[list[float]] = [[0.0, 0.0], [10.0, 0.0], [16.0, 12.0]]
+SLOW: list[dict[str, Any]] = [{"from": 4.0, "to": 8.0, "speed": 1.2}, {"from": 13.0, "speed": 1.6}]
+
+SCENES = {
+    "earliest arrival": (scene(*CROSSERS, goal={"earliest_arrival": 12.0}), Settings()),
+    "slow stretches": (scene(*CROSSERS, speed_limits=SLOW), Settings()),
+    "slow stretches, linear acceleration": (scene(*CROSSERS, speed_limits=SLOW), Settings(acceleration_degree=1)),
+    "jerk": (scene(*CROSSERS, vehicle={"max_jerk": 2.0}), Settings()),
+    "jerk, quadratic acceleration": (scene(*CROSSERS, vehicle={"max_jerk": 2.0}), Settings(acceleration_degree=2)),
+    "curvature rate": (scene(*CROSSERS, vehicle={"max_curvature_rate": 0.2}), Settings(acceleration_degree=1)),
+    "curvature rate along a bent guide": (
+        scene(*CROSSERS, vehicle={"max_curvature_rate": 0.2}, goal={"position": [16.0, 12.0]}, guide=BENT),
+        Settings(acceleration_degree=1),
+    ),
+    "all of them": (
+        scene(
+            *CROSSERS,
+            vehicle={"max_curvature_rate": 0.2, "max_jerk": 2.0},
+            goal={"position": [16.0, 12.0], "earliest_arrival": 12.0},
+            guide=BENT,
+            speed_limits=SLOW,
+        ),
+        Settings(),
+    ),
+}
+
+
+def problem_and_trip(name: str, seed: int) -> tuple[Problem, Trajectory]:
+    scenario, settings = SCENES[name]
+    problem = build_problem(scenario, sp.zones(scenario), settings)
+    rng = np.random.default_rng(seed)
+    theta = problem.ends.theta.copy()
+    free = problem.ends.free
+    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
+    beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
+    return problem, problem.space.trajectory(theta, beta)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", SCENES)
+def test_the_rows_of_optional_limits_agree_with_differences(name: str, seed: int) -> None:
+    problem, trip = problem_and_trip(name, seed)
+    for limit in problem.optional:
+        index = np.flatnonzero(np.isfinite(limit.excess(trip)))
+        assert len(index) >= 1
+
+        def value(other: Trajectory) -> Array:
+            return limit.excess(other)[index]  # noqa: B023
+
+        expected = differences(problem, trip, value, 1e-6)
+        found = limit.gradient(trip, index)
+        scale = max(1.0, float(np.abs(expected[np.isfinite(expected)]).max()))
+        # a place may leave its stretch in a step, and a station may be passed just when the acceleration jumps
+        usual = np.isfinite(expected).all(axis=1) & (np.abs(expected).max(axis=1) < 1e3)
+        wrong = np.abs(found - expected)[usual].max(axis=1) > 1e-5 * scale
+        assert usual.mean() > 0.9
+        # nor are differences to both sides made at the last station, where the trip ends
+        assert wrong.sum() <= 2, np.flatnonzero(usual)[wrong]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_gradient_of_the_objective_with_optional_limits(name: str) -> None:
+    scenario, settings = SCENES[name]
+    problem = build_problem(scenario, sp.zones(scenario), settings)
+    weights = Weights.uniform(problem, 0.0)
+    weights.limits[OPTIONAL:] = 10.0
+    objective = PenalisedObjective(problem, weights, Hinge(0.05, 0.2))
+    assert len(weights.limits) == OPTIONAL + len(problem.optional)
+    for omega in random_trips(objective, 1, seed=2):
+        gradient = objective.gradient(omega)
+        scale = max(1.0, float(np.abs(gradient).max()))
+        assert gradient == pytest.approx(finite_differences(objective, omega), abs=1e-5 * scale)
+
+
+def test_a_scenario_without_them_has_none() -> None:
+    scenario = scene(*CROSSERS)
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    assert problem.optional == ()
+    assert problem.profile is None
+
+
+# places along a line
+
+
+coordinates = st.floats(-15.0, 25.0)
+
+
+@given(st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=8))
+def test_stations_are_those_of_shapely(points: list[tuple[float, float]]) -> None:
+    drawn, line = LineString(BENT), Line(np.array(BENT))
+    assert line.length == pytest.approx(drawn.length)
+    for point, station in zip(points, line.nearest(np.array(points)), strict=True):
+        assert Point(point).distance(drawn.interpolate(station)) == pytest.approx(
+            Point(point).distance(drawn), abs=1e-9
+        )
+
+
+def test_no_point_of_a_stretch_is_overlooked() -> None:
+    rng = np.random.default_rng(4)
+    line = Line(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0], [1.0, 5.5]]))
+    middle, reach = rng.uniform(-2.0, 8.0, (300, 2)), rng.uniform(0.0, 0.8, 300)
+    sure = line.may_be_between(middle, reach, 5.0, 9.0)
+    angle, far = rng.uniform(0.0, 2.0 * np.pi, (300, 50)), np.sqrt(rng.uniform(0.0, 1.0, (300, 50)))
+    around = middle[:, None] + (far * reach[:, None])[:, :, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    stations = line.nearest(around.reshape(-1, 2)).reshape(300, 50)
+    there = ((stations >= 5.0) & (stations <= 9.0)).any(axis=1)
+    assert np.all(sure[there])
+    assert 0.2 < there.mean() < sure.mean() < there.mean() + 0.15
+
+
+def test_the_fastest_profile_is_that_of_the_textbook() -> None:
+    stations = np.linspace(0.0, 20.0, 2001)
+    limits = np.where((stations >= 6.0) & (stations <= 10.0), 1.0, 3.0)
+    profile = fastest_profile(stations, limits, 1.0, None, 1.5, 2.0)
+    # up to 3 m/s, on, down to 1 m/s at 6 m; 4 m at 1 m/s; up to 3 m/s, and on
+    up, down = 2.0 / 1.5, 2.0 / 2.0
+    on = (6.0 - 4.0 / 1.5 - 4.0 / 2.0) / 3.0
+    last = (10.0 - 4.0 / 1.5) / 3.0
+    assert profile.times[-1] == pytest.approx(up + on + down + 4.0 + up + last, abs=2e-3)
+    expected = np.cumsum([up, on, down, 4.0, up])
+    assert np.array(profile.switches) == pytest.approx(expected, abs=0.02)
+
+
+# plans
+
+
+def test_a_slow_stretch_costs_what_the_textbook_says() -> None:
+    scenario = scene(speed_limits=[{"from": 6.0, "to": 10.0, "speed": 1.0}])
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    up, down = 2.0 / 1.5, 2.0 / 2.0
+    best = 2 * up + down + 4.0 + (6.0 - 4.0 / 1.5 - 4.0 / 2.0 + 10.0 - 4.0 / 1.5) / 3.0
+    assert best <= plan.travel_time <= 1.001 * best
+    assert 0.999 < plan.limits["speed_limits[0]"].worst <= 1.0
+
+
+def test_what_is_too_fast_for_a_place_is_refused() -> None:
+    plan = sp.plan(scene(disc("o", (9.0, 0.1))))
+    slow = {"from": 6.0, "to": 10.0, "speed": 2.0}
+    elsewhere = {"from": 6.0, "to": 10.0, "speed": 2.0, "line": [[0.0, 50.0], [1.0, 50.0], [20.0, 80.0]]}
+    scenario = scene(disc("o", (9.0, 0.1)), speed_limits=[slow, elsewhere])
+    certificate = sp.certify(scenario, plan)
+    assert [violation.what for violation in certificate.violations] == ["speed_limits[0]"]
+    assert certificate.violations[0].value == pytest.approx(3.0, abs=0.01)
+    report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+    assert [finding.name for finding in report.violations] == ["place_speed"]
+    # as fast as allowed, and a little faster than that
+    worst = sp.certify(scenario, plan).limits["speed_limits[0]"].worst
+    for share, holds in ((1.0 + 1e-6, True), (1.0 - 1e-6, False)):
+        allowed = scene(disc("o", (9.0, 0.1)), speed_limits=[{**slow, "speed": worst * share}])
+        assert sp.certify(allowed, plan).holds is holds
+
+
+def test_places_stay_where_they_are_while_the_vehicle_drives() -> None:
+    scenario = scene(speed_limits=[{"from": 6.0, "to": 10.0, "speed": 1.0}], start={"speed": 0.0})
+    planner = sp.Planner(scenario)
+    plan = planner.replan(time=0.0, position=(0.0, 0.0), heading=0.0, speed=0.0)
+    for time in np.arange(0.1, 2.0, 0.1):
+        x, y = plan.position(time)
+        plan = planner.replan(time, (x, y), float(plan.heading(time)), float(plan.speed(time)))
+    assert plan.position(1.9)[0] > 2.5
+    assert plan.certified, plan.reason
+    times = np.linspace(plan.start_time, plan.arrival_time, 2000)
+    inside = np.abs(plan.position(times)[:, 0] - 8.0) < 2.0
+    assert plan.speed(times)[inside].max() <= 1.0
+    assert plan.speed(times)[inside].max() > 0.99
+
+
+# rates
+
+
+@pytest.mark.parametrize("guide", [None, BENT])
+def test_the_rate_of_the_curvature_is_its_derivative(guide: list[list[float]] | None) -> None:
+    scenario = scene(goal={"position": [16.0, 12.0]}, guide=guide, start={"heading": None})
+    problem = build_problem(scenario, (), Settings())
+    rng = np.random.default_rng(1)
+    theta = problem.ends.theta.copy()
+    theta[problem.ends.free] = 0.3 * rng.normal(size=len(theta[problem.ends.free]))
+    path = problem.space.trajectory(theta, np.zeros(problem.space.acceleration_size)).path
+    parameters, step = rng.uniform(0.01, 0.99, 200), 1e-6
+    curvature = [path.bend(path.points(parameters + sign * step)).curvature for sign in (1.0, -1.0)]
+    by_differences = (curvature[0] - curvature[1]) / (2.0 * step * problem.space.length)
+    points = path.points(parameters)
+    assert path.curvature_rate(points) == pytest.approx(by_differences, abs=1e-5)
+    # the partial derivatives give back the change of the rate along the path, where only f and its derivatives move
+    partials = rate_partials(path, parameters)
+    other = theta.copy()
+    other[problem.ends.free] += 1e-6 * rng.normal(size=len(theta[problem.ends.free]))
+    moved = problem.space.trajectory(other, np.zeros(problem.space.acceleration_size)).path
+    basis, change = problem.space.path, np.zeros(200)
+    for order, partial in enumerate(partials):
+        change += partial * (basis.rows(parameters) @ (other - theta)) / problem.space.length**order
+        basis = basis.derivative
+    there = moved.points(parameters)
+    found = moved.curvature_rate(there) / there.speed - path.curvature_rate(points) / points.speed
+    assert np.abs(found).max() > 1e-7
+    assert change == pytest.approx(found, abs=1e-4 * np.abs(found).max())
+
+
+def jerks(plan: sp.Plan) -> Array:
+    """Slopes of the acceleration over 1 ms."""
+    times = np.arange(plan.start_time, plan.arrival_time, 1e-3)
+    return np.abs(np.diff(plan.acceleration(times))) / 1e-3
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_the_jerk_is_limited_and_used(degree: int) -> None:
+    """A degree of 0 makes way for accelerations that do not jump."""
+    free = sp.plan(scene(disc("o", (9.0, 0.1)), start={"speed": 0.0, "acceleration": 0.0}, goal={"speed": 0.0}))
+    scenario = scene(
+        disc("o", (9.0, 0.1)),
+        vehicle={"max_jerk": 1.5},
+        start={"speed": 0.0, "acceleration": 0.0},
+        goal={"speed": 0.0},
+    )
+    plan = sp.plan(scenario, settings=Settings(acceleration_degree=degree))
+    assert plan.certified, plan.reason
+    assert jerks(plan).max() <= 1.5 + 1e-9
+    assert jerks(plan).max() > 1.49
+    assert free.travel_time + 0.3 < plan.travel_time < free.travel_time + 1.5
+    report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+    assert report.ok, str(report)
+    certificate = sp.certify(scenario, free)
+    assert [violation.what for violation in certificate.violations] == ["jerk"]
+    broken = check_trip(scenario.to_dict(), free.position, free.start_time, free.arrival_time)
+    assert [finding.name for finding in broken.violations] == ["jerk"]
+
+
+def test_the_rate_of_the_curvature_is_limited_and_used() -> None:
+    obstacle = disc("o", (6.0, 0.1), radius=1.0)
+    free = sp.plan(scene(obstacle))
+    scenario = scene(obstacle, vehicle={"max_curvature_rate": 0.2})
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    times = np.arange(plan.start_time, plan.arrival_time, 1e-3)
+    rates = np.abs(np.diff(plan.curvature(times))) / 1e-3
+    assert 0.198 < rates.max() <= 0.2 + 1e-9
+    assert plan.travel_time > free.travel_time
+    report = check_trip(scenario.to_dict(), plan.position, plan.start_time, plan.arrival_time)
+    assert report.ok, str(report)
+    certificate = sp.certify(scenario, free)
+    assert [violation.what for violation in certificate.violations] == ["curvature_rate"]
+    broken = check_trip(scenario.to_dict(), free.position, free.start_time, free.arrival_time)
+    assert [finding.name for finding in broken.violations] == ["curvature_rate"]
+
+
+def test_penalty_descent_knows_them_too() -> None:
+    scenario = scene(disc("o", (9.0, 0.1)), vehicle={"max_jerk": 3.0}, speed_limits=SLOW[:1])
+    plan = sp.plan(scenario)
+    by_descent = sp.penalty_descent(scenario, settings=Settings(max_runs=1), descent=DescentSettings(settlings=4))
+    assert by_descent.certified, by_descent.reason
+    assert plan.certified, plan.reason
+    assert by_descent.travel_time == pytest.approx(plan.travel_time, rel=0.01)
+
+
+def test_a_planner_online_refuses_a_limit_of_the_jerk() -> None:
+    with pytest.raises(ValueError, match=r"vehicle\.max_jerk"):
+        sp.Planner(scene(vehicle={"max_jerk": 3.0}))

@@ -1,0 +1,155 @@
+"""Scenarios of CommonRoad: what is read is what stands in the files, and can be planned with."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from shapely import Point, box, union_all
+from typer.testing import CliRunner
+
+import scp_planner as sp
+from scp_planner.cli import app
+from scp_planner.scenario.models import Course
+
+pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
+
+from scp_planner.scenario.commonroad import load_commonroad
+
+NAMES = (
+    "DEU_A9-1_1_T-1",
+    "DEU_Ffb-1_1_T-1",
+    "RUS_Bicycle-3_1_T-1",
+    "USA_Peach-4_2_T-1",
+    "USA_US101-1_1_T-1",
+    "USA_US101-4_1_T-1",
+    "ZAM_Merge-1_1_T-1",
+    "ZAM_Tjunction-1_42_T-1",
+)
+
+BROKEN = "<?xml version='1.0'?><commonRoad commonRoadVersion='2020a'><location/></commonRoad>"
+
+
+def file_of(data: Path, name: str) -> Path:
+    return data / "commonroad" / f"{name}.xml"
+
+
+def numbers(element: ElementTree.Element | None, *paths: str) -> list[float]:
+    assert element is not None
+    return [float(str(element.findtext(path))) for path in paths]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scenario_is_that_of_the_file(name: str, recorded_data: Path) -> None:
+    """Against the file's elements, read by nothing that the package uses."""
+    scenario = load_commonroad(file_of(recorded_data, name))
+    root = ElementTree.parse(file_of(recorded_data, name)).getroot()
+    step = float(root.attrib["timeStepSize"])
+    start = root.find("planningProblem/initialState")
+    place = "position/point/x", "position/point/y"
+    # The reader keeps as many digits as the format has.
+    assert scenario.start.position == pytest.approx(tuple(numbers(start, *place)), abs=1e-6)
+    assert [scenario.start.heading, scenario.start.speed] == pytest.approx(
+        numbers(start, "orientation/exact", "velocity/exact"), abs=1e-6
+    )
+    (latest,) = numbers(root.find("planningProblem/goalState"), "time/intervalEnd")
+    assert scenario.goal.latest_arrival == pytest.approx(step * latest)
+
+    obstacles = [each for each in root if each.tag.endswith("bstacle") and each.find("shape") is not None]
+    assert [obstacle.id for obstacle in scenario.obstacles] == [each.attrib["id"] for each in obstacles]
+    for element, obstacle, zone in zip(obstacles, scenario.obstacles, sp.zones(scenario), strict=True):
+        assert isinstance(obstacle.shape, sp.Rectangle)
+        sides = numbers(element.find("shape/rectangle"), "length", "width")
+        assert obstacle.shape.rectangle == pytest.approx(sides, abs=1e-6)
+        states = [element.find("initialState"), *element.iterfind("trajectory/state")]
+        for state in states:
+            (k,) = numbers(state, "time/exact")
+            # Standing ones are where they begin, within the little that they move.
+            slack = 1e-6 if isinstance(obstacle.motion, Course) else 0.2
+            assert zone.center(step * k) == pytest.approx(numbers(state, *place), abs=slack)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_goal_lies_in_its_region(name: str, recorded_data: Path) -> None:
+    from commonroad.common.file_reader import CommonRoadFileReader
+
+    scenario = load_commonroad(file_of(recorded_data, name))
+    _, problems = CommonRoadFileReader(str(file_of(recorded_data, name))).open()
+    (problem,) = problems.planning_problem_dict.values()
+    state = problem.goal.state_list[0]
+    assert scenario.goal.radius > 0.5
+    for angle in np.linspace(0.0, math.tau, 60):
+        rim = scenario.goal.position + scenario.goal.radius * np.array([math.cos(angle), math.sin(angle)])
+        assert state.position.shapely_object.contains(Point(rim))
+    if scenario.goal.speed is not None:
+        assert state.velocity.start <= scenario.goal.speed <= state.velocity.end
+    if scenario.goal.heading is not None:
+        assert state.orientation.start <= scenario.goal.heading <= state.orientation.end
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_guide_keeps_to_the_lanes(name: str, recorded_data: Path) -> None:
+    from commonroad.common.file_reader import CommonRoadFileReader
+
+    scenario = load_commonroad(file_of(recorded_data, name))
+    world, _ = CommonRoadFileReader(str(file_of(recorded_data, name))).open()
+    assert scenario.guide is not None
+    guide = np.array(scenario.guide)
+    sides = np.linalg.norm(np.diff(guide, axis=0), axis=1)
+    assert 1.0 < sides.min() and sides.max() < 3.1
+    between = np.concatenate([guide, 0.5 * (guide[1:] + guide[:-1])])
+    on_lanes = [bool(lanes) for lanes in world.lanelet_network.find_lanelet_by_position(list(between))]
+    assert np.mean(on_lanes) > 0.95
+    # It goes about as far as the crow flies, or round a corner.
+    assert sides.sum() < 1.5 * math.dist(guide[0], guide[-1])
+    assert load_commonroad(file_of(recorded_data, name), guide=False).guide is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_certified_plan_reaches_the_goal_in_time(name: str, recorded_data: Path) -> None:
+    scenario = load_commonroad(file_of(recorded_data, name))
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    goal = scenario.goal
+    assert goal.latest_arrival is not None
+    assert (goal.earliest_arrival or 0.0) - 1e-3 <= plan.arrival_time <= goal.latest_arrival + 1e-3
+    assert math.dist(plan.position(plan.arrival_time), goal.position) <= goal.radius + 1e-3
+
+
+def test_default_vehicle_is_a_whole_car(recorded_data: Path) -> None:
+    vehicle = load_commonroad(file_of(recorded_data, "DEU_Ffb-1_1_T-1")).vehicle
+    car = box(-2.25, -0.9, 2.25, 0.9)
+    covered = union_all([Point(offset, 0.0).buffer(vehicle.radius, quad_segs=256) for offset in vehicle.discs])
+    assert car.difference(covered.buffer(1e-4)).is_empty
+    assert covered.bounds[3] < 1.01  # and little more
+
+
+def test_own_vehicle(recorded_data: Path) -> None:
+    file = file_of(recorded_data, "DEU_Ffb-1_1_T-1")
+    vehicle = sp.Vehicle(radius=0.5, max_speed=15.0, max_acceleration=2.0, max_deceleration=3.0)
+    assert load_commonroad(file, vehicle).vehicle == vehicle
+    assert load_commonroad(file).vehicle.max_speed > 14.0
+
+
+def test_what_cannot_be_read_is_refused(tmp_path: Path, recorded_data: Path) -> None:
+    (tmp_path / "broken.xml").write_text(BROKEN, encoding="utf-8")
+    (tmp_path / "text.xml").write_text("no XML", encoding="utf-8")
+    for name in ("broken.xml", "text.xml"):
+        with pytest.raises(sp.ScenarioError, match=rf"{name}: 1 fault\n  \(the whole file\): not a CommonRoad file"):
+            load_commonroad(tmp_path / name)
+    with pytest.raises(FileNotFoundError):
+        load_commonroad(tmp_path / "nothing.xml")
+    with pytest.raises(sp.ScenarioError, match=r"planningProblem = 7: must be one of \d+"):
+        load_commonroad(file_of(recorded_data, "DEU_Ffb-1_1_T-1"), problem=7)
+
+
+def test_command_plans_a_file(recorded_data: Path, tmp_path: Path) -> None:
+    file = file_of(recorded_data, "DEU_Ffb-1_1_T-1")
+    done = CliRunner().invoke(app, ["plan", str(file), "-o", str(tmp_path / "plan.json"), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["scenario"] == "DEU_Ffb-1_1_T-1"
+    assert sp.Plan.load(tmp_path / "plan.json").certified

@@ -1,0 +1,114 @@
+"""What the loop learns of the curvature of its constraints, against differences of the Lagrangian."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, scene
+
+import scp_planner as sp
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.last_step import DAMPING, LastStep
+from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
+from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.settings.planning import Settings
+from scp_planner.trips.bundle import TripBundle
+from scp_planner.trips.trajectory import Trajectory
+from tests.scp.test_linearisation import moved
+
+Array = np.ndarray
+PRICES = np.array([0.7, 0.0, 1.3, 0.4])
+ARRIVAL, UP, DOWN = -3.0, 0.2, 0.1
+
+
+def clearances(problem: Problem, trip: Trajectory) -> Array:
+    """Clearance from the first zone at four fixed times, m."""
+    points = trip.at(problem.samples).take(np.array([40, 60, 80, 100]))
+    return problem.zones.contacts(np.zeros(4, dtype=int), points.time, points.path.position).distance
+
+
+def rows_at(problem: Problem, trip: Trajectory):
+    index = np.array([40, 60, 80, 100])
+    points = trip.at(problem.samples).take(index)
+    zone = np.zeros(4, dtype=int)
+    contacts = problem.zones.contacts(zone, points.time, points.path.position)
+    return clearance_rows(problem, TripBundle([trip]), ClearanceSites.of(zone, zone, index, points, contacts))
+
+
+@pytest.fixture
+def step() -> tuple[Problem, LastStep, Array]:
+    scenario = scene(*CROSSERS)
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    rng = np.random.default_rng(0)
+    theta = problem.ends.theta.copy()
+    free = problem.ends.free
+    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
+    trip = problem.space.trajectory(theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
+    z = 1e-3 * rng.normal(size=problem.step_size)
+    kinematics = KinematicRows(problem)
+    prices = np.zeros(len(kinematics.bound))
+    prices[0], prices[kinematics._up.start + 2], prices[kinematics._down.start + 5] = ARRIVAL, UP, DOWN
+    rows = rows_at(problem, trip)
+    active = np.flatnonzero(PRICES)
+    last = LastStep(
+        trip,
+        moved(problem, trip, z),
+        z,
+        rows.key[active],
+        rows.matrix[active],
+        PRICES[active],
+        ARRIVAL,
+        kinematics.timing_curvature(prices),
+    )
+    return problem, last, z
+
+
+def lagrangian(problem: Problem, trip: Trajectory, first: Trajectory) -> float:
+    """Of what is active: clearances, arrival, and two bounds of the acceleration; what is linear is left out."""
+    tau, b = trip.travel_time, trip.travel_time**2 * trip.beta
+    highest, lowest = problem.highest_accelerations[2], problem.lowest_accelerations[5]
+    bounds = UP * (b[2] - highest * tau**2) + DOWN * (lowest * tau**2 - b[5])
+    return float(-PRICES @ clearances(problem, trip) - ARRIVAL * trip.path.arc_length + bounds / first.travel_time**2)
+
+
+def test_change_of_the_gradient_is_the_curvature_of_the_lagrangian(step: tuple[Problem, LastStep, Array]) -> None:
+    problem, last, z = step
+    h = 2.0
+
+    def value(share: float) -> float:
+        return lagrangian(problem, moved(problem, last.start, share * z), last.start)
+
+    # Central second difference along the step about its middle
+    curvature = (value(0.5 + h) - 2.0 * value(0.5) + value(0.5 - h)) / h**2
+    change = last.gradient_change(problem, rows_at(problem, last.end))
+    assert float(z @ change) == pytest.approx(curvature, rel=2e-3)
+
+
+def test_the_corrected_hessian_explains_the_step_and_stays_definite(step: tuple[Problem, LastStep, Array]) -> None:
+    problem, last, z = step
+    size = problem.step_size
+    proximal = np.full(size, 1e-2)
+    rows = rows_at(problem, last.end)
+    # What bends downwards is damped, see below; here the path's length bends it upwards.
+    convex = replace(last, arrival=-100.0)
+    change = convex.gradient_change(problem, rows) + proximal * z
+    assert float(z @ change) > 0.0
+    for scale in (0.1, 1.0, 4.0):
+        # Models that are softer, as stiff, and stiffer than what was seen
+        model = scale * np.eye(size) * float(z @ change) / float(z @ z)
+        hessian = model.copy()
+        convex.teach(problem, rows, hessian, proximal)
+        np.testing.assert_allclose(hessian @ z, change, rtol=1e-9, atol=1e-12)
+        assert np.linalg.eigvalsh(hessian).min() > 0.0
+
+
+def test_negative_curvature_is_damped(step: tuple[Problem, LastStep, Array]) -> None:
+    problem, last, z = step
+    concave = replace(last, timing=-1e6)
+    hessian = np.eye(problem.step_size)
+    concave.teach(problem, rows_at(problem, last.end), hessian, np.zeros(problem.step_size))
+    assert float(z @ hessian @ z) == pytest.approx(DAMPING * float(z @ z))
+    assert np.linalg.eigvalsh(hessian).min() > 0.0

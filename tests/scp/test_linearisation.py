@@ -1,0 +1,190 @@
+"""Every kind of row against central differences of what it linearises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, scene
+
+import scp_planner as sp
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.bend_sites import bend_sites, station_sites
+from scp_planner.scp.evaluation import box_gaps, evaluate_trip
+from scp_planner.scp.linearisation import TrustRegion, linearise
+from scp_planner.scp.rows.base import Rows
+from scp_planner.scp.rows.bends import curvature_rows, lateral_rows
+from scp_planner.scp.rows.box import box_rows
+from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
+from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.settings.planning import Settings
+from scp_planner.trips.bundle import TripBundle
+from scp_planner.trips.path import Path
+from scp_planner.trips.trajectory import Trajectory
+from tests.threat_zones.test_of_scenario import observed
+
+Array = np.ndarray
+ALONE = np.zeros(40, dtype=int)
+BOX = {"min": [-1.0, -1.3], "max": [21.0, 2.0]}
+
+
+def problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
+    scenario = scene(*CROSSERS, observed("seen", 1), start={"heading": heading}, bounds=BOX)
+    problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
+    rng = np.random.default_rng(seed)
+    theta = problem.ends.theta.copy()
+    free = problem.ends.free
+    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
+    beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
+    return problem, problem.space.trajectory(theta, beta)
+
+
+def moved(problem: Problem, trip: Trajectory, z: Array) -> Trajectory:
+    """The trip after a step in the variables of the subproblem, without making it consistent again."""
+    free, size = problem.ends.free, problem.space.acceleration_size
+    count = free.stop - free.start
+    theta = trip.theta.copy()
+    theta[free] += z[:count]
+    beta = (trip.beta + z[count : count + size]) / (1.0 + z[-1]) ** 2
+    return Trajectory(Path(problem.space, theta), beta, trip.travel_time * (1.0 + z[-1]))
+
+
+def differences(problem: Problem, trip: Trajectory, value: Callable[[Trajectory], Array], step: float) -> Array:
+    free, size = problem.ends.free, problem.space.acceleration_size
+    columns = []
+    for k in range(free.stop - free.start + size + 1):
+        z = np.zeros(free.stop - free.start + size + 1)
+        z[k] = step
+        columns.append((value(moved(problem, trip, z)) - value(moved(problem, trip, -z))) / (2 * step))
+    return np.array(columns).T
+
+
+def assert_rows(matrix: Array, differences_of_value: Array, tolerance: float = 2e-5) -> None:
+    scale = max(1.0, np.abs(differences_of_value).max())
+    np.testing.assert_allclose(matrix / scale, differences_of_value / scale, atol=tolerance)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_clearance_rows(degree: int) -> None:
+    problem, trip = problem_and_trip(degree)
+    table = problem.space.time_table(np.random.default_rng(1).uniform(0.02, 0.98, 40))
+    zone = np.arange(40) % problem.zones.size
+    points = trip.at(table)
+    contacts = problem.zones.contacts(zone, points.time, points.path.position)
+    rows = clearance_rows(problem, TripBundle([trip]), ClearanceSites.of(ALONE, zone, np.arange(40), points, contacts))
+
+    def distance(other: Trajectory) -> Array:
+        there = other.at(table)
+        return problem.zones.contacts(zone, there.time, there.path.position).distance
+
+    assert_rows(-rows.matrix, differences(problem, trip, distance, 1e-5))
+    np.testing.assert_allclose(rows.gap, contacts.distance)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_arrival_speed_and_acceleration_rows(degree: int) -> None:
+    problem, trip = problem_and_trip(degree)
+    kinematics = KinematicRows(problem)
+    matrix, bound = kinematics.at(trip)
+    limits = problem.limits
+
+    def arrival(other: Trajectory) -> Array:
+        tables, v0 = problem.space.tables, problem.space.start_speed
+        tau = other.travel_time
+        driven = v0 * tau + tau**2 * float(tables.final_distance @ other.beta)
+        return np.array([driven - other.path.arc_length])
+
+    assert_rows(matrix[:1], differences(problem, trip, arrival, 1e-5))
+    # The other rows are linear in (b, tau): exact for steps of any size.
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        z = rng.normal(size=matrix.shape[1]) * 0.2
+        other = moved(problem, trip, z)
+        left = bound[1:] - matrix[1:] @ z
+        ratio = 1.0 + z[-1]
+        speeds = other.speed_control_points()[1:]
+        expected = np.concatenate([(limits.speed - speeds) * ratio, speeds * ratio])
+        np.testing.assert_allclose(left[: len(expected)], expected, atol=1e-10)
+        # Conservative: tau^2 is replaced by its tangent.
+        up, down = np.split(left[len(expected) :], 2)
+        assert np.all(up <= (limits.acceleration - other.beta) * ratio**2 + 1e-10)
+        assert np.all(down <= (limits.deceleration + other.beta) * ratio**2 + 1e-10)
+
+
+def assert_both_sides(
+    rows: Rows, value: Array, difference: Array, tolerance: float = 2e-5, smooth: Array | None = None
+) -> None:
+    """Rows are the upper sides of some values, then lower sides of some: those that are not far away."""
+    smooth = np.ones(len(value), dtype=bool) if smooth is None else smooth
+    upper, lower = np.flatnonzero(value > -0.5), np.flatnonzero(value < 0.5)
+    assert len(rows.gap) == len(upper) + len(lower)
+    assert 0 < len(upper) < len(value) or 0 < len(lower) < len(value), "one of the far sides is to be left out"
+    for sign, side, of in ((1.0, upper, slice(len(upper))), (-1.0, lower, slice(len(upper), None))):
+        np.testing.assert_allclose(rows.gap[of], 1.0 - sign * value[side], atol=1e-12)
+        assert_rows(rows.matrix[of][smooth[side]], sign * difference[side[smooth[side]]], tolerance)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_curvature_and_lateral_rows(degree: int) -> None:
+    problem, trip = problem_and_trip(degree)
+    bundle, whose = TripBundle([trip]), np.zeros(0, dtype=int)
+    sites = bend_sites(problem, bundle, trip.at(problem.samples))[0]
+    assert len(sites.peaks.speed) > 0, "this trip is to come near the limit"
+    rows = curvature_rows(problem, [sites], -1.0, 0)
+
+    def curvature(other: Trajectory) -> Array:
+        return other.path.station_bend.curvature / problem.limits.curvature
+
+    assert_both_sides(rows, curvature(trip), differences(problem, trip, curvature, 1e-5))
+
+    lateral = lateral_rows(problem, bundle, trip.at(problem.samples), [sites], -1.0, 0)
+
+    def value(other: Trajectory) -> Array:
+        fixed = station_sites(TripBundle([other]), whose, problem.space.tables.station_parameters).lateral
+        peaks = station_sites(TripBundle([other]), whose, sites.peaks.parameters).lateral
+        there = other.at(problem.samples).take(slice(problem.grid, None))
+        jumps = there.speed**2 * other.path.bend(there.path).curvature
+        return np.concatenate([fixed, peaks, jumps]) / problem.limits.lateral_acceleration
+
+    difference = differences(problem, trip, value, 1e-6)
+    # Not where the one-sided derivatives differ: at knots of the path or of a piecewise constant acceleration.
+    breaks = problem.space.acceleration.breakpoints
+    sigma = np.concatenate([sites.stations.sigma, sites.peaks.sigma])
+    smooth = np.abs(sigma[:, None] - breaks).min(axis=1) > 1e-4
+    assert smooth.sum() > 0.6 * len(smooth)
+    # Jumps are followed in time: only at knots of the path does their curvature bend.
+    assert len(sites.jumps.lateral) == len(breaks) - 2
+    smooth = np.concatenate([smooth, np.ones(len(breaks) - 2, dtype=bool)])
+    assert_both_sides(lateral, value(trip), difference, 1e-4, smooth)
+
+
+def test_box_rows_are_exact() -> None:
+    problem, trip = problem_and_trip(0)
+    gaps = box_gaps(problem, trip.path)
+    rows = box_rows(problem, gaps[None], 0, np.inf)
+    z = np.random.default_rng(3).normal(size=rows.matrix.shape[1])
+    there = box_gaps(problem, moved(problem, trip, z).path)
+    np.testing.assert_allclose(rows.gap - rows.matrix @ z, there.ravel(), atol=1e-12)
+    world = problem.frame.to_world(trip.path.station_positions)
+    keep = problem.scenario.vehicle.radius + problem.settings.box_margin
+    expected = np.stack([21.0 - world[:, 0], world[:, 0] + 1.0, 2.0 - world[:, 1], world[:, 1] + 1.3], axis=1)
+    np.testing.assert_allclose(gaps, expected - keep, atol=1e-12)
+
+
+def test_rows_out_of_reach_are_left_out_and_cannot_be_violated() -> None:
+    problem, trip = problem_and_trip(0)
+    base = evaluate_trip(problem, trip, 1.5)
+    trust = TrustRegion(0.05, 0.1, 0.01)
+    some, every = linearise(problem, base, trust, 1.5), linearise(problem, base, trust.scaled(1e6), 1.5)
+    assert 0 < len(some.gap) < len(every.gap)
+    box = np.full(every.matrix.shape[1], trust.beta)
+    free = problem.ends.free
+    box[: free.stop - free.start] = trust.theta * problem.space.tables.leverage[free]
+    box[-1] = trust.rho
+    rng = np.random.default_rng(4)
+    left = every.take(np.flatnonzero(~np.isin(every.key, some.key)))
+    assert len(left.gap) == len(every.gap) - len(some.gap)
+    for _ in range(200):
+        assert np.all(left.matrix @ (box * rng.choice([-1.0, 1.0], len(box))) <= left.gap)

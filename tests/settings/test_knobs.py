@@ -1,0 +1,138 @@
+"""Settings: every knob has a unit, an effect and a range, which is checked and can be planned with."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.errors import SettingsError
+from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
+from scp_planner.settings.online import Newcomers
+from tests.scenes import CROSSERS, scene
+
+CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
+EVERY = [
+    pytest.param(each, knob, id=f"{each.__name__}.{knob.name}") for each in CLASSES for knob in knobs(each).values()
+]
+ENDS = [
+    pytest.param(knob.name, knob.kind(end), id=f"{knob.name}={end:g}")
+    for knob in knobs(sp.Settings).values()
+    if isinstance(knob.allowed, Range)
+    for end in (knob.allowed.least, knob.allowed.most)
+]
+
+
+@pytest.mark.parametrize(("settings", "knob"), EVERY)
+def test_every_setting_says_what_it_does_and_has_a_default_in_its_range(settings: type[Knobs], knob: Knob) -> None:
+    assert knob.effect.endswith(".")
+    assert len(knob.effect.split()) >= 5
+    if knob.kind is not Newcomers:
+        assert knob.allowed is not None
+        assert knob.fault(knob.default) is None
+        assert knob.fault("neither a number nor a word of it") is not None
+    if knob.kind is float and isinstance(knob.allowed, Range):
+        assert knob.unit or knob.name in {"limit_margin", "gate_probability"}, "a float has a unit or is a ratio"
+
+
+@pytest.mark.parametrize(("name", "value"), ENDS)
+def test_the_ends_of_every_range_can_be_planned_with(name: str, value: float) -> None:
+    settings = replace(sp.Settings(), **{name: value})
+    plan = sp.plan(scene(CROSSERS[0]), settings, time_limit=1.0)
+    assert 6.0 < plan.travel_time < 60.0
+    assert plan.certified or plan.reason
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({"path_degree": 2}, "path_degree = 2: must be a whole number, 3 to 5"),
+        ({"path_degree": 3.5}, "path_degree = 3.5: must be a whole number"),
+        ({"samples": True}, "samples = true: must be a whole number, 10 to 5000"),
+        ({"tolerance": math.nan}, "tolerance = nan: must be a number, 1e-08 to 1 s"),
+        ({"max_offset": math.inf}, "max_offset = inf: must be a number, 0.01 to 1000 m"),
+        ({"path_span": "2"}, "path_span = '2': must be a number"),
+        ({"solver": "gurobi"}, "solver = 'gurobi': must be one of daqp, clarabel"),
+        ({"path_spam": 2.0}, "path_spam = 2.0: there is no such setting; did you mean 'path_span'?"),
+        ({"xyzzy": 2.0}, "xyzzy = 2.0: there is no such setting"),
+    ],
+    ids=str,
+)
+def test_what_is_not_allowed_is_refused_with_what_is(value: dict[str, Any], said: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        sp.Settings(**value)
+    assert said in str(refused.value)
+    assert isinstance(refused.value, ValueError)
+
+
+def test_all_faults_are_told_at_once() -> None:
+    with pytest.raises(SettingsError) as refused:
+        sp.Settings(samples=1, path_span=-1.0)
+    assert [fault.path for fault in refused.value.faults] == ["path_span", "samples"]
+    with pytest.raises(SettingsError) as unknown:
+        sp.Settings(sample=1, span=2.0)  # type: ignore[call-arg]
+    assert [fault.path for fault in unknown.value.faults] == ["sample", "span"]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    assert sp.Settings(samples=np.int64(20), path_span=np.float64(2.0)) == sp.Settings(samples=20, path_span=2.0)
+
+
+def test_settings_survive_pickling_and_replacing() -> None:
+    settings = sp.Settings(path_span=2.0, solver="osqp")
+    assert pickle.loads(pickle.dumps(settings)) == settings
+    assert replace(settings, path_span=1.5) == sp.Settings(solver="osqp")
+    with pytest.raises(SettingsError):
+        replace(settings, path_span=0.0)
+
+
+def test_settings_are_read_from_text() -> None:
+    base = sp.Settings(samples=80)
+    read = sp.Settings.from_text(["path_span = 2", "max_runs=3", "solver=osqp"], base)
+    assert read == sp.Settings(samples=80, path_span=2.0, max_runs=3, solver="osqp")
+    online = sp.OnlineSettings.from_text(["safety=trip", "foresight=none", "forget_after=2"])
+    assert online == sp.OnlineSettings(safety=sp.Safety.TRIP, foresight=None, forget_after=2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("path_span", "path_span: must be NAME=VALUE"),
+        ("path_spam=2", "did you mean 'path_span'?"),
+        ("path_span=wide", "path_span = 'wide': must be a number, 0.1 to 1000 m"),
+        ("path_span=nan", "path_span = nan: must be a number"),
+        ("samples=1.5", "samples = '1.5': must be a whole number"),
+    ],
+)
+def test_text_that_is_no_setting_is_refused(text: str, said: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        sp.Settings.from_text([text])
+    assert said in str(refused.value)
+
+
+def test_safety_is_refused_by_its_words() -> None:
+    with pytest.raises(SettingsError, match="must be one of stop, trip"):
+        sp.OnlineSettings.from_text(["safety=hope"])
+
+
+def test_assignments_of_two_classes_are_told_apart_by_name() -> None:
+    assert not set(knobs(sp.Settings)) & set(knobs(sp.OnlineSettings))
+    values = parse_assignments(["path_span=2", "iterations=5"], sp.Settings, sp.OnlineSettings)
+    assert values == {"path_span": 2.0, "iterations": 5}
+    with pytest.raises(SettingsError, match="did you mean 'iterations'"):
+        parse_assignments(["iteration=5"], sp.Settings, sp.OnlineSettings)
+
+
+def test_a_choice_lists_the_solvers_that_users_add(monkeypatch: pytest.MonkeyPatch) -> None:
+    from scp_planner.solvers.interface import SOLVERS
+
+    monkeypatch.setitem(SOLVERS, "mine", "scp_planner.solvers.daqp_solver:DaqpSolver")
+    assert sp.Settings(solver="mine").solver == "mine"
+    allowed = knobs(sp.Settings)["solver"].allowed
+    assert isinstance(allowed, Choice)
+    assert str(allowed).endswith("mine")

@@ -1,0 +1,238 @@
+"""Zones against dense searches, finite differences and Monte Carlo."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, disc, scene
+
+import scp_planner as sp
+from scp_planner.estimation.estimate import estimate_obstacle
+from scp_planner.mathematics.ellipse import ellipse_contact, support
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import ZonesOf, zones
+from scp_planner.threat_zones.zone import ThreatZone
+
+
+def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, object]:
+    """A disc seen ten times through noise."""
+    rng = np.random.default_rng(seed)
+    times = np.linspace(-2.0, -0.1, 12)
+    truth = np.array([7.0, 3.0]) + times[:, None] * rng.normal(size=2) + 0.5 * times[:, None] ** 2 * 0.1
+    covariance = [[0.01, 0.0], [0.0, 0.01]] if isotropic else [[0.02, 0.006], [0.006, 0.008]]
+    seen = truth + rng.multivariate_normal([0, 0], covariance, len(times))
+    return {
+        "id": name,
+        "shape": {"disc": 0.4},
+        "observations": {"time": times.tolist(), "position": seen.tolist(), "covariance": covariance},
+    }
+
+
+def batch_of(scenario: sp.Scenario) -> tuple[tuple[ThreatZone, ...], PlanningFrame, ZoneBatch]:
+    zones = sp.zones(scenario)
+    frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
+    return zones, frame, ZoneBatch(zones, frame, 0.3)
+
+
+MIXED = scene(
+    *CROSSERS,
+    observed("seen", 1),
+    observed("round", 2, isotropic=True),
+    start={"time": 0.0, "position": [1.0, 2.0]},
+    goal={"position": [15.0, 9.0]},
+)
+
+
+def test_the_signed_distance_to_an_ellipse_is_the_largest_separation() -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(300, 2, 2)) * rng.uniform(0.05, 2.0, (300, 1, 1))
+    matrix = root @ root.transpose(0, 2, 1) + 1e-4 * np.eye(2)
+    packed = np.stack([matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]], axis=1)
+    points = rng.normal(size=(300, 2)) * rng.choice([0.01, 0.3, 1.0, 6.0], (300, 1))
+    contact = ellipse_contact(points, packed)
+    angle = np.linspace(0.0, 2 * np.pi, 20001)
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for point, quadratic, distance in zip(points, matrix, contact.distance, strict=True):
+        separation = directions @ point - np.sqrt(np.einsum("ij,jk,ik->i", directions, quadratic, directions))
+        assert separation.max() <= distance + 1e-12
+        assert distance == pytest.approx(separation.max(), abs=1e-5)
+    np.testing.assert_allclose(np.hypot(*contact.normal.T), 1.0, atol=1e-12)
+
+
+def test_points_on_the_axes_of_an_ellipse_have_a_distance() -> None:
+    points = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [3.0, 0.0], [0.0, -3.0]])
+    contact = ellipse_contact(points, np.tile([4.0, 0.0, 1.0], (5, 1)))
+    expected = [-1.0, -np.sqrt(1 - 0.25 / 3), -0.5, 1.0, 2.0]
+    np.testing.assert_allclose(contact.distance, expected, atol=1e-8)
+
+
+def test_a_known_motion_is_a_moving_disc() -> None:
+    zone = sp.zones(scene(disc("o", (1.0, 2.0), (0.5, -1.0), (0.2, 0.4), radius=0.7)))[0]
+    t = np.array([0.0, 1.5, 4.0])
+    center = np.array([1.0, 2.0]) + t[:, None] * [0.5, -1.0] + 0.5 * t[:, None] ** 2 * [0.2, 0.4]
+    np.testing.assert_allclose(zone.center(t), center)
+    points = np.array([[0.0, 0.0], [5.0, 1.0], [2.0, 2.0]])
+    np.testing.assert_allclose(zone.signed_distance(t, points), np.hypot(*(points - center).T) - 0.7)
+    assert zone.signed_distance(0.0, [1.0, 2.0]) == pytest.approx(-0.7)
+
+
+def test_the_extra_margin_of_an_obstacle_counts() -> None:
+    near, wide = disc("a", (5.0, 5.0)), {**disc("b", (5.0, 5.0)), "margin": 0.25}
+    first, second = sp.zones(scene(near, wide))
+    point = np.array([0.0, 0.0])
+    assert first.signed_distance(0.0, point) - second.signed_distance(0.0, point) == pytest.approx(0.25)
+
+
+def test_an_estimated_zone_is_its_estimate_scaled_by_the_level() -> None:
+    for level in ("per_time", "per_obstacle", "joint"):
+        scenario = scene(observed("seen", 1), confidence={"probability": 0.9, "level": level})
+        obstacle = scenario.obstacles[0]
+        assert obstacle.observations is not None
+        estimate = sp.estimate_motion(
+            obstacle.observations.time, obstacle.observations.position, obstacle.observations.covariance
+        )
+        zone = sp.zones(scenario)[0]
+        t = np.array([0.0, 2.0, 5.0])
+        np.testing.assert_allclose(zone.center(t), estimate.position(t), atol=1e-9)
+        ratio = zone.covariance(t) / estimate.covariance(t)
+        np.testing.assert_allclose(ratio, ratio[0, 0, 0], rtol=1e-6)
+        if level == "per_time":
+            assert ratio[0, 0, 0] == pytest.approx(-2.0 * np.log(0.1), rel=1e-6)  # chi-square, 2 degrees
+        else:
+            assert ratio[0, 0, 0] > -2.0 * np.log(0.1)
+
+
+def test_the_batch_agrees_with_the_single_zones_in_world_coordinates() -> None:
+    zones, frame, batch = batch_of(MIXED)
+    rng = np.random.default_rng(4)
+    times = rng.uniform(0.0, 6.0, 50)
+    points = rng.uniform([-2, -5], [20, 12], (50, 2))
+    local = frame.to_frame(points)
+    grid = batch.distances(times, local)
+    index = np.tile(np.arange(len(zones)), 50)
+    contacts = batch.contacts(index, np.repeat(times, len(zones)), np.repeat(local, len(zones), axis=0))
+    for k, zone in enumerate(zones):
+        expected = zone.signed_distance(times + frame.time, points) - 0.3
+        np.testing.assert_allclose(grid[:, k], expected, atol=1e-9)
+        np.testing.assert_allclose(contacts.distance.reshape(50, -1)[:, k], expected, atol=1e-9)
+    lower = batch.distances(times, local, exact_below=0.5)
+    assert np.all(lower <= grid + 1e-9)
+    np.testing.assert_allclose(lower[lower < 0.5], grid[lower < 0.5], atol=1e-9)
+
+
+def test_contacts_give_the_gradient_and_the_rate_of_the_distance() -> None:
+    _, _, batch = batch_of(MIXED)
+    rng = np.random.default_rng(5)
+    index = rng.integers(0, batch.size, 200)
+    times = rng.uniform(0.1, 6.0, 200)
+    points = batch.centers.at(index, times) + rng.normal(size=(200, 2)) * 2.0
+    contacts = batch.contacts(index, times, points)
+    step = 1e-6
+    rate = (
+        batch.contacts(index, times + step, points).distance - batch.contacts(index, times - step, points).distance
+    ) / (2 * step)
+    outside = contacts.distance > -0.2
+    np.testing.assert_allclose(contacts.rate[outside], rate[outside], atol=2e-6)
+    for axis in range(2):
+        shift = np.eye(2)[axis] * step
+        slope = (
+            batch.contacts(index, times, points + shift).distance
+            - batch.contacts(index, times, points - shift).distance
+        ) / (2 * step)
+        np.testing.assert_allclose(contacts.normal[outside, axis], slope[outside], atol=2e-6)
+
+
+def test_an_estimated_zone_grows_and_the_growth_is_in_the_rate() -> None:
+    _, _, batch = batch_of(scene(observed("seen", 1)))
+    times = np.array([1.0])
+    center = batch.centers.at(np.zeros(1, dtype=int), times)
+    contact = batch.contacts(np.zeros(1, dtype=int), times, center + np.array([[10.0, 0.0]]))
+    velocity = batch.velocities.at(np.zeros(1, dtype=int), times)
+    moved = -float(contact.normal[0] @ velocity[0])
+    assert contact.rate[0] < moved - 0.05
+
+
+def test_bounds_on_intervals_hold_everywhere_in_them() -> None:
+    _, _, batch = batch_of(MIXED)
+    rng = np.random.default_rng(6)
+    index = rng.integers(0, batch.size, 100)
+    times, half = rng.uniform(0.5, 6.0, 100), rng.uniform(0.001, 0.3, 100)
+    angle = rng.uniform(0, 2 * np.pi, 100)
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    bend = batch.growth_bend_bound(index, times, half, normal)
+    turning = batch.acceleration_bound(index, times, half)
+    accelerations = batch.velocities.derivative
+    step = 1e-3
+    for x in np.linspace(-1.0, 1.0, 11):
+        t = times + x * half
+        assert np.all(np.hypot(*accelerations.at(index, t).T) <= turning + 1e-9)
+        rows = np.flatnonzero(batch.slot[index] >= 0)
+        covariances = batch.covariances
+        assert covariances is not None
+        values = [
+            support(covariances.at(batch.slot[index[rows]], t[rows] + s * step), normal[rows]) for s in (-1, 0, 1)
+        ]
+        second = (values[0] - 2 * values[1] + values[2]) / step**2
+        assert np.all(second <= bend[rows] + 1e-4)
+
+
+def test_the_search_radius_covers_the_zone() -> None:
+    _, _, batch = batch_of(MIXED)
+    times = np.linspace(0.0, 6.0, 13)
+    reach = batch.reach(times)
+    angle = np.linspace(0, 2 * np.pi, 33)
+    for k in range(batch.size):
+        center = batch.centers.grid(times)[:, k]
+        for a in angle:
+            on_disc = center + reach[:, k, None] * [np.cos(a), np.sin(a)]
+            assert np.all(batch.contacts(np.full(13, k), times, on_disc).distance >= -1e-9)
+
+
+def test_a_zone_covers_what_its_polynomials_miss_of_the_estimate() -> None:
+    process = {"kind": "singer", "deviation": 0.5, "time_constant": 1.0}
+    model = {"process": {"process": process, "velocity_deviation": 1.0, "noise_deviation": 0.1}}
+    (zone,) = sp.zones(scene({**observed("seen", 1), "model": model}))
+    estimate = estimate_obstacle(scene({**observed("seen", 1), "model": model}).obstacles[0])
+    error = estimate.polynomials(0.0, 120.0).center_error
+    assert error > 0.0
+    assert zone.radius == pytest.approx(0.4 + error, rel=1e-12)
+
+
+def test_zones_that_are_made_when_asked_for_are_those_of_the_list() -> None:
+    """Discs go into a batch as numbers, whatever stands between them, and a batch has the zones in their order."""
+    wall = {"id": "wall", "shape": {"polygon": [[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]]}}
+    scenario = scene(
+        disc("first", (5.0, 3.0), (0.1, -0.4), (0.0, 0.1)),
+        observed("seen", 1),
+        wall | {"motion": {"position": [12.0, 3.0]}},
+        disc("second", (15.0, -3.0), (0.0, 0.5)),
+        {"id": "car", "shape": {"rectangle": [3.0, 1.5]}, "motion": {"position": [9.0, -4.0], "velocity": [0.2, 0.6]}},
+        disc("third", (25.0, 9.0)),
+        start={"time": 1.5},
+    )
+    made, listed = ZonesOf(scenario), zones(scenario)
+    assert [zone.id for zone in made] == [zone.id for zone in listed] == [o.id for o in scenario.obstacles]
+    assert made[-1].id == "third" and [zone.id for zone in made[1:3]] == ["seen", "wall"]
+    with pytest.raises(IndexError, match="6 zones"):
+        _ = made[6]
+    frame = PlanningFrame.between((1.0, 2.0), (19.0, -3.0), 1.5)
+    quick, slow = ZoneBatch(ZonesOf(scenario), frame, 0.3), ZoneBatch(listed, frame, 0.3)
+    assert quick.ids == slow.ids and quick.size > len(listed)
+    rng = np.random.default_rng(0)
+    times, points = rng.uniform(0.0, 6.0, 200), rng.uniform(-5.0, 20.0, (200, 2))
+    np.testing.assert_allclose(quick.distances(times, points), slow.distances(times, points), atol=1e-12)
+    index = rng.integers(quick.size, size=200)
+    for name in ("distance", "normal", "rate"):
+        expected = getattr(slow.contacts(index, times, points), name)
+        np.testing.assert_allclose(getattr(quick.contacts(index, times, points), name), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("known", [0, 1, 3])
+def test_batches_of_only_discs_or_none(known: int) -> None:
+    scenario = scene(*(disc(f"d{k}", (5.0 + 4.0 * k, 3.0), (0.0, -0.3)) for k in range(known)))
+    frame = PlanningFrame.between((0.0, 0.0), (20.0, 0.0), 0.0)
+    quick, slow = ZoneBatch(ZonesOf(scenario), frame, 0.3), ZoneBatch(zones(scenario), frame, 0.3)
+    times, points = np.linspace(0.0, 5.0, 20), np.linspace([0.0, -1.0], [20.0, 1.0], 20)
+    assert quick.size == slow.size == known
+    np.testing.assert_allclose(quick.distances(times, points), slow.distances(times, points), atol=1e-12)

@@ -1,0 +1,161 @@
+"""Trips against quadrature, root finding and finite differences."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from scp_planner.trips.guide import StraightGuide
+from scp_planner.trips.trajectory import Trajectory, TripSpace
+
+BREAKS = (0.0, 0.1, 0.19, 0.4, 0.55, 0.8, 1.0)
+
+
+def space(acceleration_degree: int = 0, path_degree: int = 3, start_speed: float = 1.0) -> TripSpace:
+    return TripSpace(StraightGuide(20.0), start_speed, path_degree, 10, acceleration_degree, BREAKS)
+
+
+def random_trip(trips: TripSpace, seed: int = 0) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    theta = 0.5 * rng.normal(size=trips.path_size)
+    theta[0] = theta[-1] = 0.0
+    return trips.trajectory(theta, rng.uniform(-0.1, 0.5, trips.acceleration_size))
+
+
+def slope(trip: Trajectory, parameter: float) -> float:
+    return float(trip.space.path.derivative.rows(np.array([parameter]))[0] @ trip.theta) / trip.space.length
+
+
+@pytest.mark.parametrize("path_degree", [3, 4, 5])
+def test_the_arc_length_is_the_integral_of_the_speed(path_degree: int) -> None:
+    trip = random_trip(space(path_degree=path_degree))
+    inner = np.linspace(0.0, 1.0, 11)[1:-1]
+    for end in (0.13, 0.5, 1.0):
+        exact = quad(
+            lambda u: 20.0 * np.hypot(1.0, slope(trip, u)),
+            0.0,
+            end,
+            points=inner[inner < end] if end > 0.2 else None,
+            limit=300,
+            epsabs=1e-12,
+        )[0]
+        assert trip.path.arc_length_at(np.array([end]))[0] == pytest.approx(exact, abs=2e-5)
+
+
+def test_stations_are_found_back_from_their_arc_length() -> None:
+    trip = random_trip(space())
+    parameters = np.linspace(0.0, 1.0, 257)
+    found = trip.path.parameter_at(trip.path.arc_length_at(parameters))
+    np.testing.assert_allclose(found, parameters, atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+@pytest.mark.parametrize("start_speed", [0.0, 1.0])
+def test_the_travel_time_is_that_of_integrating_the_acceleration(degree: int, start_speed: float) -> None:
+    trip = random_trip(space(degree, start_speed=start_speed))
+    tau = trip.travel_time
+
+    def rate(t: float, state: np.ndarray) -> list[float]:
+        row = trip.space.acceleration.rows(np.array([t / tau]))[0]
+        return [state[1], float(row @ trip.beta)]
+
+    state = np.array([0.0, start_speed])
+    for low, high in pairwise(BREAKS):
+        # one-sided at breakpoints, where the acceleration may jump
+        inside = (low * tau + 1e-12, high * tau - 1e-12)
+        state = solve_ivp(rate, inside, state, rtol=1e-11, atol=1e-12).y[:, -1]
+    assert state[0] == pytest.approx(trip.path.arc_length, abs=1e-7)
+    end = trip.at(trip.space.time_table(np.array([1.0])))
+    assert state[1] == pytest.approx(end.speed[0], abs=1e-8)
+    assert end.parameter[0] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_the_travel_time_is_infinite_when_the_vehicle_never_arrives() -> None:
+    trips = space()
+    assert trips.travel_time(20.0, np.full(trips.acceleration_size, -0.5)) == np.inf
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_the_position_moves_with_the_speed(degree: int) -> None:
+    trip = random_trip(space(degree))
+    sigma = np.random.default_rng(5).uniform(0.02, 0.98, 60)
+    step = 1e-5
+    ahead, behind = (trip.at(trip.space.time_table(sigma + s * step)) for s in (1, -1))
+    velocity = (ahead.path.position - behind.path.position) / (2 * step * trip.travel_time)
+    here = trip.at(trip.space.time_table(sigma))
+    np.testing.assert_allclose(np.hypot(*velocity.T), here.speed, rtol=3e-4)
+    unit = here.path.direction / here.path.speed[:, None]
+    np.testing.assert_allclose(velocity, here.speed[:, None] * unit, atol=1e-3)
+
+
+@pytest.mark.parametrize("path_degree", [3, 5])
+def test_the_curvature_turns_the_heading(path_degree: int) -> None:
+    trip = random_trip(space(path_degree=path_degree))
+    u = np.random.default_rng(6).uniform(0.01, 0.99, 80)
+    step = 1e-6
+    ahead, behind = trip.path.points(u + step), trip.path.points(u - step)
+    turn = np.arctan2(*ahead.direction.T[::-1]) - np.arctan2(*behind.direction.T[::-1])
+    length = 0.5 * (ahead.speed + behind.speed) * 2 * step * trip.space.length
+    points = trip.path.points(u)
+    np.testing.assert_allclose(trip.path.bend(points).curvature, turn / length, atol=1e-6)
+    rate = (trip.path.bend(ahead).curvature - trip.path.bend(behind).curvature) / (2 * step * 20.0)
+    inside = np.abs(u * 10 - np.round(u * 10)) > 1e-4
+    np.testing.assert_allclose(trip.path.curvature_rate(points)[inside], rate[inside], rtol=1e-5, atol=1e-5)
+
+
+def test_station_quantities_are_those_of_points() -> None:
+    trip = random_trip(space())
+    parameters = trip.space.tables.station_parameters
+    points = trip.path.points(parameters)
+    at_points, at_stations = trip.path.bend(points), trip.path.station_bend
+    np.testing.assert_allclose(at_stations.curvature, at_points.curvature, atol=1e-12)
+    np.testing.assert_allclose(trip.path.station_positions, points.position, atol=1e-12)
+    np.testing.assert_allclose(trip.path.station_arc_lengths, trip.path.arc_length_at(parameters), atol=1e-12)
+    np.testing.assert_allclose(trip.path.station_gradients, trip.path.arc_length_gradient(parameters), atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_times_are_found_back_from_distances(degree: int) -> None:
+    trip = random_trip(space(degree))
+    sigma = np.sort(np.random.default_rng(7).uniform(0.0, 1.0, 200))
+    points = trip.at(trip.space.time_table(sigma))
+    arrivals = trip.arrivals(points.distance)
+    np.testing.assert_allclose(arrivals.sigma, sigma, atol=1e-10)
+    np.testing.assert_allclose(arrivals.speed, points.speed, atol=1e-8)
+    np.testing.assert_allclose(trip.speed_at(sigma), points.speed, atol=1e-12)
+
+
+def test_a_standing_vehicle_has_some_time_for_its_distance() -> None:
+    trips = space(0)
+    beta = np.array([-1.0, -1.0, 0.0, 1.0, 1.0, 1.0])
+    # Brake to a stop at the second breakpoint, stand, and go on.
+    theta = np.zeros(trips.path_size)
+    low, high = 0.1, 200.0
+    for _ in range(200):
+        tau = 0.5 * (low + high)
+        speed = 1.0 - tau * 0.19 * 1.0
+        low, high = (tau, high) if speed > 0 else (low, tau)
+    beta[:2] = -1.0 / (tau * 0.19)
+    trip = Trajectory(trips.trajectory(theta, np.abs(beta)).path, beta, tau)
+    stopped = trip.at(trips.time_table(np.array([0.19, 0.3, 0.4])))
+    np.testing.assert_allclose(stopped.speed, 0.0, atol=1e-9)
+    sigma = trip.arrivals(stopped.distance).sigma
+    assert np.all((sigma > 0.18) & (sigma < 0.41))
+
+
+def test_gradients_of_the_arc_length_agree_with_differences() -> None:
+    trips = space()
+    trip = random_trip(trips)
+    parameters = np.array([0.0, 0.1, 0.333, 0.77, 1.0])
+    gradient = trip.path.arc_length_gradient(parameters)
+    step = 1e-4
+    for k in range(trips.path_size):
+        moved = [trip.theta.copy() for _ in range(2)]
+        moved[0][k] += step
+        moved[1][k] -= step
+        lengths = [trips.trajectory(theta, trip.beta).path.arc_length_at(parameters) for theta in moved]
+        np.testing.assert_allclose(gradient[:, k], (lengths[0] - lengths[1]) / (2 * step), atol=1e-8)
+    np.testing.assert_allclose(gradient[-1], trip.path.final_gradient, atol=1e-12)

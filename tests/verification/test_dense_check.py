@@ -1,0 +1,439 @@
+"""The independent check must pass exact trips that drive at their limits, and catch the smallest excess."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scp_planner
+from benchmarks import dense_check
+from benchmarks.dense_check import Tolerances, check_samples, check_trip
+from scp_planner.arrays import Array
+from tests.scenes import scene
+
+VEHICLE = {
+    "radius": 0.3,
+    "max_speed": 3.0,
+    "max_acceleration": 1.5,
+    "max_deceleration": 2.0,
+    "max_lateral_acceleration": 2.0,
+    "max_curvature": 1.0,
+}
+
+
+def scenario(**changes: Any) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "schema": 1,
+        "name": "test",
+        "vehicle": dict(VEHICLE),
+        "start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0},
+        "goal": {"position": [20.0, 0.0], "heading": None, "speed": None},
+        "obstacles": [],
+    }
+    data.update(changes)
+    return data
+
+
+def straight_trip(
+    length: float = 20.0, start_speed: float = 1.0, top_speed: float = 3.0, acceleration: float = 1.5
+) -> tuple[Callable[[Array], Array], float]:
+    """Along the x axis: full acceleration up to the top speed, then cruise; exact."""
+    rise = (top_speed - start_speed) / acceleration
+    climbed = (start_speed + top_speed) / 2.0 * rise
+    duration = rise + (length - climbed) / top_speed
+
+    def position(t: Array) -> Array:
+        x = np.where(t < rise, start_speed * t + acceleration * t**2 / 2.0, climbed + top_speed * (t - rise))
+        return np.stack([x, np.zeros_like(t)], axis=1)
+
+    return position, duration
+
+
+def arc_trip(radius: float, speed: float, angle: float = 3.0) -> tuple[Callable[[Array], Array], float, dict[str, Any]]:
+    """Constant speed on a circle that starts at the origin towards +x."""
+
+    def position(t: Array) -> Array:
+        phi = speed * t / radius
+        return radius * np.stack([np.sin(phi), 1.0 - np.cos(phi)], axis=1)
+
+    duration = radius * angle / speed
+    end = position(np.array([duration]))[0]
+    data = scenario(
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": speed},
+        goal={"position": end.tolist(), "heading": math.remainder(angle, 2.0 * math.pi), "speed": speed},
+    )
+    return position, duration, data
+
+
+def refused(report: dense_check.DenseReport) -> set[str]:
+    return {finding.name for finding in report.violations}
+
+
+def test_exact_trip_at_speed_and_acceleration_limits_holds() -> None:
+    position, duration = straight_trip()
+    report = check_trip(scenario(), position, 0.0, duration)
+    assert report.ok, str(report)
+    assert report["speed"].value == pytest.approx(3.0, abs=1e-7)
+    assert report["acceleration"].value == pytest.approx(1.5, abs=1e-6)
+    assert report.travel_time == pytest.approx(7.0 + 1.0 / 9.0)
+
+
+@pytest.mark.parametrize(("radius", "speed"), [(1.0, math.sqrt(2.0)), (4.5, 3.0), (1.0, 0.05)])
+def test_exact_arcs_at_curvature_and_lateral_limits_hold(radius: float, speed: float) -> None:
+    position, duration, data = arc_trip(radius, speed)
+    report = check_trip(data, position, 0.0, duration)
+    assert report.ok, str(report)
+    assert report["curvature"].value == pytest.approx(1.0 / radius, rel=1e-5)
+    assert report["lateral_acceleration"].value == pytest.approx(speed**2 / radius, rel=1e-5)
+
+
+def test_bang_bang_turning_trip_at_three_limits_holds() -> None:
+    """Full acceleration, then full braking; the path jumps from left to right at the curvature limit."""
+    half = 1.0  # s
+    middle_speed = 0.2 + 1.2 * half
+    angle_at_half = 0.2 * half + 1.2 * half**2 / 2.0
+
+    def position(t: Array) -> Array:
+        late = np.maximum(t - half, 0.0)
+        early = np.minimum(t, half)
+        distance = 0.2 * early + 1.2 * early**2 / 2.0 + middle_speed * late - late**2
+        first = np.minimum(distance, angle_at_half)
+        second = np.maximum(distance - angle_at_half, 0.0)
+        # Left arc of radius 1, then a right arc of radius 1 from where it ended.
+        x = np.sin(first) + (np.sin(angle_at_half) - np.sin(angle_at_half - second))
+        y = (1.0 - np.cos(first)) + (np.cos(angle_at_half - second) - np.cos(angle_at_half))
+        return np.stack([x, y], axis=1)
+
+    duration = half + middle_speed / 2.0  # until it stands
+    end = position(np.array([duration]))[0]
+    data = scenario(
+        vehicle=VEHICLE | {"max_acceleration": 1.2, "max_lateral_acceleration": middle_speed**2},
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.2},
+        goal={"position": end.tolist(), "heading": None, "speed": 0.0},
+    )
+    report = check_trip(data, position, 0.0, duration)
+    assert report.ok, str(report)
+    assert report["deceleration"].value == pytest.approx(2.0, abs=5e-4)
+    assert report["curvature"].value == pytest.approx(1.0, abs=1e-5)
+
+
+def test_stop_and_go_on_a_curve_holds() -> None:
+    """Braking to a stand and driving on: the heading must not be read off a displacement of nothing."""
+
+    def position(t: Array) -> Array:
+        # speed 1 - t until it stands at t = 1, waits until 2, then accelerates at 1.
+        distance = np.where(t < 1.0, t - t**2 / 2.0, 0.5 + np.maximum(t - 2.0, 0.0) ** 2 / 2.0)
+        phi = distance / 2.0
+        return 2.0 * np.stack([np.sin(phi), 1.0 - np.cos(phi)], axis=1)
+
+    end = position(np.array([3.5]))[0]
+    data = scenario(goal={"position": end.tolist(), "heading": None, "speed": 1.5})
+    report = check_trip(data, position, 0.0, 3.5)
+    assert report.ok, str(report)
+    assert report["curvature"].value == pytest.approx(0.5, rel=1e-4)
+
+
+@pytest.mark.parametrize("later", [0.0, 100.0])
+def test_touching_an_accelerating_disc_holds_and_a_millimetre_inside_is_caught(later: float) -> None:
+    position, duration = straight_trip()
+
+    def delayed(t: Array) -> Array:
+        return position(t - later)
+
+    def with_disc(cut: float) -> dict[str, Any]:
+        # Passes the line y = 0 sideways at t = 3 s, always `keep` above the vehicle's own track there.
+        keep = 0.3 + 0.5 - cut
+        meeting = float(position(np.array([3.0]))[0, 0])
+        when = 3.0 + later
+        acceleration = np.array([0.0, 0.4])
+        velocity = np.array([3.0, 0.0]) - acceleration * when
+        place = np.array([meeting, keep]) - velocity * when - acceleration * when**2 / 2.0
+        motion = {
+            "position": place.tolist(),
+            "velocity": velocity.tolist(),
+            "acceleration": acceleration.tolist(),
+        }
+        return scenario(
+            start={"time": later, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0},
+            obstacles=[{"id": "disc", "shape": {"disc": 0.5}, "motion": motion}],
+        )
+
+    touching = check_trip(with_disc(0.0), delayed, later, later + duration)
+    assert touching.ok, str(touching)
+    assert touching["clearance"].value == pytest.approx(0.0, abs=1e-6)
+    assert touching["clearance"].time == pytest.approx(later + 3.0, abs=0.05)
+    cutting = check_trip(with_disc(1e-3), delayed, later, later + duration)
+    assert refused(cutting) == {"clearance"}
+    assert cutting["clearance"].excess == pytest.approx(1e-3, abs=1e-6)
+    assert cutting["clearance"].subject == "disc"
+
+
+def test_a_cut_between_two_hundred_samples_is_caught() -> None:
+    """A disc that crosses at 40 m/s is inside for a few hundredths of a second only."""
+    position, duration = straight_trip()
+    motion = {"position": [11.0, -160.1], "velocity": [0.0, 40.0]}
+    data = scenario(obstacles=[{"id": "fast", "shape": {"disc": 0.1}, "motion": motion}])
+    assert refused(check_trip(data, position, 0.0, duration)) == {"clearance"}
+
+
+@pytest.mark.parametrize(
+    ("shape", "half_height"),
+    [
+        ({"polygon": [[-1.0, -0.5], [1.0, -0.5], [1.0, 0.5], [-1.0, 0.5]]}, 0.5),
+        ({"rectangle": [2.0, 1.0]}, 0.5),
+        ({"rectangle": [1.0, 2.0]}, 1.0),
+    ],
+)
+def test_polygons_and_rectangles_are_judged_to_the_millimetre(shape: dict[str, Any], half_height: float) -> None:
+    position, duration = straight_trip()
+    for cut, names in ((0.0, set()), (1e-3, {"clearance"})):
+        motion = {"position": [5.0, half_height + 0.3 - cut], "velocity": [-0.2, 0.0]}
+        data = scenario(obstacles=[{"id": "box", "shape": shape, "motion": motion}])
+        assert refused(check_trip(data, position, 0.0, duration)) == names
+
+
+def test_polygon_distance_against_shapely() -> None:
+    geometry = pytest.importorskip("shapely.geometry", reason="shapely is not installed")
+    corners = np.array([[0.0, 0.0], [2.0, 0.3], [1.2, 1.0], [1.8, 2.0], [0.1, 1.5]])
+    polygon = geometry.Polygon(corners)
+    points = np.random.default_rng(3).uniform(-2.0, 4.0, (400, 2))
+    signed = dense_check._distance_to_polygon(points, corners)
+    for point, distance in zip(points, signed, strict=True):
+        place = geometry.Point(point)
+        expected = polygon.exterior.distance(place) * (-1.0 if polygon.contains(place) else 1.0)
+        assert distance == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_thousandth_too_fast_is_caught() -> None:
+    position, duration = straight_trip(top_speed=3.003)
+    assert refused(check_trip(scenario(), position, 0.0, duration)) == {"speed"}
+
+
+def test_a_thousandth_of_acceleration_too_much_is_caught() -> None:
+    position, duration = straight_trip(acceleration=1.5015)
+    assert refused(check_trip(scenario(), position, 0.0, duration)) == {"acceleration"}
+
+
+def test_a_thousandth_of_deceleration_too_much_is_caught() -> None:
+    def position(t: Array) -> Array:
+        return np.stack([t - 2.002 * t**2 / 2.0, np.zeros_like(t)], axis=1)
+
+    end = position(np.array([0.4]))[0]
+    data = scenario(goal={"position": end.tolist(), "heading": None, "speed": None})
+    assert refused(check_trip(data, position, 0.0, 0.4)) == {"deceleration"}
+
+
+@pytest.mark.parametrize("speed", [0.05, 1.0])
+def test_a_thousandth_of_curvature_too_much_is_caught(speed: float) -> None:
+    position, duration, data = arc_trip(1.0 / 1.001, speed)
+    assert refused(check_trip(data, position, 0.0, duration)) == {"curvature"}
+
+
+def test_a_thousandth_of_lateral_acceleration_too_much_is_caught() -> None:
+    position, duration, data = arc_trip(4.0, math.sqrt(2.002 * 4.0))
+    assert refused(check_trip(data, position, 0.0, duration)) == {"lateral_acceleration"}
+
+
+def test_a_corner_taken_at_standstill_is_caught() -> None:
+    """Time differences see nothing there: the speed is zero. The path has a corner all the same."""
+
+    def position(t: Array) -> Array:
+        before = np.minimum(t, 1.0)
+        after = np.maximum(t - 1.0, 0.0)
+        return np.stack([before - before**2 / 2.0, 0.75 * after**2], axis=1)
+
+    data = scenario(goal={"position": [0.5, 0.75], "heading": None, "speed": 1.5})
+    assert "curvature" in refused(check_trip(data, position, 0.0, 2.0))
+
+
+def test_driving_backwards_is_caught() -> None:
+    """At -2 m/s2 from 1 m/s the vehicle stands after half a second; 0.05 s later it is 2.5 mm back."""
+
+    def position(t: Array) -> Array:
+        return np.stack([t - t**2, np.zeros_like(t)], axis=1)
+
+    for end, backward_speed in ((0.5, 0.0), (0.55, -0.1)):
+        goal = {"position": position(np.array([end]))[0].tolist(), "heading": None, "speed": None}
+        report = check_trip(scenario(goal=goal), position, 0.0, end)
+        assert ("reversing" in refused(report)) == (backward_speed < 0.0)
+        assert report["reversing"].value == pytest.approx(backward_speed, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"start": {"time": 0.0, "position": [0.0, 1e-5], "heading": 0.0, "speed": 1.0}}, "start_position"),
+        ({"start": {"time": 0.0, "position": [0.0, 0.0], "heading": 1e-3, "speed": 1.0}}, "start_heading"),
+        ({"start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.001}}, "start_speed"),
+        ({"start": {"time": 0.1, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0}}, "start_time"),
+        ({"goal": {"position": [20.00001, 0.0], "heading": None, "speed": None}}, "goal_position"),
+        ({"goal": {"position": [20.0, 0.0], "heading": 1e-3, "speed": None}}, "goal_heading"),
+        ({"goal": {"position": [20.0, 0.0], "heading": None, "speed": 2.999}}, "goal_speed"),
+        ({"bounds": {"min": [-1.0, -0.299], "max": [21.0, 1.0]}}, "bounds"),
+    ],
+)
+def test_each_end_condition_is_checked(change: dict[str, Any], name: str) -> None:
+    position, duration = straight_trip()
+    assert refused(check_trip(scenario(**change), position, 0.0, duration)) == {name}
+
+
+def test_free_ends_and_a_goal_radius_are_free() -> None:
+    position, duration = straight_trip()
+    data = scenario(
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": None, "speed": 1.0},
+        goal={"position": [20.4, 0.3], "heading": None, "speed": None, "radius": 0.5},
+        bounds={"min": [-1.0, -0.3], "max": [21.0, 0.3]},
+    )
+    assert check_trip(data, position, 0.0, duration).ok
+
+
+def test_distances_to_ellipses_against_their_support() -> None:
+    """The distance to a convex set is the largest of n.y - h(n) over all unit vectors n."""
+    rng = np.random.default_rng(4)
+    roots = rng.normal(size=(60, 2, 2))
+    matrices = roots @ roots.transpose(0, 2, 1) + 1e-3 * np.eye(2)
+    points = rng.uniform(-6.0, 6.0, (60, 2))
+    angles = np.linspace(0.0, 2.0 * np.pi, 200_001)
+    normals = np.stack([np.cos(angles), np.sin(angles)])
+    for point, matrix, distance in zip(
+        points, matrices, dense_check._distance_to_ellipses(points, matrices), strict=True
+    ):
+        support = np.sqrt(np.einsum("in,ij,jn->n", normals, matrix, normals))
+        assert distance == pytest.approx(max(0.0, float((point @ normals - support).max())), abs=1e-8)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_observed_obstacles_are_judged_with_their_region(order: int) -> None:
+    """A disc that stands beside the track, seen with noise: the fit and its covariance by numpy's polyfit."""
+    position, duration = straight_trip()
+    rng = np.random.default_rng(8)
+    when = np.linspace(-3.0, 0.0, 31)
+    deviation = 0.02
+    seen = np.array([10.0, 2.0]) + deviation * rng.normal(size=(when.size, 2))
+    times = np.linspace(0.0, duration, 2001)
+    fits = [np.polyfit(when, seen[:, i], order, cov="unscaled") for i in range(2)]
+    centres = np.stack([np.polyval(fit, times) for fit, _ in fits], axis=1)
+    powers = np.vander(times, order + 1)
+    # Noise of one deviation in all directions: the region is a disc.
+    radii = deviation * np.sqrt(9.0 * np.einsum("ni,ij,nj->n", powers, fits[0][1], powers))
+    reach = np.linalg.norm(position(times) - centres, axis=1) - radii - 0.3
+    touching = float(reach.min())
+    for radius, names in ((touching - 1e-4, set()), (touching + 1e-3, {"clearance"})):
+        observed = {
+            "id": "seen",
+            "shape": {"disc": radius},
+            "observations": {
+                "time": when.tolist(),
+                "position": seen.tolist(),
+                "covariance": [[deviation**2, 0.0], [0.0, deviation**2]],
+            },
+            "model": {"order": order},
+        }
+        report = check_trip(scenario(obstacles=[observed]), position, 0.0, duration, regions={"seen": 9.0})
+        assert refused(report) == names
+        assert report["clearance"].value == pytest.approx(touching - radius, abs=1e-5)
+
+
+def test_a_position_that_is_not_a_number_is_refused() -> None:
+    position, duration = straight_trip()
+
+    def broken(t: Array) -> Array:
+        return np.where(t[:, None] > 2.0, np.nan, position(t))
+
+    report = check_trip(scenario(), broken, 0.0, duration)
+    assert not report.ok
+    assert report.violations[0].time == pytest.approx(2.0, abs=1e-3)
+
+
+def test_tolerances_are_honoured() -> None:
+    position, duration = straight_trip(top_speed=3.003)
+    assert check_trip(scenario(), position, 0.0, duration, tolerances=Tolerances(speed=0.0031)).ok
+
+
+def test_recorded_samples_and_scenario_files_give_the_same_verdict(tmp_path: Path) -> None:
+    position, duration, data = arc_trip(2.0, 1.9)
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    times = np.linspace(0.0, duration, 200)
+    recorded = check_samples(path, times, position(times))
+    exact = check_trip(data, position, 0.0, duration)
+    assert recorded.ok and exact.ok, f"{recorded} / {exact}"
+    assert recorded["curvature"].value == pytest.approx(exact["curvature"].value, abs=1e-5)
+
+
+def test_unusable_input_is_refused() -> None:
+    position, duration = straight_trip()
+    with pytest.raises(ValueError, match="start_time < arrival_time"):
+        check_trip(scenario(), position, 1.0, 1.0)
+    with pytest.raises(ValueError, match="shape"):
+        check_trip(scenario(), lambda t: t, 0.0, duration)
+    seen: dict[str, Any] = {
+        "id": "seen",
+        "shape": {"disc": 0.5},
+        "observations": {"time": [0.0], "position": [[1.0, 1.0]]},
+    }
+    with pytest.raises(ValueError, match="'seen' has no exact motion"):
+        check_trip(scenario(obstacles=[seen]), position, 0.0, duration)
+    odd = {"id": "odd", "shape": {"star": 5}, "motion": {"position": [5.0, 5.0]}}
+    with pytest.raises(ValueError, match="'odd'"):
+        check_trip(scenario(obstacles=[odd]), position, 0.0, duration)
+
+
+def test_the_check_imports_nothing_of_the_planner() -> None:
+    tree = ast.parse(Path(dense_check.__file__).read_text(encoding="utf-8"))
+    imported = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            imported.add((node.module or "").split(".")[0])
+    assert "scp_planner" not in imported
+    standard = {"__future__", "itertools", "json", "math", "os", "collections", "dataclasses", "pathlib", "typing"}
+    assert imported <= standard | {"numpy", "scipy"}
+
+
+def test_priors_count_like_observations_of_velocity_and_acceleration() -> None:
+    """Against the zones of the package: an obstacle seen twice, of which a prior says the rest."""
+    obstacle = {
+        "id": "new",
+        "shape": {"disc": 0.4},
+        "observations": {
+            "time": [-0.1, 0.0],
+            "position": [[5.0, 1.0], [5.1, 1.05]],
+            "covariance": [[0.01, 0.002], [0.002, 0.02]],
+        },
+        "model": {
+            "order": 2,
+            "prior": {"velocity_deviation": 1.5, "acceleration": [0.2, 0.0], "acceleration_deviation": 0.5},
+        },
+    }
+    scenario = scene(obstacle, confidence={"probability": 0.9, "level": "per_time"})
+    (zone,) = scp_planner.zones(scenario)
+    times = np.linspace(0.0, 4.0, 30)
+    points = np.array([8.0, 8.0]) + np.random.default_rng(0).normal(0.0, 4.0, (30, 2))
+    scale = -2.0 * math.log(0.1)  # chi-square of two degrees at 90 %
+    distance = dense_check._distance_to_observed(scenario.to_dict()["obstacles"][0], times, points, scale)
+    inside = zone.signed_distance(times, points) <= -0.4
+    assert 0 < inside.sum() < 30
+    assert distance[~inside] == pytest.approx(zone.signed_distance(times, points)[~inside], abs=1e-6)
+    assert np.all(distance[inside] <= -0.4 + 1e-9)
+
+
+def test_a_jump_of_the_acceleration_just_after_the_start_is_no_wrong_speed() -> None:
+    jump = 2.5e-4  # s
+
+    def position(t: Array) -> Array:
+        later = np.maximum(t - jump, 0.0)
+        return np.stack([t + 0.75 * t**2 - 1.5 * later**2, np.zeros_like(t)], axis=1)
+
+    goal = {"position": position(np.array([0.5]))[0].tolist(), "heading": None, "speed": None}
+    assert check_trip(scenario(goal=goal), position, 0.0, 0.5).ok
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0005}
+    assert refused(check_trip(scenario(start=start, goal=goal), position, 0.0, 0.5)) == {"start_speed"}

@@ -1,0 +1,117 @@
+"""What the planner promises, on the reference scenarios: certified by every solver, and true when looked at closely."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import scene
+
+import scp_planner as sp
+from benchmarks.dense_check import SAMPLES, check_trip
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import Run
+from scp_planner.solvers.interface import SOLVERS
+
+AGREEMENT = 1e-3  # s, between the travel times of all solvers
+MEDIAN_ITERATIONS = 12  # a start
+ALL_SOLVERS = [f"{family}-{number}" for family in ("crossing3", "crossing5", "headon") for number in range(10)]
+DEFAULT_SOLVER = [f"{family}-{number}" for family in ("crossing10", "crossing20", "crowd60") for number in range(10)]
+
+
+@cache
+def planned(path: Path, solver: str) -> sp.Plan:
+    return sp.plan(sp.Scenario.load(path), solver=solver)
+
+
+def assert_true_when_looked_at_closely(path: Path, plan: sp.Plan) -> None:
+    """Position, speed, acceleration, curvature and clearance from differences of 20,001 positions."""
+    assert SAMPLES == 20_000
+    report = check_trip(json.loads(path.read_text()), plan.position, plan.start_time, plan.arrival_time)
+    assert report.ok, str(report)
+
+
+@pytest.mark.parametrize("name", ALL_SOLVERS)
+def test_all_solvers_certify_and_agree(reference_scenarios: Path, name: str) -> None:
+    path = reference_scenarios / f"{name}.json"
+    plans = {solver: planned(path, solver) for solver in SOLVERS}
+    for solver, plan in plans.items():
+        assert plan.certified, f"{solver}: {plan.reason}"
+        assert plan.solver == solver
+    times = [plan.travel_time for plan in plans.values()]
+    assert max(times) - min(times) <= AGREEMENT
+    for plan in plans.values():
+        assert_true_when_looked_at_closely(path, plan)
+
+
+@pytest.mark.parametrize("name", DEFAULT_SOLVER)
+def test_certified_plans_among_many_obstacles_are_true(reference_scenarios: Path, name: str) -> None:
+    path = reference_scenarios / f"{name}.json"
+    plan = planned(path, "daqp")
+    assert plan.certified, plan.reason
+    assert_true_when_looked_at_closely(path, plan)
+
+
+@pytest.mark.parametrize("name", ALL_SOLVERS[:20:5])
+def test_the_certificate_is_found_again_from_the_file(reference_scenarios: Path, tmp_path: Path, name: str) -> None:
+    path = reference_scenarios / f"{name}.json"
+    plan = planned(path, "daqp")
+    plan.save(tmp_path / "plan.json")
+    loaded = sp.Plan.load(tmp_path / "plan.json")
+    certificate = sp.certify(sp.Scenario.load(path), loaded)
+    assert certificate.holds
+    assert certificate.clearance.minimum == pytest.approx(plan.clearance.minimum, abs=1e-9)
+    assert_true_when_looked_at_closely(path, loaded)
+
+
+def test_a_start_takes_few_iterations(reference_scenarios: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs: list[Run] = []
+    run = ScpLoop.run
+
+    def counted(loop: ScpLoop, *arguments: object, **named: object) -> Run:
+        runs.append(run(loop, *arguments, **named))
+        return runs[-1]
+
+    monkeypatch.setattr(ScpLoop, "run", counted)
+    for number in range(10):
+        sp.plan(sp.Scenario.load(reference_scenarios / f"crossing5-{number}.json"))
+    assert len(runs) >= 10
+    assert np.median([len(run.record) for run in runs]) <= MEDIAN_ITERATIONS
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("name", ["crossing5-4", "headon-6"])
+def test_the_same_plan_comes_out_again(reference_scenarios: Path, solver: str, name: str) -> None:
+    scenario = sp.Scenario.load(reference_scenarios / f"{name}.json")
+    first, second = (sp.plan(scenario, solver=solver).to_dict() for _ in range(2))
+    for plan in (first, second):
+        plan.pop("wall_time")
+    assert first == second
+
+
+def bang_bang_time(length: float, speed: float, goal_speed: float | None) -> float:
+    """Shortest time over a length: 1.5 m/s^2 up to at most 3 m/s, and 2 m/s^2 down to the goal speed."""
+    if goal_speed is None:
+        peak = min(np.sqrt(speed**2 + 3.0 * length), 3.0)
+        return (peak - speed) / 1.5 + (length - (peak**2 - speed**2) / 3.0) / peak
+    # (peak^2 - speed^2) / 3 + (peak^2 - goal_speed^2) / 4 is the length, or less with a cruise at top speed
+    peak = min(np.sqrt((12.0 * length + 4.0 * speed**2 + 3.0 * goal_speed**2) / 7.0), 3.0)
+    changing = (peak**2 - speed**2) / 3.0 + (peak**2 - goal_speed**2) / 4.0
+    return (peak - speed) / 1.5 + (length - changing) / peak + (peak - goal_speed) / 2.0
+
+
+@pytest.mark.parametrize("goal_speed", [None, 0.0, 1.0])
+@pytest.mark.parametrize("speed", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("length", [6.0, 20.0, 60.0])
+def test_without_obstacles_a_trip_takes_the_shortest_time(
+    length: float, speed: float, goal_speed: float | None
+) -> None:
+    scenario = scene(start={"speed": speed}, goal={"position": [length, 0.0], "speed": goal_speed})
+    plan = sp.plan(scenario)
+    shortest = bang_bang_time(length, speed, goal_speed)
+    assert plan.certified
+    assert plan.travel_time >= shortest * (1.0 - 1e-9)
+    assert plan.travel_time <= shortest * 1.001

@@ -1,0 +1,185 @@
+"""Every example runs, says what it found, and ends in what it promises."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from PIL import Image
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run_script(name: str, figure: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), "-o", str(figure)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+def assert_is_picture(path: Path) -> None:
+    with Image.open(path) as picture:
+        assert min(picture.size) > 400
+        colours = picture.convert("RGB").getcolors(1 << 24)
+        assert colours is not None and len(colours) > 100
+
+
+def test_every_example_is_tested_here() -> None:
+    tested = {
+        "closed_loop_crowd",
+        "closed_loop_radar",
+        "compare_methods",
+        "crossing",
+        "export_messages",
+        "ir_sim_planner",
+        "noisy_radar",
+        "overtaking",
+        "overtaking_oncoming",
+        "own_constraint",
+        "recorded_crowd",
+        "watch",
+    }
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
+
+
+def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure, table = tmp_path / "figure.png", tmp_path / "figure.csv"
+    assert load("compare_methods").main(["-o", str(figure)]) == 0
+    told = capsys.readouterr()
+    assert [line.split()[0] for line in told.out.splitlines()[:3]] == ["method", "scp", "l-bfgs"]
+    assert told.out.endswith(f"wrote {figure} and {table}\n")
+    assert told.err == ""
+    assert_is_picture(figure)
+    assert len(table.read_text().splitlines()) == 9
+
+
+@pytest.mark.parametrize("name", ["crossing", "overtaking", "noisy_radar", "own_constraint"])
+def test_example_ends_in_a_figure(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure = tmp_path / "figure.png"
+    assert load(name).main(["-o", str(figure)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("certified: ") and told.out.endswith(f"wrote {figure}\n")
+    assert told.err == ""
+    assert_is_picture(figure)
+    assert list(tmp_path.iterdir()) == [figure]
+
+
+def test_noisy_radar_keeps_the_truth_in_its_zones(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = load("noisy_radar")
+    monkeypatch.setattr(module, "plot_plan", lambda *_, **__: None)
+    stayed = 0
+    for seed in range(6):
+        module.main(["-o", str(tmp_path / "figure.png"), "--seed", str(seed)])
+        told = capsys.readouterr().out
+        assert told.count("stayed in its zone") + told.count("LEFT its zone") == 3
+        stayed += "LEFT" not in told
+    # At 95 % less than 5 of 6 has a probability of 3 %, and the seeds are always the same.
+    assert stayed >= 5
+
+
+def test_recorded_crowd(recorded_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    module = load("recorded_crowd")
+    figure = tmp_path / "crowd.png"
+    assert module.main([str(recorded_data), "-o", str(figure)]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("9 people in sight; certified: ")
+    assert "nearest in truth: person " in told
+    assert_is_picture(figure)
+
+
+@pytest.mark.parametrize("name", ["closed_loop_radar", "overtaking_oncoming"])
+def test_closed_loop_arrives_and_ends_in_a_figure(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure = tmp_path / "figure.png"
+    assert load(name).main(["-o", str(figure)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("arrived after ") and told.out.endswith(f"wrote {figure}\n")
+    assert told.err == ""
+    assert_is_picture(figure)
+
+
+def test_closed_loop_through_a_recorded_crowd(
+    recorded_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figure, film = tmp_path / "crowd.png", tmp_path / "crowd.gif"
+    assert load("closed_loop_crowd").main([str(recorded_data), "-o", str(figure), "--animate", str(film)]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("arrived after ") and "least distance to anybody while moving: " in told
+    assert_is_picture(figure)
+    with Image.open(film) as pictures:
+        assert pictures.n_frames > 50
+
+
+@pytest.mark.parametrize("name", ["recorded_crowd", "closed_loop_crowd"])
+@pytest.mark.parametrize("given", [True, False])
+def test_recorded_crowd_says_where_data_can_be_had(
+    given: bool, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SCP_PLANNER_DATA", raising=False)
+    monkeypatch.chdir(tmp_path)
+    assert load(name).main([str(tmp_path)] if given else []) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1
+    assert "https://github.com/crowdbotp/OpenTraj" in told.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scenario", ["headon", "file"])
+def test_watch(scenario: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    if scenario == "file":
+        from scp_planner import builtin
+
+        scenario = str(tmp_path / "mine.yaml")
+        builtin.load("headon").save(scenario)
+    assert load("watch").main([scenario, "-o", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.startswith("certified: ")
+    with Image.open(tmp_path / "headon.gif") as film:
+        assert film.n_frames > 50
+    assert (tmp_path / "headon.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_export_messages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags", reason="needs rosbags, which is not installed")
+    assert load("export_messages").main(["-o", str(tmp_path)]) == 0
+    told = capsys.readouterr()
+    assert told.out.startswith("certified: ") and told.err == ""
+    assert "200 rows of 11 columns, 11 arrays, 200 poses\nthe table and the messages are 0 m apart" in told.out
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.csv", "plan.npz", "plan.mcap", "plan.png"}
+    assert_is_picture(tmp_path / "plan.png")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("irsim") is None, reason="needs ir-sim, which is not installed")
+def test_ir_sim_planner(tmp_path: Path) -> None:
+    """In a process of its own: the simulator chooses matplotlib's backend for the whole process."""
+    done = run_script("ir_sim_planner", tmp_path / "figure.png")
+    told = re.fullmatch(
+        r"arrived after (\d+\.\d) s; nearest to a moving obstacle: (\d\.\d+) m\nwrote .*\n", done.stdout
+    )
+    assert told, done.stdout + done.stderr
+    # 20 m at 2 m/s and 1.5 m/s2 take 10.7 s; and it touches nobody.
+    assert 10.6 < float(told[1]) < 14.0
+    assert float(told[2]) > 0.0
+    assert_is_picture(tmp_path / "figure.png")
+
+
+def test_example_runs_as_a_script(tmp_path: Path) -> None:
+    run_script("crossing", tmp_path / "crossing.png")
+    assert (tmp_path / "crossing.png").is_file()

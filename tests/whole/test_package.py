@@ -1,0 +1,118 @@
+"""The package as a whole: its public names, how quickly it is imported, and its metadata."""
+
+from __future__ import annotations
+
+import ast
+import json
+import pkgutil
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Collection, Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import scp_planner
+
+ROOT = Path(__file__).resolve().parents[2]
+SLOW_PACKAGES = ("numpy", "scipy", "cvxpy", "matplotlib", "clarabel", "osqp", "tqdm", "yaml", "pydantic")
+
+
+def in_a_new_interpreter(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", scp_planner.__all__)
+def test_every_public_name_is_there(name: str) -> None:
+    assert getattr(scp_planner, name) is not None
+    assert name in dir(scp_planner)
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'plann'"):
+        scp_planner.plann  # noqa: B018
+
+
+def test_no_module_has_the_name_of_something_public() -> None:
+    """An import of the module would hide it."""
+    modules = {entry.name for entry in pkgutil.iter_modules(scp_planner.__path__)}
+    assert "planning" in modules
+    assert modules.isdisjoint(scp_planner.__all__)
+
+
+def test_import_loads_nothing_slow() -> None:
+    code = "import sys, json, scp_planner; print(json.dumps(sorted(sys.modules)))"
+    loaded = set(json.loads(in_a_new_interpreter(code)))
+    assert not loaded.intersection(SLOW_PACKAGES)
+
+
+def test_import_takes_less_than_a_fifth_of_a_second() -> None:
+    code = "import time; t = time.perf_counter(); import scp_planner; print(time.perf_counter() - t)"
+    assert min(float(in_a_new_interpreter(code)) for _ in range(3)) < 0.2
+
+
+def test_no_module_prints_but_the_command_line() -> None:
+    """Results go to the caller, messages to logging."""
+    printing = []
+    for file in sorted((ROOT / "scp_planner").rglob("*.py")):
+        calls = (node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call))
+        if any(isinstance(call.func, ast.Name) and call.func.id == "print" for call in calls):
+            printing.append(file.name)
+    assert printing == []
+
+
+def test_the_lock_pins_every_dependency_with_hashes_and_no_address() -> None:
+    lock = (ROOT / "requirements-lock.txt").read_text()
+    assert "://" not in lock
+    pinned = {line.split("==")[0] for line in lock.splitlines() if "==" in line}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *extras["plot"], *extras["docs"], *extras["dev"]]
+    assert {name.split(">=")[0].split("[")[0] for name in wanted} <= pinned
+    blocks = lock.replace("\\\n", " ").splitlines()
+    assert all("--hash=sha256:" in line for line in blocks if "==" in line)
+
+
+def test_imports_go_round_in_no_circle() -> None:
+    """Whatever is imported first, and those in functions too: each module needs only such as need it not."""
+    files = sorted((ROOT / "scp_planner").rglob("*.py"))
+    modules = {".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): file for file in files}
+    assert len(modules) > 15
+    needs = {name: {need for need in _imported(file, modules) if need != name} for name, file in modules.items()}
+    assert {"scp_planner.files", "scp_planner.export"} <= needs["scp_planner.plan"], "at its top, and in a method"
+    order = list(TopologicalSorter(needs).static_order())  # raises an error that names the circle
+    in_a_new_interpreter(f"import importlib\nfor name in {order!r}: importlib.import_module(name)")
+
+
+def _imported(file: Path, modules: Collection[str]) -> Iterator[str]:
+    """Modules of the package that a file imports, not for types alone."""
+    todo: list[ast.AST] = [ast.parse(file.read_text())]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            continue
+        todo += ast.iter_child_nodes(node)
+        if isinstance(node, ast.ImportFrom):
+            for name in node.names:
+                full = f"{node.module}.{name.name}"
+                yield from {full if full in modules else str(node.module)}.intersection(modules)
+        elif isinstance(node, ast.Import):
+            yield from {name.name for name in node.names}.intersection(modules)
+
+
+def test_the_readme_shows_code_that_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```(python|yaml)[^\n]*\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    code = next(text for language, text in blocks if language == "python")
+    text = next(text for language, text in blocks if language == "yaml")
+    names: dict[str, Any] = {}
+    exec(code, names)
+    assert names["plan"].certified
+    assert scp_planner.Plan.load("plan.json").certified
+    Path("readme.yaml").write_text(text)
+    assert scp_planner.Scenario.load("readme.yaml").obstacles == names["scenario"].obstacles
