@@ -1,9 +1,21 @@
-"""The published estimators, in the form of the appendix of Zambom and Seguin (2021): power sums and substitution.
+"""The published estimators, as the appendix of Zambom and Seguin (2021) has them: power sums and substitution.
 
-They estimate eta(t) = eta0 + V t + W t^2 from observations N_i at times t_i by least squares, with the power sums
-c_j = sum_i t_i^j and s_j = sum_i t_i^j N_i, one after the other from the three normal equations
+They estimate eta(t) = eta0 + V t + W t^2 from observations N_i at T times t_i by least squares, with the power sums
+c_j = sum_i t_i^j and s_j = sum_i t_i^j N_i, from the three normal equations
 
-    n eta0 + c1 V + c2 W = s0,    c1 eta0 + c2 V + c3 W = s1,    c2 eta0 + c3 V + c4 W = s2.
+    T eta0 + c1 V + c2 W = s0,    c1 eta0 + c2 V + c3 W = s1,    c2 eta0 + c3 V + c4 W = s2.
+
+As printed there: the power sums c_j, over the times 1 to T (any times here); the order, which puts eta0 of the first
+equation into the second, and the V of that into the third; and, of the variance of an estimated centre,
+
+    a = c1 c2 / T - c3,    b = c2 - c1^2 / T,    d = c4 - c2^2 / T - a^2 / b.
+
+With these the substitution reads, from the last to the first,
+
+    d W = s2 - c2 s0 / T + (a / b) (s1 - c1 s0 / T),    b V = s1 - c1 s0 / T + a W,    T eta0 = s0 - c1 V - c2 W.
+
+What these three lines and the variance look like in print the page that we have does not show: it lost its displayed
+formulas. They are derived here, from the order and from a, b and d. The divisor n - 3 of the noise is ours, too.
 
 This is a test oracle and a reading aid, not what the planner uses: power sums of a clock that does not start near zero
 lose most digits (`scp_planner.estimation.estimate` centres and scales time, and solves by QR). Nothing here converts
@@ -21,6 +33,34 @@ from numpy.typing import ArrayLike, NDArray
 AnyArray = NDArray[Any]
 
 PARAMETERS = 3  # eta0, V and W
+
+
+@dataclass(frozen=True)
+class Substitution:
+    """Power sums of times, and the coefficients that the substitution leaves, as printed.
+
+    Attributes
+    ----------
+    count
+        T, the number of times, as a number of their own type.
+    c1, c2, c3, c4
+        c_j = sum_i t_i^j in s^j.
+    a
+        c1 c2 / T - c3 in s^3: less what W has for a factor in the second equation, without eta0.
+    b
+        c2 - c1^2 / T in s^2: what V has for a factor there.
+    d
+        c4 - c2^2 / T - a^2 / b in s^4: what W has for a factor in the third equation, without eta0 and V.
+    """
+
+    count: Any
+    c1: Any
+    c2: Any
+    c3: Any
+    c4: Any
+    a: Any
+    b: Any
+    d: Any
 
 
 @dataclass(frozen=True)
@@ -72,23 +112,26 @@ def published_estimate(times: ArrayLike, positions: ArrayLike) -> PublishedEstim
     PublishedEstimate
     """
     t, seen = np.asarray(times), np.asarray(positions)
-    n = len(t)
-    c1, c2, c3, c4 = _power_sums(t)
+    sums = substitution(t)
     s0, s1, s2 = (np.sum(t[:, None] ** power * seen, axis=0) for power in range(3))
-    # eta0 out of the second and third equation, then V out of the third
-    a, b, d = n * c2 - c1 * c1, n * c3 - c1 * c2, n * c4 - c2 * c2
-    first, second = n * s1 - c1 * s0, n * s2 - c2 * s0
-    half_acceleration = (a * second - b * first) / (a * d - b * b)
-    velocity = (first - b * half_acceleration) / a
-    position = (s0 - c1 * velocity - c2 * half_acceleration) / n
+    # The right sides of the second and the third equation, with eta0 of the first in them.
+    second, third = s1 - sums.c1 * s0 / sums.count, s2 - sums.c2 * s0 / sums.count
+    half_acceleration = (third + sums.a * second / sums.b) / sums.d
+    velocity = (second + sums.a * half_acceleration) / sums.b
+    position = (s0 - sums.c1 * velocity - sums.c2 * half_acceleration) / sums.count
     fitted = position + t[:, None] * velocity + (t * t)[:, None] * half_acceleration
     residuals = seen - fitted
-    noise = residuals.T @ residuals / (n - PARAMETERS)
+    noise = residuals.T @ residuals / (len(t) - PARAMETERS)
     return PublishedEstimate(position, velocity, half_acceleration, noise, t)
 
 
 def variance_factor(times: ArrayLike, t: Any) -> Any:
-    """Give h(t), with Var(eta_hat(t)) = h(t) Sigma: x_t' (X'X)^-1 x_t by the cofactors of the power sums.
+    """Give h(t), with Var(eta_hat(t)) = h(t) Sigma.
+
+    1, q and p, of the times of the observations, are at right angles to each other, and T, b and d their squared
+    lengths, where q(t) = t - c1 / T and p(t) = t^2 - c2 / T + (a / b) q(t). So
+
+        h(t) = 1 / T + q(t)^2 / b + p(t)^2 / d.
 
     Parameters
     ----------
@@ -102,18 +145,25 @@ def variance_factor(times: ArrayLike, t: Any) -> Any:
     (...) array
         h at each t.
     """
+    sums = substitution(times)
+    q = t - sums.c1 / sums.count
+    p = t * t - sums.c2 / sums.count + sums.a * q / sums.b
+    return 1 / sums.count + q * q / sums.b + p * p / sums.d
+
+
+def substitution(times: ArrayLike) -> Substitution:
+    """Sum the powers of times, and give what the substitution makes of the sums.
+
+    Parameters
+    ----------
+    times : (n,) s
+        Of the observations; three of them different.
+
+    Returns
+    -------
+    Substitution
+    """
     seen = np.asarray(times)
-    n = len(seen)
-    c1, c2, c3, c4 = _power_sums(seen)
-    determinant = n * (c2 * c4 - c3 * c3) - c1 * (c1 * c4 - c2 * c3) + c2 * (c1 * c3 - c2 * c2)
-    return (
-        (c2 * c4 - c3 * c3)
-        + 2 * t * (c2 * c3 - c1 * c4)
-        + t**2 * (n * c4 - c2 * c2 + 2 * (c1 * c3 - c2 * c2))
-        + 2 * t**3 * (c1 * c2 - n * c3)
-        + t**4 * (n * c2 - c1 * c1)
-    ) / determinant
-
-
-def _power_sums(times: AnyArray) -> tuple[Any, ...]:
-    return tuple(np.sum(times**power) for power in range(1, 5))
+    count, c1, c2, c3, c4 = (np.sum(seen**power) for power in range(5))
+    a, b = c1 * c2 / count - c3, c2 - c1 * c1 / count
+    return Substitution(count, c1, c2, c3, c4, a, b, c4 - c2 * c2 / count - a * a / b)
