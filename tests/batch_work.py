@@ -7,6 +7,8 @@ import signal
 import time
 from pathlib import Path
 
+LONG = 3600.0  # s; nothing but an end by force is over sooner
+
 
 def square(number: int) -> int:
     return number * number
@@ -48,4 +50,4 @@ def sleep_and_tell(item: tuple[int, str]) -> int:
 
 def sleep_long(folder: str) -> None:
     (Path(folder) / str(os.getpid())).touch()
-    time.sleep(600)
+    time.sleep(LONG)

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 BROWSER_VARIABLE = "SCP_PLANNER_BROWSER"
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-PATIENCE = 60.0  # s
+PATIENCE = 600.0  # s; only a test that hangs waits so long
 
 
 def find_browser() -> str | None:

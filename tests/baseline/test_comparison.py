@@ -50,9 +50,10 @@ def test_curves_begin_at_the_same_start_and_never_rise(trials: list[Trial]) -> N
         assert first.curve.merit[0] == second.curve.merit[0]
     for trial in trials:
         assert np.all(np.diff(trial.curve.merit) <= 0.0)
+        assert np.all(np.diff(trial.curve.seconds) >= 0.0)
         assert np.all(np.diff(trial.curve.evaluations) >= 0)
         assert trial.curve.evaluations[-1] <= trial.evaluations
-        assert 0.0 <= trial.curve.seconds[-1] <= trial.wall_time + 1e-3
+        assert 0.0 <= trial.curve.seconds[-1] <= trial.wall_time + 1e-9  # to rounding of the clock
 
 
 def test_certified_trials_end_at_their_travel_time(trials: list[Trial]) -> None:

@@ -46,7 +46,10 @@ def row(file: str, status: str = "certified", reason: str = "") -> dict[str, str
     return {"file": file, "status": status, "reason": reason}
 
 
-def eventually(happened: Callable[[], Any], patience: float = 30.0) -> Any:
+PATIENCE = 600.0  # s; only a test that hangs waits so long
+
+
+def eventually(happened: Callable[[], Any], patience: float = PATIENCE) -> Any:
     """Wait until something is true, and return it."""
     until = time.monotonic() + patience
     while not (found := happened()):
@@ -203,7 +206,7 @@ def test_closing_ends_the_workers_at_once(tmp_path: Path) -> None:
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt), closing(answers):
         next(answers)
-    assert time.monotonic() - began < 30.0
+    assert time.monotonic() - began < batch_work.LONG
     with pytest.raises(ProcessLookupError):
         os.kill(worker[0], 0)
 
@@ -355,7 +358,9 @@ def run(*arguments: str | Path) -> Result:
 
 
 def test_command_tells_counts_and_what_is_not_certified(folder: Path, tmp_path: Path) -> None:
+    began = time.monotonic()
     result = run("batch", folder, "-o", tmp_path / "t.csv", "--workers", "1", "--timings", "--json")
+    lasted = time.monotonic() - began
     assert result.exit_code == 3
     assert json.loads(result.stdout) == {
         "scenarios": 4,
@@ -366,7 +371,9 @@ def test_command_tells_counts_and_what_is_not_certified(folder: Path, tmp_path: 
     }
     assert result.stderr.startswith("broken.yaml: bad_input: vehicle: missing")
     times = [line.rsplit(",", 1)[1] for line in (tmp_path / "t.csv").read_text().splitlines()]
-    assert times[:2] == ["wall_time", ""] and all(0.0 < float(time) < 60.0 for time in times[2:])
+    assert times[:2] == ["wall_time", ""]
+    taken = [float(text) for text in times[2:]]
+    assert min(taken) > 0.0 and sum(taken) < lasted
     (folder / "broken.yaml").unlink()
     good = run("batch", folder, "-o", tmp_path / "t.csv", "--timings", "--quiet")
     assert (good.exit_code, good.output) == (0, "")
@@ -436,7 +443,7 @@ def test_interrupt_and_a_killed_worker_change_nothing_in_the_end(many: Path, tmp
     os.kill(killed, signal.SIGKILL)
     eventually(lambda: rows_in(table) >= 2)
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=30)
+    output, errors = process.communicate(timeout=PATIENCE)
     done = rows_in(table)
     assert (process.returncode, output) == (130, "")
     assert f"worker {killed} died with exit code -9; its work is tried again" in errors

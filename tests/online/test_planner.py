@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import count, pairwise
+from itertools import pairwise
 from threading import Thread
 from typing import Any
 
@@ -26,6 +26,7 @@ from scp_planner.problem.build import build_problem
 from scp_planner.settings.online import OnlineSettings, Safety
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.trips.trip import Trip
+from tests.clock import FakeClock
 from tests.scenes import CROSSERS, disc, scene
 
 PERIOD = 0.1
@@ -484,25 +485,13 @@ def test_margin_holds_tracking_error_and_reaction_time() -> None:
 # deadlines
 
 
-class FakeClock:
-    """A clock that goes on by a millisecond whenever it is looked at."""
-
-    def __init__(self) -> None:
-        self.ticks = count()
-
-    def __call__(self) -> float:
-        return 1e-3 * next(self.ticks)
-
-
 def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = scene(*CROSSERS)
     planner = Planner(
         scenario, replace(online_planner.SETTINGS, tolerance=1e-8), OnlineSettings(iterations=50, improve_every=1)
     )
     begin(planner, scenario)
-    clock = FakeClock()
-    monkeypatch.setattr("scp_planner.online.planner.perf_counter", clock)
-    monkeypatch.setattr("scp_planner.scp.loop.perf_counter", clock)
+    FakeClock(1e-3).rule(monkeypatch)
     monkeypatch.setattr(
         "scp_planner.online.planner.ScpLoop.run", _never_good_enough(online_planner.ScpLoop.run)
     )  # a feasible trip would end the work

@@ -12,6 +12,7 @@ import scp_planner as sp
 from scp_planner.certificate.lower_bound import no_trip_within
 from scp_planner.certificate.verdict import Certificate, Clearance, Violation
 from scp_planner.planning.explain import grave_violations
+from tests.clock import FakeClock
 
 BOX = {"min": [-1.0, -3.0], "max": [21.0, 3.0]}
 
@@ -42,7 +43,9 @@ def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
 
 
 @pytest.mark.parametrize(("time_limit", "proved"), [(30.0, True), (0.9, False)])
-def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool) -> None:
+def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock stands still: it is how long a proof may take that decides."""
+    FakeClock(0.0).rule(monkeypatch)
     plan = sp.plan(scene(disc("crate", (20.0, 0.3), radius=1.0)), time_limit=time_limit)
     assert plan.reason is not None
     assert ("No trip at all" in plan.reason) is proved

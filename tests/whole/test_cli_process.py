@@ -26,7 +26,10 @@ from scp_planner.cli.output import progress_bar
 PROGRAM = [sys.executable, "-m", "scp_planner"]
 
 
-def eventually(happened: Callable[[], Any], patience: float = 30.0) -> Any:
+PATIENCE = 600.0  # s; only a test that hangs waits so long
+
+
+def eventually(happened: Callable[[], Any], patience: float = PATIENCE) -> Any:
     """Wait until something is true, and return it."""
     until = time.monotonic() + patience
     while not (found := happened()):
@@ -55,7 +58,7 @@ def test_an_interrupt_while_planning_leaves_nothing(command: list[str], tmp_path
         assert process.stderr is not None
         assert process.stderr.readline().startswith("DEBUG scp_planner."), "planning has begun"
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=30)
+        output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, output) == (130, "")
     assert errors.endswith("interrupted\n") and "Traceback" not in errors
     assert list(tmp_path.iterdir()) == []
@@ -68,7 +71,7 @@ def test_an_interrupt_while_a_film_is_written_leaves_the_old_one(tmp_path: Path)
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         eventually(lambda: len(list(tmp_path.iterdir())) > 1)
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=30)
+        output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, output, errors) == (130, "", "interrupted\n")
     assert list(tmp_path.iterdir()) == [film]
     assert film.read_text() == "the old one"

@@ -106,7 +106,7 @@ def run_command(command: str) -> subprocess.CompletedProcess[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=300,
+        timeout=1800,  # s; only what hangs takes so long
     )
 
 

@@ -84,8 +84,6 @@ def test_importing_it_needs_and_loads_nothing_but_the_standard_library(
     assert list(site.iterdir()) == []
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
-    times = [float(run(python, "-c", TIMED_IMPORT)) for _ in range(5)]
-    assert statistics.median(times) < IMPORT_LIMIT, times
     code = "import sys, scp_planner; print(scp_planner.__file__); print(scp_planner.__version__, *sys.modules)"
     place, loaded = run(python, "-c", code).splitlines()
     assert Path(place).is_relative_to(site)
