@@ -17,6 +17,9 @@ DATA_VARIABLE = "SCP_PLANNER_DATA"
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("repeatable")
 
+# pyproject.toml makes warnings errors; this, numbers that overflow or are none in the programs that tests start, too.
+os.environ.setdefault("PYTHONWARNINGS", "error::RuntimeWarning")
+
 
 @pytest.fixture(scope="session")
 def recorded_data() -> Path:

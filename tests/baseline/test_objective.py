@@ -37,6 +37,9 @@ from scp_planner.scp.merit import LIMIT_NAMES, Penalties
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
+pytestmark = pytest.mark.numerics
+
+
 STEP = 1e-6  # of the finite differences, m and m/s^2
 SMOOTHER = Settings(acceleration_degree=1, path_degree=4)
 

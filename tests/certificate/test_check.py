@@ -29,6 +29,8 @@ from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory, TripSpace
 from scp_planner.trips.trip import Trip
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 RADIUS = 0.3  # m, of the vehicle
 FRAME = PlanningFrame((3.0, -2.0), 0.7, 5.0)

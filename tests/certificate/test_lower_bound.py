@@ -26,6 +26,8 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
 from scp_planner.threat_zones.batch import ZoneBatch
 
+pytestmark = pytest.mark.numerics
+
 SUITE = Path(__file__).parents[1] / "suite"
 LANE = {"min": [-1.0, -1.0], "max": [21.0, 1.0]}
 

@@ -13,6 +13,8 @@ from scp_planner.estimation.confidence import LEVELS, excursion_bound, region_sc
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.estimate import estimate_motion
 
+pytestmark = pytest.mark.numerics
+
 LAWS: list[ErrorLaw] = [
     NormalErrors(),
     HotellingErrors(2),

@@ -19,6 +19,8 @@ from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.scenario.models import Obstacle
 
+pytestmark = pytest.mark.numerics
+
 SIGMA = np.array([[0.04, 0.015], [0.015, 0.01]])
 TRUTH = np.array([[3.0, -1.0], [1.2, 0.4], [-0.3, 0.25]])  # position, velocity, half the acceleration
 

@@ -25,6 +25,8 @@ from scp_planner.estimation.motion_filter import (
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel, Tails
 
+pytestmark = pytest.mark.numerics
+
 TAILS = Tails(degrees_of_freedom=4.0, lead_time=(0.4, 1.2, 2.4, 4.8), inflation=(0.8, 0.6, 0.5, 0.4))
 KINDS = {
     "random_walk": {"diffusion": 0.2},

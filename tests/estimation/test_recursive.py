@@ -9,6 +9,8 @@ from scp_planner.estimation.least_squares import MotionPrior
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.recursive import ObservationWindow, RecursiveEstimator
 
+pytestmark = pytest.mark.numerics
+
 SIGMA = np.array([[0.02, 0.005], [0.005, 0.01]])
 CLOCK = 1e9
 PRIOR = MotionPrior((1.0, 1.0), 0.5, (0.0, 0.0), 0.1)

@@ -27,6 +27,8 @@ from scp_planner.export import (
 )
 from tests.scenes import disc, scene
 
+pytestmark = pytest.mark.numerics
+
 
 @pytest.fixture(scope="module")
 def plan() -> sp.Plan:

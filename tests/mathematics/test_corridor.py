@@ -12,6 +12,8 @@ import scp_planner as sp
 from benchmarks.dense_check import check_trip
 from scp_planner.mathematics import corridor, planar
 
+pytestmark = pytest.mark.numerics
+
 Ring = list[list[float]]
 
 

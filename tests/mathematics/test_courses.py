@@ -15,6 +15,8 @@ from shapely.geometry import Point
 import scp_planner as sp
 from benchmarks.dense_check import check_trip
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 TIMES = np.array([99.0, 100.5, 101.5, 103.0, 104.0, 106.0])
 PLACES = np.array([[12.0, -6.0], [11.0, -4.0], [11.5, -2.5], [10.0, -0.5], [10.5, 1.0], [9.0, 4.0]])

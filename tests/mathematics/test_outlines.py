@@ -13,6 +13,8 @@ from shapely.ops import unary_union
 from scp_planner.mathematics.ellipse import ellipse_contact, far_ellipse_contact, support
 from scp_planner.mathematics.outlines import Outline, Outlines, convex_pieces, two_ellipses_contact
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 7201)[:-1]
 DIRECTIONS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)

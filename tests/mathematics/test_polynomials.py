@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+
+pytestmark = pytest.mark.numerics
 
 RNG = np.random.default_rng(5)
 LINE = PiecewisePolynomials(np.array([[0.0, 12.0]]), RNG.normal(size=(1, 1, 2, 2)))

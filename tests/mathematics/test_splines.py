@@ -9,6 +9,8 @@ from scipy.interpolate import BSpline
 
 from scp_planner.mathematics.splines import antiderivative_control_points, clamped_basis, clamped_knots, evaluate
 
+pytestmark = pytest.mark.numerics
+
 UNEVEN = (0.0, 0.07, 0.31, 0.5, 0.86, 1.0)
 EVEN = tuple(np.linspace(0.0, 1.0, 9).tolist())
 

@@ -29,6 +29,8 @@ from scp_planner.trips.trip import Trip
 from tests.clock import FakeClock
 from tests.scenes import CROSSERS, disc, scene
 
+pytestmark = pytest.mark.numerics
+
 PERIOD = 0.1
 WALL = {"polygon": [[-0.2, -40.0], [0.2, -40.0], [0.2, 40.0], [-0.2, 40.0]]}
 

@@ -14,6 +14,8 @@ from scp_planner.certificate.verdict import Certificate, Clearance, Violation
 from scp_planner.planning.explain import grave_violations
 from tests.clock import FakeClock
 
+pytestmark = pytest.mark.numerics
+
 BOX = {"min": [-1.0, -3.0], "max": [21.0, 3.0]}
 
 

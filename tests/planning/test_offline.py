@@ -16,6 +16,8 @@ from scp_planner.search.starts import bows
 from scp_planner.solvers import solver_named
 from tests.clock import FakeClock
 
+pytestmark = pytest.mark.numerics
+
 SCENES = {
     "crossers": scene(*CROSSERS),
     "slow": scene(disc("wall", (9.0, 0.2), radius=1.2), disc("walker", (14.0, -3.0), (0.0, 0.5))),

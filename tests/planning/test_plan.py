@@ -12,6 +12,8 @@ from scenes import CROSSERS, scene
 
 import scp_planner as sp
 
+pytestmark = pytest.mark.numerics
+
 
 @pytest.fixture(scope="module")
 def plan() -> sp.Plan:

@@ -18,6 +18,8 @@ from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import nearest_indices, nice_times
 from tests.scenes import disc, scene
 
+pytestmark = pytest.mark.numerics
+
 
 @pytest.fixture(scope="module")
 def scenario() -> sp.Scenario:

@@ -19,6 +19,8 @@ from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from tests.scenes import scene
 
+pytestmark = pytest.mark.numerics
+
 
 @pytest.fixture(scope="module")
 def run() -> Run:

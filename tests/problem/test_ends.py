@@ -14,6 +14,8 @@ from scp_planner.problem.build import build_problem
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
+pytestmark = pytest.mark.numerics
+
 GOALS = {
     "ahead": scene(goal={"radius": 2.0}),
     "its middle covered": scene(disc("lid", (20.0, -0.3), radius=0.6), goal={"radius": 2.0}),

@@ -13,6 +13,8 @@ from scp_planner.problem.tightening import tightened
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
+pytestmark = pytest.mark.numerics
+
 POCKET = {
     "id": "pocket",
     "shape": {"polygon": [[-2, -2], [2, -2], [2, 2], [-2, 2], [-2, 1.6], [1.6, 1.6], [1.6, -1.6], [-2, -1.6]]},

@@ -18,6 +18,8 @@ from scp_planner.solvers import QuadraticProgram, Solution, SolverStatus, solver
 from scp_planner.solvers.cvxpy_solver import CvxpySolver
 from scp_planner.threat_zones.of_scenario import zones
 
+pytestmark = pytest.mark.numerics
+
 
 @pytest.fixture(scope="module")
 def scenario() -> sp.Scenario:

@@ -19,6 +19,8 @@ from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 from tests.scp.test_linearisation import moved
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 PRICES = np.array([0.7, 0.0, 1.3, 0.4])
 ARRIVAL, UP, DOWN = -3.0, 0.2, 0.1

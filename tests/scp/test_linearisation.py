@@ -25,6 +25,8 @@ from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
 from tests.threat_zones.test_of_scenario import observed
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 ALONE = np.zeros(40, dtype=int)
 BOX = {"min": [-1.0, -1.3], "max": [21.0, 2.0]}

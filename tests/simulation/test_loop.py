@@ -25,6 +25,8 @@ from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation.worlds import SocialForces, VehicleState, World
 from tests.scenes import CROSSERS, disc, scene
 
+pytestmark = pytest.mark.numerics
+
 SHORT = {"goal": {"position": (8.0, 0.0)}}
 
 

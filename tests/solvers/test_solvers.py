@@ -25,6 +25,8 @@ from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.scaling import equilibrate
 from scp_planner.threat_zones.of_scenario import zones
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 NAMES = tuple(SOLVERS)
 SEEDS = range(12)

@@ -14,6 +14,8 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
 
+pytestmark = pytest.mark.numerics
+
 
 def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, object]:
     """A disc seen ten times through noise."""

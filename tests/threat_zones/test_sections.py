@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from scp_planner.threat_zones.sections import sections
 from tests.threat_zones.test_zone_shapes import KINDS, batch_of
+
+pytestmark = pytest.mark.numerics
 
 
 def test_sections_contain_exactly_what_is_inside() -> None:

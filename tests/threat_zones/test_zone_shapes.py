@@ -16,6 +16,8 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint
 from tests.threat_zones.test_of_scenario import observed
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 ELL = [[-1.0, -1.0], [2.0, -1.0], [2.0, 0.0], [0.0, 0.0], [0.0, 2.0], [-1.0, 2.0]]
 EGG = {"ellipse": [1.5, 0.4]}

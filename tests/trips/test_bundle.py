@@ -22,6 +22,8 @@ from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 from tests.scp.test_linearisation import problem_and_trip
 
+pytestmark = pytest.mark.numerics
+
 TRUSTS = [TrustRegion(1.0, 3.0, 0.3), TrustRegion(0.3, 1.0, 0.1), TrustRegion(0.1, 0.5, 0.05)]
 
 

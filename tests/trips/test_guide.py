@@ -22,6 +22,8 @@ from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict,
 from scp_planner.trips.trajectory import Trajectory, TripSpace
 from tests.scp import test_linearisation
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 POLYLINES = {
     "corner": [[0, 0], [10, 0], [10, 12]],

@@ -11,6 +11,8 @@ from scipy.integrate import quad, solve_ivp
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.trajectory import Trajectory, TripSpace
 
+pytestmark = pytest.mark.numerics
+
 BREAKS = (0.0, 0.1, 0.19, 0.4, 0.55, 0.8, 1.0)
 
 

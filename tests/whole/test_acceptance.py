@@ -16,6 +16,8 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Run
 from scp_planner.solvers.interface import SOLVERS
 
+pytestmark = pytest.mark.numerics
+
 AGREEMENT = 1e-3  # s, between the travel times of all solvers
 MEDIAN_ITERATIONS = 12  # a start
 ALL_SOLVERS = [f"{family}-{number}" for family in ("crossing3", "crossing5", "headon") for number in range(10)]

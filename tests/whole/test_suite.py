@@ -18,6 +18,8 @@ import scp_planner as sp
 from benchmarks.dense_check import check_trip
 from scp_planner.trips.trip import discs_at
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 SUITE = Path(__file__).parents[1] / "suite"
 SCENES = {path.stem: sp.Scenario.load(path) for path in sorted(SUITE.glob("*.yaml"))}

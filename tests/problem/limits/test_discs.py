@@ -19,6 +19,8 @@ from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip, discs_at
 from tests.scp.test_linearisation import differences
 
+pytestmark = pytest.mark.numerics
+
 Array = np.ndarray
 LONG = {"radius": 0.5, "discs": [0.0, 0.8, 1.6, -0.5]}
 SCENES = {

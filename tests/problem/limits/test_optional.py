@@ -26,6 +26,8 @@ from scp_planner.trips.trajectory import Trajectory
 from tests.baseline.test_objective import finite_differences, random_trips
 from tests.scp.test_linearisation import differences
 
+pytestmark = pytest.mark.numerics
+
 BENT: list[list[float]] = [[0.0, 0.0], [10.0, 0.0], [16.0, 12.0]]
 SLOW: list[dict[str, Any]] = [{"from": 4.0, "to": 8.0, "speed": 1.2}, {"from": 13.0, "speed": 1.6}]
 
