@@ -213,6 +213,15 @@ def busy(processes: int) -> Iterator[None]:
             process.wait()
 
 
+def found(name: str) -> Path | None:
+    """Give an interpreter that works: from the path, or of pyenv, whose commands on the path need not work."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    first = shutil.which(name)
+    candidates = [Path(first)] if first else []
+    candidates += sorted(pyenv.glob(f"versions/*/bin/{name}"))
+    return next((each for each in candidates if _runs(each)), None)
+
+
 def environment_of(variant: Variant) -> Path:
     """Make the environment of a variant anew where it needs one of its own; return its Python.
 
@@ -223,7 +232,7 @@ def environment_of(variant: Variant) -> Path:
     """
     if variant.packages is Packages.LOCKED:
         return Path(sys.executable)
-    interpreter = shutil.which(variant.python) if variant.python else sys.executable
+    interpreter = found(variant.python) if variant.python else Path(sys.executable)
     if interpreter is None:
         raise Skipped(f"no {variant.python} found")
     uv = _uv()
@@ -344,6 +353,10 @@ def _uv() -> Path:
 
 def _printed(python: Path, code: str) -> str:
     return subprocess.run([str(python), "-c", code], check=True, capture_output=True, text=True).stdout
+
+
+def _runs(python: Path) -> bool:
+    return subprocess.run([str(python), "-c", ""], capture_output=True).returncode == 0
 
 
 def _quietly(*command: str | Path) -> None:
