@@ -42,6 +42,7 @@ def _cli_page() -> Iterator[str]:
     yield from ("# Command line", "", REMADE, "")
     yield "Results go to files and stdout, messages and progress bars to stderr; bars are shown on a terminal only."
     yield "A file is written under another name and takes its own when it is whole, so none is ever half written."
+    yield "What is there is replaced; symbolic links are followed, and devices, pipes and folders are refused."
     yield "`scp-planner --install-completion` makes the shell complete commands, options, built-in scenarios and names"
     yield "of settings. `SCENARIO` is a file, YAML or JSON, or a built-in scenario such as `builtin:crossing`."
     yield from ("", "| exit code | means |", "| --- | --- |")

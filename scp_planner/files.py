@@ -6,13 +6,15 @@ number, `no` is text, `010` is ten. The suffix of the file's name chooses the fo
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
 import re
+import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 
 YAML_SUFFIXES = (".yaml", ".yml")
 JSON_SUFFIX = ".json"
+
+_NAME_KEPT = 16
+"""Letters of a file's name, and of its suffix, that the temporary file beside it has too."""
 
 DEEPEST = 100
 """Levels of lists and mappings in a YAML file; no scenario comes near."""
@@ -108,11 +113,69 @@ def write_text(path: str | PathLike[str], text: str) -> None:
         os.fsync(file.fileno())
 
 
+def regular_target(path: str | PathLike[str]) -> Path:
+    """Give the file that is written where a name is written to: a regular one, there or not yet.
+
+    Symbolic links are followed, so that a link stays what it is.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Path
+        Without links.
+
+    Raises
+    ------
+    OSError
+        If there is something else, such as a folder, a device or a pipe; or the file is where what the program prints
+        goes, which would be lost.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        found = os.stat(path)  # not of the target: a link of the system may stand for what has no name
+    except FileNotFoundError:
+        return target
+    if not stat.S_ISREG(found.st_mode):
+        kind = next((name for is_kind, name in _KINDS if is_kind(found.st_mode)), "something else")
+        code = errno.EISDIR if stat.S_ISDIR(found.st_mode) else errno.EINVAL
+        raise OSError(code, f"must not be {kind}; only regular files are written", str(path))
+    if any(os.path.samestat(found, stream) for stream in _printed_to()):
+        raise OSError(errno.EINVAL, "must not be where what is printed goes", str(path))
+    return target
+
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def _printed_to() -> Iterator[os.stat_result]:
+    """Look at what stdout and stderr go to, as far as they are open."""
+    for descriptor in (1, 2):
+        with suppress(OSError):
+            yield os.fstat(descriptor)
+
+
 @contextmanager
 def replacing(path: str | PathLike[str]) -> Iterator[Path]:
-    """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well."""
-    target = Path(path)
-    descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=f".part{target.suffix}")
+    """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well.
+
+    Raises
+    ------
+    OSError
+        See `regular_target`; or if no file can be made there.
+    """
+    target = regular_target(path)
+    # What a name adds to is cut: the longest names that there are must fit.
+    begin, end = target.stem[:_NAME_KEPT], target.suffix[-_NAME_KEPT:]
+    descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{begin}.", suffix=f".part{end}")
     os.close(descriptor)
     try:
         yield Path(name)

@@ -12,7 +12,7 @@ from scp_planner.batch.executor import Answer, Executor, Fate
 from scp_planner.batch.jobs import BAD_INPUT, Job, JobResult, Options, Row, carry_out, digest_of, digest_of_bytes
 from scp_planner.batch.table import Table, TableError, opened, read
 from scp_planner.errors import ScenarioError
-from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, write_text
+from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, regular_target, write_text
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.scenario.models import Scenario
 
@@ -122,8 +122,13 @@ def run_batch(
         If the table holds something else, was made with other options, or another batch is writing to it.
     ExecutorError
         If no work can be done.
+    OSError
+        If there is something else than a file where the table or a plan is to be written.
     """
     options = options or Options()
+    if plans is not None:
+        for file in files:
+            regular_target(_plan_file(plans, file))
     with opened(table, _columns(timings)) as rows:
         _check_options(rows, options)
         batch = _Batch(files, rows, options, plans, retry, progress)
@@ -182,7 +187,7 @@ class _Batch:
         else:
             row = result.row
             if self.plans is not None and result.plan is not None:
-                target = self._plan_file(job.file)
+                target = _plan_file(self.plans, job.file)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 write_text(target, result.plan)
         self._add(row)
@@ -201,15 +206,15 @@ class _Batch:
         row = self.table.rows.get(file)
         if row is None or row["digest"] != digest or (self.retry and row["status"] in NOTHING_CAME):
             return False
-        if self.plans is not None and row["status"] in list(PlanStatus) and not self._plan_file(file).exists():
+        if self.plans is not None and row["status"] in list(PlanStatus) and not _plan_file(self.plans, file).exists():
             return False
         self.done_before += 1
         self._advance(row["status"])
         return True
 
-    def _plan_file(self, file: str) -> Path:
-        assert self.plans is not None
-        return self.plans / (file + PLAN_SUFFIX)
+
+def _plan_file(folder: Path, file: str) -> Path:
+    return folder / (file + PLAN_SUFFIX)
 
 
 def _in_a_line(error: ScenarioError | OSError) -> str:

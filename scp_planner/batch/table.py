@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from scp_planner.errors import ScpPlannerError
-from scp_planner.files import replacing
+from scp_planner.files import regular_target, replacing
 
 KEY = "file"
 LOCKS = importlib.util.find_spec("fcntl") is not None
@@ -108,7 +108,10 @@ def opened(path: Path, columns: Sequence[str]) -> Iterator[Table]:
     ------
     TableError
         If the file holds something else, or another batch is writing to it.
+    OSError
+        If there is something else than a file, see `scp_planner.files.regular_target`.
     """
+    path = regular_target(path)
     is_new = not path.exists()
     with _held(path):
         table = Table(path, columns, read(path, columns))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scp_planner.cli.options import Quiet, Samples, bad_option, check_target
+from scp_planner.cli.options import Quiet, Samples, bad_option, check_folder, check_target
 from scp_planner.cli.output import start_logging, tell
 from scp_planner.errors import MISSING, Fault, PlanError
 
@@ -48,9 +49,10 @@ def export(
         raise bad_option("--output", output, f"must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix")
     if suffix in ("", ".mcap") and importlib.util.find_spec("rosbags") is None:
         raise bad_option("--output", output, "needs rosbags: pip install 'scp-planner[ros]'")
-    if suffix == "" and output.exists():
-        raise bad_option("--output", output, "exists already; a bag's folder must be a new one")
-    check_target("--output", output, source)
+    if suffix == "":
+        _check_bag(output)
+    else:
+        check_target("--output", output, source)
     subject = _load(source)
     sampled = {"samples": samples} if isinstance(subject, Plan) else {}
     try:
@@ -59,6 +61,15 @@ def export(
         raise bad_option("--epoch", epoch, str(error)) from None
     if not quiet:
         tell(f"wrote {output}")
+
+
+def _check_bag(folder: Path) -> None:
+    """Refuse a bag's folder that could not be written."""
+    from scp_planner.export.ros import is_bag
+
+    if os.path.lexists(folder) and not is_bag(folder):
+        raise bad_option("--output", folder, "exists already, and is no bag of this kind, which would be replaced")
+    check_folder("--output", folder)
 
 
 def _load(source: Path) -> Plan | Run:

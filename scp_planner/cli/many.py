@@ -29,6 +29,7 @@ from scp_planner.cli.options import (
     Workers,
     at_least,
     bad_option,
+    check_folder,
     check_solver,
     check_target,
     check_time_limit,
@@ -94,7 +95,7 @@ def batch(
     check_solver(solver, method)
     check_time_limit(time_limit)
     check_target("--output", output)
-    check_target("--plans", plans, is_folder=True)
+    check_folder("--plans", plans)
     if not folder.is_dir():
         raise bad_option("DIR", folder, "must be a folder")
     from scp_planner.batch.executor import ExecutorError

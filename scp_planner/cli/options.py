@@ -5,12 +5,15 @@ from __future__ import annotations
 import importlib.util
 import math
 import os
+import tempfile
 from collections.abc import Callable, Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from scp_planner.files import regular_target
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
@@ -190,18 +193,43 @@ def check_probability(probability: float) -> None:
         raise bad_option("--probability", probability, "must be between 0 and 1")
 
 
-def check_target(option: str, target: Path | None, source: str | Path = "", *, is_folder: bool = False) -> None:
-    """Refuse before planning what could not be written after it."""
+def check_target(option: str, target: Path | None, source: str | Path = "") -> None:
+    """Refuse before planning a file that could not be written after it."""
+    if target is None:
+        return
+    try:
+        written = regular_target(target)
+    except OSError as error:
+        raise bad_option(option, target, str(error.strerror)) from None
+    if not written.parent.is_dir():
+        raise bad_option(
+            option, target, f"the folder {written.parent if target.is_symlink() else target.parent} must exist"
+        )
+    _check_writable(option, target, written.parent)
+    if str(source) and target.exists() and Path(source).exists() and target.samefile(source):
+        raise bad_option(option, target, "must not be the scenario file itself")
+
+
+def check_folder(option: str, target: Path | None, *names: str) -> None:
+    """Refuse before planning a folder that could not be written into after it, or files in it that could not be."""
     if target is None:
         return
     if not target.parent.is_dir():
         raise bad_option(option, target, f"the folder {target.parent} must exist")
-    if target.exists() and target.is_dir() != is_folder:
-        raise bad_option(option, target, "must be a folder" if is_folder else "must not be a folder")
-    if not os.access(target if target.is_dir() else target.parent, os.W_OK):
-        raise bad_option(option, target, "the folder must be writable")
-    if str(source) and target.exists() and Path(source).exists() and target.samefile(source):
-        raise bad_option(option, target, "must not be the scenario file itself")
+    if os.path.lexists(target) and not target.is_dir():
+        raise bad_option(option, target, "must be a folder")
+    _check_writable(option, target, target if target.is_dir() else target.parent)
+    for name in names if target.is_dir() else ():
+        check_target(option, target / name)
+
+
+def _check_writable(option: str, target: Path, folder: Path) -> None:
+    """Find out whether files can be made in a folder; its permissions alone do not say so."""
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix="."):
+            pass
+    except OSError:
+        raise bad_option(option, target, "the folder must be writable") from None
 
 
 def keyword_settings(assignments: list[str] | None, solver: str | None) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from scp_planner.cli.options import (
     Workers,
     at_least,
     bad_option,
+    check_folder,
     check_probability,
     check_target,
 )
@@ -25,6 +26,10 @@ from scp_planner.cli.output import print_json, progress_bar, report, start_loggi
 
 if TYPE_CHECKING:
     from scp_planner.estimation.tracks import Tracks
+
+CONSISTENCY_FIGURES = ("consistency.png", "border.png")
+CONSISTENCY_FILES = ("results.jsonl", "summary.csv", "slopes.csv", "border.csv", *CONSISTENCY_FIGURES)
+COVERAGE_FILES = ("coverage.csv", "coverage.png", "recorded.csv")
 
 
 def consistency(
@@ -52,7 +57,7 @@ def consistency(
     The objective with estimated zones, and its minimisers, against the true ones as observations grow in number.
     """
     start_logging(quiet, verbose)
-    check_target("--output", output, is_folder=True)
+    check_folder("--output", output, *CONSISTENCY_FILES)
     from scp_planner.studies.consistency import run_consistency
     from scp_planner.studies.field import ConsistencySettings, border
 
@@ -65,9 +70,10 @@ def consistency(
     if pictures.can_plot():
         from scp_planner.studies.figures import plot_border, plot_consistency
 
-        plot_consistency(result, output / "consistency.png")
-        plot_border(border(), output / "border.png")
-        written += [output / "consistency.png", output / "border.png"]
+        figures = [output / name for name in CONSISTENCY_FIGURES]
+        plot_consistency(result, figures[0])
+        plot_border(border(), figures[1])
+        written += figures
     if as_json:
         print_json({"slopes": [asdict(slope) for slope in result.slopes]})
     elif not quiet:
@@ -95,7 +101,7 @@ def coverage(
     How often zones of each level of confidence hold what they promise, in simulation and on recorded tracks.
     """
     start_logging(quiet, verbose)
-    check_target("--output", output, is_folder=True)
+    check_folder("--output", output, *COVERAGE_FILES)
     check_probability(probability)
     from scp_planner.studies import coverage as simulated
     from scp_planner.studies import recorded

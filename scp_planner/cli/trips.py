@@ -26,6 +26,7 @@ from scp_planner.cli.options import (
     TimeLimit,
     Verbose,
     bad_option,
+    check_folder,
     check_number,
     check_solver,
     check_target,
@@ -41,6 +42,10 @@ if TYPE_CHECKING:
     from scp_planner.simulation.run import Run
 
 DEMO_SCENARIO = "radar"
+DEMO_DATA = ("scenario.yaml", "plan.json", "run.json")
+DEMO_PAGES = ("plan.html", "run.html")
+DEMO_FIGURES = ("plan.png", "space_time.png", "run.gif")
+DEMO_FILES = (*DEMO_DATA, *DEMO_PAGES, *DEMO_FIGURES)
 SLOWEST_RATE = 1e-3  # Hz
 
 
@@ -56,7 +61,7 @@ def demo(
     Scenario, plan, the run of a closed loop, pictures and pages for a browser are written into a folder.
     """
     start_logging(quiet, verbose)
-    check_target("--output", output, is_folder=True)
+    check_folder("--output", output, *DEMO_FILES)
     scenario = load_scenario(BUILT_IN + name)
     made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
     run = _drive(scenario, 0.1, 10.0, 0, quiet)
@@ -64,7 +69,7 @@ def demo(
     scenario.save(output / "scenario.yaml")
     made.save(output / "plan.json")
     run.save(output / "run.json")
-    written = ["scenario.yaml", "plan.json", "run.json", *_draw_demo(scenario, made, run, output, quiet)]
+    written = [*DEMO_DATA, *_draw_demo(scenario, made, run, output, quiet)]
     figures = {**summaries.of_plan(scenario, made), **_prefixed("simulated", summaries.of_run(run))}
     report(figures, as_json, quiet)
     if not quiet:
@@ -252,13 +257,13 @@ def _draw_demo(scenario: Scenario, made: Plan, run: Run, folder: Path, quiet: bo
     if not pictures.can_plot():
         if not quiet:
             tell("no figures: matplotlib is not installed (pip install 'scp-planner[plot]')")
-        return ["plan.html", "run.html"]
+        return [*DEMO_PAGES]
     made.draw(scenario, folder / "plan.png")
     made.draw(scenario, folder / "space_time.png", "space-time")
     if not quiet:
         tell("drawing the animation ...")
     run.draw(folder / "run.gif")
-    return ["plan.html", "run.html", "plan.png", "space_time.png", "run.gif"]
+    return [*DEMO_PAGES, *DEMO_FIGURES]
 
 
 def _prefixed(prefix: str, summary: dict[str, object]) -> dict[str, object]:

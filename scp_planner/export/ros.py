@@ -8,6 +8,8 @@ The stamp of a message is the plan's absolute time plus an epoch, in nanoseconds
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -18,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from scp_planner.simulation.run import Run
 
 MCAP_SUFFIX = ".mcap"
+BAG_METADATA = "metadata.yaml"
 FRAME, BODY = "map", "base_link"
 """Names of the scenario's frame and of the vehicle's."""
 
@@ -154,14 +158,16 @@ def save_messages(messages: Iterable[StampedMessage], path: str | PathLike[str])
         At least one.
     path : path
         .mcap: one file, for `ros2 bag play` and for viewers; without suffix: a folder with such a file and its
-        metadata, which must not exist.
+        metadata. Like a file, a bag that is there is replaced; any other folder is refused.
 
     Raises
     ------
     ImportError
         If `rosbags` is not installed.
     FileExistsError
-        If the folder exists.
+        If the folder exists and is no bag.
+    OSError
+        If there is something else than a file to replace, see `scp_planner.files.regular_target`.
     ValueError
         If the suffix is another one, or there are no messages.
     """
@@ -170,18 +176,44 @@ def save_messages(messages: Iterable[StampedMessage], path: str | PathLike[str])
         raise ValueError(f"{path}: must end in {MCAP_SUFFIX}, or have no suffix for a bag's folder")
     if not sent:
         raise ValueError("messages: there are none")
-    if target.suffix == "" and target.exists():
-        raise FileExistsError(17, "exists already", str(target))
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as folder:
+    if target.suffix == "":
+        _save_bag(sent, target)
+        return
+    with replacing(target) as temporary, tempfile.TemporaryDirectory(dir=temporary.parent, prefix=".") as folder:
+        _write_bag(sent, bag := Path(folder) / target.stem)
+        (file,) = bag.glob(f"*{MCAP_SUFFIX}")
+        shutil.copyfile(file, temporary)
+
+
+def is_bag(folder: Path) -> bool:
+    """Tell whether a folder is a bag and nothing else: its metadata, and the files that they name."""
+    try:
+        with open(folder / BAG_METADATA, encoding="utf-8") as file:
+            named = yaml.safe_load(file)["rosbag2_bagfile_information"]["relative_file_paths"]
+        return {BAG_METADATA, *named} == set(os.listdir(folder))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+        return False
+
+
+def _save_bag(messages: tuple[StampedMessage, ...], path: Path) -> None:
+    """Write a bag; one that is there is moved aside first, and back if the new one cannot take its place."""
+    target = Path(os.path.realpath(path))
+    replaces = target.exists()
+    if replaces and not is_bag(target):
+        raise FileExistsError(errno.EEXIST, "exists already, and is no bag", str(path))
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".") as folder:
         # The bag's name is that of its files.
-        bag = Path(folder) / target.stem
-        _write_bag(sent, bag)
-        if target.suffix == "":
-            bag.rename(target)
-        else:
-            (file,) = bag.glob(f"*{MCAP_SUFFIX}")
-            with replacing(target) as temporary:
-                shutil.copyfile(file, temporary)
+        made, old = Path(folder, "new", target.stem), Path(folder, "old")
+        made.parent.mkdir()
+        _write_bag(messages, made)
+        if replaces:
+            target.rename(old)
+        try:
+            made.rename(target)
+        except OSError:
+            if replaces:
+                old.rename(target)
+            raise
 
 
 def _write_bag(messages: tuple[StampedMessage, ...], folder: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scp_planner.errors import StudyError
+from scp_planner.files import regular_target
 from scp_planner.studies.field import Record, Task, ZoneKind
 
 
@@ -20,10 +21,15 @@ class ResultFile:
         Made when the first result is added.
     fingerprint : str
         Of the settings; lines of other settings are left alone and not used.
+
+    Raises
+    ------
+    OSError
+        If there is something else than a file, see `scp_planner.files.regular_target`.
     """
 
     def __init__(self, path: Path, fingerprint: str) -> None:
-        self.path = path
+        self.path = regular_target(path)
         self.fingerprint = fingerprint
 
     def load(self) -> dict[Task, list[Record]]:

@@ -263,11 +263,50 @@ def test_times_without_a_stamp_are_refused(plan: sp.Plan, tmp_path: Path, epoch:
 
 
 @needs_rosbags
-def test_a_bag_is_not_overwritten(plan: sp.Plan, tmp_path: Path) -> None:
-    (tmp_path / "bag").mkdir()
-    with pytest.raises(FileExistsError):
+@pytest.mark.parametrize("name", ["plan.mcap", "bag", "link"])
+def test_what_was_exported_before_is_replaced(plan: sp.Plan, tmp_path: Path, name: str) -> None:
+    target = tmp_path / name
+    if name == "link":
+        target.symlink_to(tmp_path / "bag")
+    for samples in (5, 7):
+        export(plan, target, samples=samples)
+        file = target if target.is_file() else next(target.glob("*.mcap"))
+        assert len(read_back(file)["/plan/path"][0][1].poses) == samples
+    assert target.is_symlink() == (name == "link")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted({name, "bag" if name == "link" else name})
+
+
+@needs_rosbags
+def test_a_folder_that_is_no_bag_is_left_alone(plan: sp.Plan, plan_file: Path, tmp_path: Path) -> None:
+    for name in ("empty", "mixed", "other"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "other" / "metadata.yaml").write_text("nothing: of a bag")
+    export(plan, tmp_path / "mixed" / "bag")
+    (tmp_path / "mixed" / "bag" / "diary.txt").write_text("mine")
+    for folder in (tmp_path / "empty", tmp_path / "mixed" / "bag", tmp_path / "other"):
+        before = sorted(folder.iterdir())
+        with pytest.raises(FileExistsError):
+            export(plan, folder)
+        done = CliRunner().invoke(app, ["export", str(plan_file), "-o", str(folder)])
+        assert done.exit_code == 2 and "is no bag" in done.stderr
+        assert sorted(folder.iterdir()) == before
+
+
+@needs_rosbags
+def test_a_bag_that_cannot_be_replaced_stays(plan: sp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    export(plan, tmp_path / "bag")
+    before = sorted((file.name, file.read_bytes()) for file in (tmp_path / "bag").iterdir())
+    rename = Path.rename
+
+    def fail(self: Path, target: Path) -> Path:
+        if self.parent.name == "new":
+            raise OSError("the disk is full")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail)
+    with pytest.raises(OSError, match="disk"):
         export(plan, tmp_path / "bag")
-    assert list((tmp_path / "bag").iterdir()) == []
+    assert sorted((file.name, file.read_bytes()) for file in (tmp_path / "bag").iterdir()) == before
 
 
 def test_unknown_forms_are_refused(plan: sp.Plan, tmp_path: Path) -> None:
