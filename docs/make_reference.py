@@ -26,6 +26,8 @@ EXIT_CODES = {
     ExitCode.BAD_INPUT: "bad input; nothing has been written",
     ExitCode.NOT_CERTIFIED: "no certified plan exists or was found; the best attempt has been written, with its status "
     "and the reason",
+    ExitCode.CUT_SHORT: "the workers of a batch, or the scheduler of its cluster, have gone; rows that were done are "
+    "kept, and the same command goes on from there",
     ExitCode.INTERRUPTED: "interrupted; files are whole or not there",
 }
 

@@ -84,7 +84,7 @@ class Row:
     Attributes
     ----------
     file : str
-        Path of the scenario within the folder.
+        Path of the scenario within the folder; its cell is that of `cell_of`.
     name : str
         Of the scenario.
     status : str
@@ -120,8 +120,29 @@ class Row:
     wall_time: float | None = None
 
     def texts(self) -> dict[str, str]:
-        """Give the cells: a number so that every bit is kept, all text on one line."""
-        return {name: "" if value is None else " ".join(str(value).split()) for name, value in asdict(self).items()}
+        """Give the cells: a number so that every bit is kept, all text on one line and writable as UTF-8."""
+        cells = {name: "" if value is None else " ".join(str(value).split()) for name, value in asdict(self).items()}
+        written = {name: cell.encode("utf-8", "backslashreplace").decode("utf-8") for name, cell in cells.items()}
+        return {**written, "file": cell_of(self.file)}
+
+
+def cell_of(file: str) -> str:
+    """Give the cell that names a file: each name has its own, on one line, whatever the file system allows.
+
+    Parameters
+    ----------
+    file : str
+        As Python gives it: bytes that are no UTF-8 are lone surrogates.
+
+    Returns
+    -------
+    str
+        The name; what cannot be printed is escaped as in Python, and so is the escape's own sign.
+    """
+    return "".join(
+        letter if letter.isprintable() and letter != "\\" else letter.encode("unicode_escape").decode("ascii")
+        for letter in file
+    )
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,17 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from scp_planner.batch.executor import Answer, Executor, Fate
-from scp_planner.batch.jobs import BAD_INPUT, Job, JobResult, Options, Row, carry_out, digest_of, digest_of_bytes
+from scp_planner.batch.jobs import (
+    BAD_INPUT,
+    Job,
+    JobResult,
+    Options,
+    Row,
+    carry_out,
+    cell_of,
+    digest_of,
+    digest_of_bytes,
+)
 from scp_planner.batch.table import Table, TableError, opened, read
 from scp_planner.errors import ScenarioError
 from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, regular_target, write_text
@@ -135,12 +145,12 @@ def run_batch(
         with closing(executor.run(carry_out, batch.jobs())) as answers:
             for answer in answers:
                 batch.take(answer)
-    return BatchResult(tuple(rows.rows[file] for file in files), batch.done_before)
+    return BatchResult(tuple(rows.rows[cell_of(file)] for file in files), batch.done_before)
 
 
 def rows_done(files: Mapping[str, Path], table: Path, *, timings: bool = False) -> int:
     """Count the scenarios that have a row in a table."""
-    return len(files.keys() & read(table, _columns(timings)).keys())
+    return len({cell_of(file) for file in files} & read(table, _columns(timings)).keys())
 
 
 def _columns(timings: bool) -> list[str]:
@@ -203,7 +213,7 @@ class _Batch:
 
     def _is_done(self, file: str, digest: str) -> bool:
         """Whether a scenario's row is there; if so it counts."""
-        row = self.table.rows.get(file)
+        row = self.table.rows.get(cell_of(file))
         if row is None or row["digest"] != digest or (self.retry and row["status"] in NOTHING_CAME):
             return False
         if self.plans is not None and row["status"] in list(PlanStatus) and not _plan_file(self.plans, file).exists():

@@ -1,7 +1,8 @@
 """The command line: parse, call, print. Results go to files and stdout, messages and progress to stderr.
 
 Exit codes: 0 done and certified; 2 bad input, and nothing has been written; 3 no certified plan exists or was
-found, and the best attempt has been written with its status and the reason; 130 interrupted.
+found, and the best attempt has been written with its status and the reason; 4 the workers of a batch have gone, and
+the rows that were done are kept; 130 interrupted.
 """
 
 from __future__ import annotations

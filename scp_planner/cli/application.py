@@ -26,13 +26,15 @@ class ExitCode(IntEnum):
     CERTIFIED = 0
     BAD_INPUT = 2
     NOT_CERTIFIED = 3
+    CUT_SHORT = 4
     INTERRUPTED = 130
 
 
 app = typer.Typer(
     help="Plan the fastest safe trip of an unmanned vehicle among moving obstacles.",
     epilog="Exit codes: 0 done and certified; 2 bad input, nothing written; 3 no certified plan exists or was found, "
-    "the best attempt is written with its status and reason; 130 interrupted.",
+    "the best attempt is written with its status and reason; 4 the workers of a batch have gone, what is done is kept; "
+    "130 interrupted.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

@@ -100,7 +100,7 @@ def batch(
         raise bad_option("DIR", folder, "must be a folder")
     from scp_planner.batch.executor import ExecutorError
     from scp_planner.batch.jobs import Options
-    from scp_planner.batch.runner import rows_done, run_batch, scenario_files
+    from scp_planner.batch.runner import run_batch, scenario_files
     from scp_planner.settings.planning import Settings
 
     settings = replace(Settings(), **keyword_settings(assignments, solver))
@@ -125,10 +125,8 @@ def batch(
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"interrupted: {_how_far(files, output, timings)}") from None
         except ExecutorError as error:
-            if rows_done(files, output, timings=timings) == 0:
-                raise
             tell(f"{error}: {_how_far(files, output, timings)}")
-            raise typer.Exit(ExitCode.NOT_CERTIFIED) from None
+            raise typer.Exit(ExitCode.CUT_SHORT) from None
     report(
         {
             "scenarios": len(files),

@@ -320,6 +320,63 @@ def test_what_is_no_scenario_at_all_has_a_short_reason(tmp_path: Path) -> None:
     assert only["reason"].endswith("and 48 more faults") and len(only["reason"]) < 1000
 
 
+STRANGE_NAMES = (
+    b"two  blanks.yaml",
+    b" before.yaml",
+    b"a new\nline.yaml",
+    b"a new\\nline.yaml",
+    b"no\xffUTF-8.yaml",
+    b"no\\udcffUTF-8.yaml",
+    "gr\u00f6\u00dfe\u2028.yaml".encode(),
+    b'"quoted", and more.yaml',
+)
+
+
+@pytest.fixture
+def strange(folder: Path) -> Path:
+    """A folder of scenarios whose files have names that few would give."""
+    text = (folder / "crossing.yaml").read_bytes()
+    shutil.rmtree(folder)
+    folder.mkdir()
+    try:
+        for name in STRANGE_NAMES:
+            (folder / os.fsdecode(name)).write_bytes(text)
+    except OSError:
+        pytest.skip("a file system that takes no such names")
+    return folder
+
+
+def test_strange_names_of_files_are_planned_and_found_again(strange: Path, tmp_path: Path) -> None:
+    files = scenario_files(strange)
+    result = run_batch(files, tmp_path / "t.csv", Here(), plans=tmp_path / "plans")
+    assert result.all_certified and result.done_before == 0
+    lines = (tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 1 + len(files) == 1 + len(STRANGE_NAMES)
+    cells = [row["file"] for row in result.rows]
+    assert len(set(cells)) == len(STRANGE_NAMES)
+    assert {"two  blanks.yaml", " before.yaml", r"a new\nline.yaml", r"a new\\nline.yaml"} < set(cells)
+    assert {os.fsencode(path.name) for path in (tmp_path / "plans").iterdir()} == {
+        name + b".plan.json" for name in STRANGE_NAMES
+    }
+    again = run_batch(files, tmp_path / "t.csv", Here(), plans=tmp_path / "plans")
+    assert again.done_before == len(STRANGE_NAMES) and again.rows == result.rows
+    assert runner.rows_done(files, tmp_path / "t.csv") == len(STRANGE_NAMES)
+
+
+def test_the_command_tells_of_strange_names(strange: Path, tmp_path: Path) -> None:
+    for path in strange.iterdir():
+        path.write_text("{}")
+    result = run("batch", strange, "-o", tmp_path / "t.csv", "--workers", "1")
+    assert result.exit_code == 3
+    assert [line for line in result.stderr.splitlines() if line.startswith(r"no\udcffUTF-8.yaml: bad_input")]
+    assert len(result.stderr.splitlines()) == len(STRANGE_NAMES)
+
+
+def test_text_that_is_no_unicode_has_a_cell() -> None:
+    made = runner.Row("a.yaml", name="\ud800", reason="one\ntwo  three").texts()
+    assert (made["name"], made["reason"]) == (r"\ud800", "one two three")
+
+
 def test_plans_that_are_asked_for_later_are_made(folder: Path, tmp_path: Path) -> None:
     table, files, again = tmp_path / "t.csv", scenario_files(folder), Here()
     run_batch(files, table, Here())
@@ -530,9 +587,23 @@ def test_a_scheduler_that_goes_away_is_told_and_the_rows_are_kept(
 
         monkeypatch.setattr(runner._Batch, "take", take_and_go)
         result = run("batch", folder, "--dask", other.scheduler_address, "-o", tmp_path / "t.csv")
-    assert (result.exit_code, result.stdout) == (3, "")
+    assert (result.exit_code, result.stdout) == (4, "")
     assert "has gone: 2 of 4 rows are in" in result.stderr
     assert rows_in(tmp_path / "t.csv") == 2
+
+
+def test_a_cluster_that_goes_before_the_first_row_is_no_bad_input(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def go(*_: object) -> Generator[Any, None, None]:
+        raise ExecutorError("all workers have gone")
+        yield
+
+    monkeypatch.setattr(LocalExecutor, "run", go)
+    result = run("batch", folder, "-o", tmp_path / "t.csv")
+    assert (result.exit_code, result.stdout) == (4, "")
+    assert result.stderr.startswith("all workers have gone: 0 of 4 rows are in")
+    assert not (tmp_path / "t.csv").exists()
 
 
 def test_a_batch_on_dask_is_the_same_as_here(cluster: Any, folder: Path, tmp_path: Path) -> None:
