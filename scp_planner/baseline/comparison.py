@@ -32,6 +32,7 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.record import NEAR
 from scp_planner.search.starts import starts
+from scp_planner.settings.knobs import word_of
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import solver_named
 from scp_planner.threat_zones.of_scenario import zones
@@ -153,7 +154,7 @@ def compare(
     scenarios: Sequence[Scenario],
     *,
     starts_each: int = 3,
-    methods: Sequence[Method] = (Method.SCP, Method.LBFGS),
+    methods: Sequence[Method | str] = (Method.SCP, Method.LBFGS),
     settings: Settings | None = None,
     seed: int = 0,
     progress: Callable[[Trial], None] | None = None,
@@ -165,7 +166,7 @@ def compare(
     scenarios : sequence of Scenario
     starts_each : int
         Starts of each scenario, at most: the planner's different ways round, the fastest estimate first.
-    methods : sequence of Method
+    methods : sequence of Method or str
     settings : Settings, optional
         Of the planner; the same for all.
     seed : int
@@ -176,10 +177,16 @@ def compare(
     Returns
     -------
     list of Trial
+
+    Raises
+    ------
+    SettingsError
+        If there is no such method.
     """
+    chosen = [word_of(Method, method, "methods") for method in methods]
     trials = []
     for scenario in scenarios:
-        for trial in _trials(scenario, starts_each, methods, settings or Settings(), seed):
+        for trial in _trials(scenario, starts_each, chosen, settings or Settings(), seed):
             trials.append(trial)
             if progress is not None:
                 progress(trial)

@@ -50,6 +50,7 @@ from scp_planner.certificate.verdict import Certificate
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.scp.record import FEASIBILITY, NEAR
+from scp_planner.settings.knobs import word_of
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -118,6 +119,11 @@ class DescentSettings:
         Pairs of steps and gradients that L-BFGS keeps.
     tolerance : float
         A stage ends when a step gains less than this fraction of the objective.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such variant.
     """
 
     variant: Variant = Variant.LBFGS
@@ -130,6 +136,9 @@ class DescentSettings:
     settlings: int = 8
     memory: int = 25
     tolerance: float = 1e-9
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variant", word_of(Variant, self.variant, "variant"))
 
 
 @dataclass(frozen=True)

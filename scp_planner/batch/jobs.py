@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field, fields
+from enum import StrEnum
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+from scp_planner.settings.knobs import word_of
 from scp_planner.settings.planning import Settings
 
 if TYPE_CHECKING:
@@ -20,13 +22,20 @@ BAD_INPUT = "bad_input"
 """Status of a scenario that is refused; others are those of plans, and the fates of work that came to nothing."""
 
 
+class Method(StrEnum):
+    """How a plan is made."""
+
+    SCP = "scp"
+    PENALTY_DESCENT = "penalty-descent"
+
+
 @dataclass(frozen=True)
 class Options:
     """How all scenarios of a batch are planned.
 
     Attributes
     ----------
-    method : str
+    method : Method or str
         ``scp`` or ``penalty-descent``.
     settings : Settings
     seed : int
@@ -34,13 +43,21 @@ class Options:
         Wall time for one scenario, s.
     samples : int
         Of plan files.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such method.
     """
 
-    method: str = "scp"
+    method: Method = Method.SCP
     settings: Settings = field(default_factory=Settings)
     seed: int = 0
     time_limit: float | None = None
     samples: int = 200
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "method", word_of(Method, self.method, "method"))
 
     def __str__(self) -> str:
         """Say what the results depend on and is not the default."""
@@ -187,7 +204,7 @@ def carry_out(job: Job) -> JobResult:
 
 def _plan(job: Job) -> Plan:
     options = job.options
-    if options.method == "penalty-descent":
+    if options.method is Method.PENALTY_DESCENT:
         from scp_planner.baseline.penalty_descent import penalty_descent
 
         return penalty_descent(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scp_planner.batch.jobs import Method
 from scp_planner.cli import pictures
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.options import (
     Assignments,
     Json,
-    Method,
     MethodName,
     Quiet,
     Samples,
@@ -104,7 +104,7 @@ def batch(
     from scp_planner.settings.planning import Settings
 
     settings = replace(Settings(), **keyword_settings(assignments, solver))
-    options = Options(method.value, settings, seed, time_limit, samples)
+    options = Options(method, settings, seed, time_limit, samples)
     files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
     if not files:
         raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")

@@ -7,12 +7,12 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Iterable
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from scp_planner.batch.jobs import Method
 from scp_planner.files import regular_target
 
 if TYPE_CHECKING:
@@ -23,13 +23,6 @@ BUILT_IN = "builtin:"
 
 COMMONROAD_SUFFIX = ".xml"
 """Of scenarios of CommonRoad."""
-
-
-class Method(StrEnum):
-    """How a plan is made."""
-
-    SCP = "scp"
-    PENALTY_DESCENT = "penalty-descent"
 
 
 def at_least(least: int) -> Callable[[int | None], int | None]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scp_planner.batch.jobs import Method
 from scp_planner.cli import pictures, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.options import (
@@ -15,7 +16,6 @@ from scp_planner.cli.options import (
     Assignments,
     DemoName,
     Json,
-    Method,
     MethodName,
     NoiseSeed,
     Quiet,

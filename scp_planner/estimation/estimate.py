@@ -29,6 +29,7 @@ from scp_planner.estimation import robust
 from scp_planner.estimation.least_squares import MotionPrior, MotionProblem, Noise, fit_motion
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.observations import Outliers, Screening, check_observations
+from scp_planner.settings.knobs import word_of
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Obstacle, Prior
@@ -89,7 +90,7 @@ def estimate_motion(
     if forgetting < 1.0 and covariance is None and screening.outliers is not Outliers.KEEP:
         raise EstimationError(f"forgetting: with outliers {screening.outliers.value!r} the covariance must be given")
     seen = check_observations(times, positions, covariance, screening)
-    problem = MotionProblem(int(order), prior, Noise(noise), forgetting)
+    problem = MotionProblem(int(order), prior, word_of(Noise, noise, "noise"), forgetting)
     if screening.outliers is Outliers.GATE:
         return robust.gated(problem, seen, screening.gate_probability)
     if screening.outliers is Outliers.HUBER:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
+from scp_planner.settings.knobs import word_of
 
 _SYMMETRY = 1e-9  # relative difference of the off-diagonal entries of a covariance
 _DEFINITE = 1e-12  # least determinant of a covariance relative to the product of its diagonal
@@ -60,9 +61,9 @@ class Screening:
     gate_probability: float = 0.01
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "missing", Faulty(self.missing))
-        object.__setattr__(self, "repeated", Faulty(self.repeated))
-        object.__setattr__(self, "outliers", Outliers(self.outliers))
+        object.__setattr__(self, "missing", word_of(Faulty, self.missing, "missing"))
+        object.__setattr__(self, "repeated", word_of(Faulty, self.repeated, "repeated"))
+        object.__setattr__(self, "outliers", word_of(Outliers, self.outliers, "outliers"))
         if not 0.0 < self.gate_probability < 1.0:
             raise EstimationError(f"gate_probability: {self.gate_probability!r} is not between 0 and 1")
 

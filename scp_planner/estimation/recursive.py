@@ -25,6 +25,7 @@ from scp_planner.estimation.estimate import HIGHEST_ORDER, estimate_motion
 from scp_planner.estimation.least_squares import Moments, MotionPrior, Noise, estimated_noise, prior_rows
 from scp_planner.estimation.motion_estimate import PolynomialEstimate, shift_powers
 from scp_planner.estimation.observations import Faulty, Screening, check_covariance, usable
+from scp_planner.settings.knobs import word_of
 
 _MEMORIES = 2.0
 """Times are counted from a new origin after this many memories, each of 1 / (1 - forgetting) observations."""
@@ -100,7 +101,7 @@ class RecursiveEstimator:
         self.order = order
         self.forgetting = forgetting
         self.gate_probability = gate_probability
-        self.missing = Faulty(missing)
+        self.missing = word_of(Faulty, missing, "missing")
         self._varying = varying
         sigma = None if covariance is None else check_covariance(covariance, obstacles)
         self._sigma = None if sigma is None else np.broadcast_to(sigma, (obstacles, 2, 2))

@@ -11,6 +11,7 @@ from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plo
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
 from scp_planner.plotting.style import FIGURE_SUFFIXES, check_suffix
 from scp_planner.plotting.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
+from scp_planner.settings.knobs import word_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,7 +57,7 @@ def plot_view(
     ValueError
         If the suffix or the view is another one.
     """
-    match View(view):
+    match word_of(View, view, "view"):
         case View.MAP:
             return plot_plan(plan, scenario, path)
         case View.SPACE_TIME:
@@ -84,7 +85,7 @@ def plot_run_view(run: Run, path: str | PathLike[str] | None = None, view: View 
     ValueError
         If the suffix or the view is another one.
     """
-    match View(view):
+    match word_of(View, view, "view"):
         case View.MAP:
             return plot_run(run, path)
         case View.SPACE_TIME:

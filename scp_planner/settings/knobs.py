@@ -15,10 +15,12 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from enum import Enum
 from functools import cache
-from typing import Annotated, Any, Self, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Self, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from scp_planner import errors
 from scp_planner.errors import Fault, SettingsError
+
+Word = TypeVar("Word", bound=Enum)
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Knob:
     optional : bool
         Whether it may be None.
     allowed : Range, Choice or None
-        None: not checked here, and not to be set by text.
+        None: settings of their own, not to be set by text.
     default : object
     effect : str
         What it does, from the class's docstring.
@@ -96,6 +98,8 @@ class Knob:
     @property
     def allowed_text(self) -> str:
         """What is allowed, in words."""
+        if self.allowed is None:
+            return f"an instance of {self.kind.__name__}"
         number = "" if isinstance(self.allowed, Choice) else "a whole number, " if self.kind is int else "a number, "
         return f"{number}{self.allowed}{', or none' if self.optional else ''}"
 
@@ -114,8 +118,10 @@ class Knob:
 
     def fault(self, value: Any) -> str | None:
         """Say what is wrong with a value; None if nothing is."""
-        if self.allowed is None or (self.optional and value is None):
+        if self.optional and value is None:
             return None
+        if self.allowed is None:
+            return None if isinstance(value, self.kind) else f"must be {self.allowed_text}"
         right = isinstance(value, str)
         if isinstance(self.allowed, Range):
             number = numbers.Integral if self.kind is int else numbers.Real
@@ -151,6 +157,11 @@ class Knobs:
 
     def __post_init__(self) -> None:
         values = {name: getattr(self, name) for name in knobs(type(self))}
+        for name, value in values.items():
+            # The words of a command line are taken in Python too; what is none is told with the other faults.
+            kind = knobs(type(self))[name].kind
+            if isinstance(value, str) and issubclass(kind, Enum) and value in [member.value for member in kind]:
+                object.__setattr__(self, name, kind(value))
         _raise(
             Fault(name, value, message)
             for name, value in values.items()
@@ -258,6 +269,32 @@ def unknown_name(name: str, value: object, known: Iterable[str]) -> Fault:
     near = nearest(name, known)
     hint = f"; did you mean {near!r}?" if near else ""
     return Fault(name, value, f"there is no such setting{hint}")
+
+
+def word_of(kind: type[Word], value: object, name: str) -> Word:
+    """Turn a word into a member of an enum, which may be given itself.
+
+    Parameters
+    ----------
+    kind : type
+    value : object
+    name : str
+        What the message calls it.
+
+    Returns
+    -------
+    A member of the enum.
+
+    Raises
+    ------
+    SettingsError
+        Naming the value, and the words that there are.
+    """
+    try:
+        return kind(value)
+    except ValueError:
+        allowed = ", ".join(str(member.value) for member in kind)
+        raise SettingsError("settings", [Fault(name, value, f"must be one of {allowed}")]) from None
 
 
 def _raise(faults: Iterable[Fault]) -> None:
