@@ -17,6 +17,10 @@ from scp_planner.scenario.validation import Problem, Unknown
 
 SCHEMA_VERSION = 1
 
+SAME_TIME = 1e-9
+"""Parts of the step from one time to the next by which a time may be later than it may be."""
+CLOCK_DIGITS = 4.0
+"""Units in the last place by which it may, too."""
 SAME_PLACE = 1e-9
 """Relative to the coordinates: two points nearer than this are one point."""
 
@@ -258,10 +262,17 @@ def observations_are_past(scenario: Any) -> Iterator[Problem]:
     start = scenario.start.time
     for i, obstacle in enumerate(scenario.obstacles):
         times = _known(obstacle, "observations", "time") or ()
-        late = next((k for k, time in enumerate(times) if time > start), None)
+        latest = start + _rounding_of(times)
+        late = next((k for k, time in enumerate(times) if time > latest), None)
         if late is not None:
             path = ("obstacles", i, "observations", "time", late)
             yield Problem(path, times[late], f"must not be later than start.time, {start:g} s")
+
+
+def _rounding_of(times: Any) -> float:
+    """Give by how much times may miss what was meant, s: sums of steps do, by the clock's digits or by theirs."""
+    step = min((after - before for before, after in itertools.pairwise(times) if after > before), default=0.0)
+    return SAME_TIME * step + CLOCK_DIGITS * max((math.ulp(time) for time in (*times[:1], *times[-1:])), default=0.0)
 
 
 def motion_or_observations(obstacle: Any) -> Iterator[Problem]:

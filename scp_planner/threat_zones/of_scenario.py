@@ -160,7 +160,7 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     from scp_planner.estimation.estimate import estimate_obstacle
 
     estimate = estimate_obstacle(obstacle)
-    start = scenario.start.time
+    start = max(scenario.start.time, estimate.reference_time)  # which may be later by rounding
     scale = region_scale(
         str(scenario.confidence.level),
         scenario.confidence.probability,

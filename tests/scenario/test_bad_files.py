@@ -311,6 +311,13 @@ CASES = [
         "later than start.time",
     ),
     Case(
+        "observed in the future by a small part of a step",
+        observed(time=[-0.5, -0.4, -0.3, -0.2, 1e-6]),
+        "obstacles[1].observations.time[4]",
+        "1e-06",
+        "later than start.time",
+    ),
+    Case(
         "too few with a known covariance",
         observed(time=[-0.2, -0.1], position=[[7, 3], [7, 2.9]]),
         "obstacles[1].observations.time",

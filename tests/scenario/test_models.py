@@ -18,6 +18,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import scp_planner as sp
 from scp_planner import builtin, files
 from scp_planner.errors import MISSING, ScenarioError
 from scp_planner.mathematics import planar
@@ -35,6 +36,7 @@ from scp_planner.scenario.models import (
     Start,
     Vehicle,
 )
+from tests.scenes import scene
 
 SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -501,3 +503,41 @@ def test_built_in_scenarios_load_by_name() -> None:
 def test_an_unknown_built_in_scenario_is_refused() -> None:
     with pytest.raises(ScenarioError, match=r"'crosing': must be one of .*; did you mean 'crossing'"):
         builtin.load("crosing")
+
+
+MODELS_SEEN: tuple[dict[str, Any], ...] = (
+    {},
+    {"order": 1},
+    {
+        "process": {
+            "process": {"kind": "random_walk", "diffusion": 0.1},
+            "velocity_deviation": 1.0,
+            "noise_deviation": 0.1,
+        }
+    },
+)
+
+
+@pytest.mark.parametrize("model", MODELS_SEEN, ids=["acceleration", "velocity", "process"])
+@pytest.mark.parametrize(("start", "step"), [(0.0, 0.1), (0.0, 1e-3), (1.6e9, 0.1), (-3.0, 0.1), (0.0, 50.0)])
+def test_observations_up_to_the_start_but_for_rounding_are_taken(
+    model: dict[str, Any], start: float, step: float
+) -> None:
+    """The last time of a range is the start but for rounding, or some digits of a clock after it."""
+    times = np.arange(start - 20 * step, start + 0.5 * step, step)
+    times[-1] = start + max(1e-14 * step, np.spacing(start))
+    assert times[-1] > start
+    positions = [[12.0 - 0.5 * (t - start), 6.0 + 0.2 * ((7 * k) % 5)] for k, t in enumerate(times)]
+    seen = {
+        "id": "seen",
+        "shape": {"disc": 0.4},
+        "observations": {"time": times.tolist(), "position": positions, "covariance": [[0.01, 0.0], [0.0, 0.01]]},
+        "model": model,
+    }
+    scenario = scene(seen, start={"time": start})
+    zone = sp.zones(scenario)[0]
+    assert np.isfinite(zone.center(np.array([start, start + 1.0]))).all()
+    late = [*times[:-1].tolist(), start + 1e-3 * step] if start < 1e9 else [*times[:-1].tolist(), start + 1e-3]
+    seen["observations"] = {**seen["observations"], "time": late}
+    with pytest.raises(sp.ScenarioError, match=r"time\[20\] = .* must not be later than start"):
+        scene(seen, start={"time": start})
