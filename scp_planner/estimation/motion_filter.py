@@ -10,6 +10,7 @@ of time are found as for polynomial motions (`scp_planner.estimation.confidence`
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,7 @@ from scp_planner.estimation.observations import (
     usable,
 )
 from scp_planner.scenario.process_model import ProcessModel, Tails
+from scp_planner.settings.knobs import word_of
 
 CENTER_TOLERANCE = 1e-3
 """m; how far piecewise polynomials may lie from a predicted centre that is not polynomial."""
@@ -297,7 +299,7 @@ class MotionFilter:
             raise EstimationError(f"gate_probability: {gate_probability!r} is not between 0 and 1")
         self.model = model
         self.gate_probability = gate_probability
-        self.missing = Faulty(missing)
+        self.missing = word_of(Faulty, missing, "missing")
         self._dynamics = dynamics_of(model)
         own = model.noise_deviation**2 * np.eye(2)
         self._noise = np.broadcast_to(
@@ -323,6 +325,15 @@ class MotionFilter:
     def rejected_in_a_row(self) -> NDArray[np.intp]:
         """How many of the newest observations of each obstacle the gate left out: (K,)."""
         return self._rejected.copy()
+
+    def copy(self) -> MotionFilter:
+        """Give a filter that has seen the same, and goes on by itself."""
+        other = copy(self)
+        state = self._state
+        other._state = FilterState(state.times.copy(), state.mean.copy(), state.covariance.copy())
+        for name in ("_newest", "_count", "_noise_sum", "_rejected", "log_likelihood"):
+            setattr(other, name, getattr(self, name).copy())
+        return other
 
     def reset(self, obstacle: int = 0) -> None:
         """Forget all that was seen of an obstacle."""

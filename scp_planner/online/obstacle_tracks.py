@@ -48,6 +48,9 @@ from scp_planner.threat_zones.zone import ThreatZone
 logger = logging.getLogger(__name__)
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
+MOST_LATE = 64
+"""Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
+again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
 
 
 class ObstacleTracks:
@@ -132,6 +135,8 @@ class ObstacleTracks:
         same = slice(bisect_left(track.times, time), bisect(track.times, time))
         if position in track.positions[same] or (time, position) in ((t, z) for t, z, _ in track.suspects):
             return "it came twice"
+        if self._comes_too_late(track, time):
+            return f"it came too late, after {MOST_LATE} that were seen after it"
         if self._improbable(track, time, position, covariance):
             track.suspects.append((time, position, covariance))
             if len(track.suspects) < MOST_SUSPECTS:
@@ -161,14 +166,30 @@ class ObstacleTracks:
                 track.varying = True
                 self._relearn(track)
                 return
-        if track.estimator is None or (late and isinstance(track.estimator, MotionFilter)):
+        if track.estimator is None:
             self._relearn(track)
+        elif late and isinstance(track.estimator, MotionFilter):
+            self._learn_again(track, place)
         else:
             self._update(track, time, position, self._noise_of(track, covariance))
+
+    def _comes_too_late(self, track: Track, time: float) -> bool:
+        """Whether the filter as it was when an observation was made is not kept any more."""
+        after = len(track.times) - bisect(track.times, time)
+        return isinstance(track.estimator, MotionFilter) and after > len(track.filters)
+
+    def _learn_again(self, track: Track, place: int) -> None:
+        """Go back to the filter before an observation that has just been put in its place, and learn on from there."""
+        for _ in range(len(track.times) - 1 - place):
+            track.estimator = track.filters.pop()
+        for i in range(place, len(track.times)):
+            self._update(track, track.times[i], track.positions[i], self._noise_of(track, track.covariances[i]))
 
     def _update(self, track: Track, time: float, position: tuple[float, float], noise: Array) -> None:
         estimator = track.estimator
         each = noise if track.varying or isinstance(estimator, MotionFilter) else None
+        if isinstance(estimator, MotionFilter):
+            track.filters.append(estimator.copy())
         try:
             if estimator is not None:
                 estimator.update(time, np.array([position]), each)
@@ -177,6 +198,7 @@ class ObstacleTracks:
 
     def _relearn(self, track: Track) -> None:
         """Make the estimator anew from all that was seen."""
+        track.filters.clear()
         if track.model.process is not None:
             track.estimator = MotionFilter(track.model.process)
         elif track.varying:

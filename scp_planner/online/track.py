@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator
+from scp_planner.online.obstacle_tracks import MOST_LATE
 from scp_planner.scenario.models import Course, KnownMotion, Model, Shape
 from scp_planner.threat_zones.of_scenario import Body
 
@@ -38,6 +40,8 @@ class Track:
         What was seen, in order of time.
     suspects : list of (time, position, covariance)
         The newest observations, if the gate left them out.
+    filters : deque of MotionFilter
+        Where the motion is a process: the filter before each of the newest observations.
     """
 
     id: str
@@ -55,6 +59,7 @@ class Track:
     suspects: list[tuple[float, tuple[float, float], Array | None]] = field(default_factory=list)
     estimator: RecursiveEstimator | MotionFilter | None = None
     predicted: Prediction | None = None
+    filters: deque[MotionFilter] = field(default_factory=lambda: deque(maxlen=MOST_LATE))
 
     @property
     def seen(self) -> bool:
