@@ -38,7 +38,6 @@ class Options:
     method : Method or str
         ``scp`` or ``penalty-descent``.
     settings : Settings
-    seed : int
     time_limit : float or None
         Wall time for one scenario, s.
     samples : int
@@ -52,7 +51,6 @@ class Options:
 
     method: Method = Method.SCP
     settings: Settings = field(default_factory=Settings)
-    seed: int = 0
     time_limit: float | None = None
     samples: int = 200
 
@@ -67,7 +65,7 @@ class Options:
             for each in fields(Settings)
             if (value := getattr(self.settings, each.name)) != getattr(usual, each.name)
         }
-        own = {"method": self.method, "seed": self.seed, "time_limit": self.time_limit}
+        own = {"method": self.method, "time_limit": self.time_limit}
         return " ".join(f"{name}={value}" for name, value in {**own, **changed}.items() if value is not None)
 
 
@@ -207,10 +205,10 @@ def _plan(job: Job) -> Plan:
     if options.method is Method.PENALTY_DESCENT:
         from scp_planner.baseline.penalty_descent import penalty_descent
 
-        return penalty_descent(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
+        return penalty_descent(job.scenario, options.settings, time_limit=options.time_limit)
     from scp_planner.planning import offline
 
-    return offline.plan(job.scenario, options.settings, seed=options.seed, time_limit=options.time_limit)
+    return offline.plan(job.scenario, options.settings, time_limit=options.time_limit)
 
 
 def digest_of(scenario: Scenario) -> str:

@@ -22,6 +22,7 @@ from scp_planner.cli.options import (
     Quiet,
     Samples,
     ScenarioFiles,
+    SearchSeed,
     Seed,
     SolverName,
     TimeLimit,
@@ -89,6 +90,7 @@ def batch(
 
     Each becomes a row of the table, bad ones too. After an interrupt the same command goes on where it was.
     """
+    del seed  # there is nothing to draw
     start_logging(quiet, verbose)
     if workers is not None and dask is not None:
         raise bad_option("--workers", workers, "goes with processes of this machine, not with --dask")
@@ -104,7 +106,7 @@ def batch(
     from scp_planner.settings.planning import Settings
 
     settings = replace(Settings(), **keyword_settings(assignments, solver))
-    options = Options(method, settings, seed, time_limit, samples)
+    options = Options(method, settings, time_limit, samples)
     files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
     if not files:
         raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")
@@ -178,7 +180,7 @@ def compare(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write all trials, CSV.")] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw convergence: .png, .pdf or .svg.")] = None,
     assignments: Assignments = None,
-    seed: Seed = 0,
+    seed: SearchSeed = 0,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -112,7 +112,20 @@ Assignments = Annotated[
 Seed = Annotated[
     int,
     typer.Option(
-        "--seed", metavar="N", callback=at_least(0), help="Seed of the starts, 0 or more; same seed, same plan."
+        "--seed",
+        metavar="N",
+        callback=at_least(0),
+        help="Taken so that all commands have it, 0 or more: planning draws nothing at random, every seed gives the"
+        " same plan.",
+    ),
+]
+SearchSeed = Annotated[
+    int,
+    typer.Option(
+        "--seed",
+        metavar="N",
+        callback=at_least(0),
+        help="Seed of the search of --method monte-carlo, 0 or more; same seed, same trials.",
     ),
 ]
 NoiseSeed = Annotated[

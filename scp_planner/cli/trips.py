@@ -103,6 +103,7 @@ def plan(
     verbose: Verbose = False,
 ) -> None:
     """Plan one scenario."""
+    del seed  # there is nothing to draw
     start_logging(quiet, verbose)
     check_solver(solver, method)
     check_time_limit(time_limit)
@@ -110,7 +111,7 @@ def plan(
     pictures.check_picture("--plot", plot, scenario_file, view=view)
     values = keyword_settings(assignments, solver)
     scenario = load_scenario(scenario_file)
-    made = _plan(scenario, method, values, seed, time_limit)
+    made = _plan(scenario, method, values, time_limit)
     if bound:
         made = _with_lower_bound(scenario, made)
     if output is not None:
@@ -185,7 +186,6 @@ def _plan(
     scenario: Scenario,
     method: Method,
     values: dict[str, object] | None = None,
-    seed: int = 0,
     time_limit: float | None = None,
 ) -> Plan:
     from scp_planner.settings.planning import Settings
@@ -195,11 +195,11 @@ def _plan(
         case Method.SCP:
             from scp_planner.planning import offline
 
-            return offline.plan(scenario, settings, seed=seed, time_limit=time_limit)
+            return offline.plan(scenario, settings, time_limit=time_limit)
         case Method.PENALTY_DESCENT:
             from scp_planner.baseline.penalty_descent import penalty_descent
 
-            return penalty_descent(scenario, settings, seed=seed, time_limit=time_limit)
+            return penalty_descent(scenario, settings, time_limit=time_limit)
 
 
 def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:

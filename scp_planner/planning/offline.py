@@ -54,11 +54,10 @@ def plan(
     scenario: Scenario,
     settings: Settings | None = None,
     solver: str | QpSolver | None = None,
-    seed: int = 0,
     time_limit: float | None = None,
     constraints: UserConstraints | None = None,
 ) -> Plan:
-    """Plan the fastest safe trip of a scenario.
+    """Plan the fastest safe trip of a scenario. Nothing is drawn at random: the same input gives the same plan.
 
     Parameters
     ----------
@@ -67,8 +66,6 @@ def plan(
     solver : str or QpSolver, optional
         Overrides ``settings.solver``: a name, or a solver of one's own. No other solver takes the place of one's own
         when that fails.
-    seed : int
-        Kept for interfaces that pass one: the planner draws nothing at random.
     time_limit : float, optional
         Wall time in s after which the best plan so far is returned.
     constraints : callable, optional

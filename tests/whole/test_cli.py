@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
+import scp_planner as sp
 from scp_planner import builtin
+from scp_planner.batch.jobs import Options
 from scp_planner.cli import app
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Scenario
@@ -72,6 +76,21 @@ def hopeless(easy: Path, scenario_data: dict[str, Any], tmp_path: Path) -> Path:
 
 
 # plan
+
+
+def test_every_seed_gives_the_same_plan_and_the_help_says_so(easy: Path, tmp_path: Path) -> None:
+    for seed in ("0", "7"):
+        assert run("plan", easy, "-o", tmp_path / f"{seed}.json", "--seed", seed, "-q").exit_code == 0
+    plans = [json.loads((tmp_path / f"{seed}.json").read_text()) for seed in ("0", "7")]
+    for plan in plans:
+        del plan["wall_time"]
+        plan.pop("timings", None)
+    assert plans[0] == plans[1]
+    for command in ("plan", "batch"):
+        said = " ".join(run(command, "--help").stdout.split())
+        assert "draws nothing at random, every seed gives the same plan" in said.replace("│ ", "")
+    assert "seed" not in inspect.signature(sp.plan).parameters
+    assert "seed" not in {each.name for each in fields(Options)}
 
 
 def test_plan_writes_a_certified_plan(easy: Path, tmp_path: Path) -> None:
