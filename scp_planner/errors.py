@@ -116,6 +116,10 @@ class SettingsError(_FaultyInputError):
     """Settings are refused. `faults` holds every unknown name and every value that is not allowed."""
 
 
+class TooLargeError(ScpPlannerError, ValueError):
+    """What is asked for would take more memory than is allowed; said before any of it is taken."""
+
+
 class EstimationError(ScpPlannerError, ValueError):
     """Observations cannot be turned into an estimate: too few, out of order, or not finite."""
 

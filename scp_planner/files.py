@@ -29,6 +29,8 @@ JSON_SUFFIX = ".json"
 
 _NAME_KEPT = 16
 """Letters of a file's name, and of its suffix, that the temporary file beside it has too."""
+LARGEST_COORDINATE = 1e12
+"""m, m/s, m/s2 or s. Beyond it a double no longer resolves a tenth of a millimetre."""
 
 DEEPEST = 100
 """Levels of lists and mappings in a YAML file; no scenario comes near."""

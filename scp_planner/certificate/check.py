@@ -41,6 +41,7 @@ from scp_planner.certificate.verdict import (
     LimitUse,
     Violation,
 )
+from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
@@ -123,6 +124,9 @@ def certify_trip(
     -------
     Certificate
     """
+    never = _never_arrives(trip)
+    if never is not None:
+        return Certificate(False, Clearance(-np.inf), {}, (never,))
     if batch is None:
         batch = ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius)
     check = _Check(scenario, trip, batch)
@@ -134,6 +138,17 @@ def certify_trip(
         check.end(until)
     again = check.run_again(ends) if since is not None else None
     return again or check.run(ends)
+
+
+def _never_arrives(trip: Trip) -> Violation | None:
+    """What is wrong with a trip that takes no time, or for ever, or is no numbers: no bound says anything of it."""
+    trajectory = trip.trajectory
+    time = trajectory.travel_time
+    if not (np.all(np.isfinite(trajectory.theta)) and np.all(np.isfinite(trajectory.beta))):
+        time = np.nan
+    if 0.0 < time <= LARGEST_COORDINATE:
+        return None
+    return Violation("travel time", time, LARGEST_COORDINATE, trip.frame.time)
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,7 @@ UNITS = {
     "distance from the start": "m",
     "distance from the goal": "m",
     "start time": "s",
+    "travel time": "s",
     "earliest arrival": "s",
     LATEST: "s",
     "start heading": "rad",

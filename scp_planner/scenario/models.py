@@ -18,15 +18,13 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, Val
 
 from scp_planner import files
 from scp_planner.errors import ScenarioError, nearest
+from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics import planar
 from scp_planner.scenario import checks
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.validation import Part, Rule, faults_of, variant
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
-LARGEST_COORDINATE = 1e12
-"""m, m/s, m/s2 or s. Beyond it a double no longer resolves a tenth of a millimetre."""
-
 Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]

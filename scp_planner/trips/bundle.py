@@ -17,7 +17,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.path import PathBend, PathPoints, bend_from, curvature_rate_from, inverted, points_from
 from scp_planner.trips.space import TimeTable
-from scp_planner.trips.trajectory import Arrivals, Trajectory, TripPoints, TripSpace
+from scp_planner.trips.trajectory import STILL, Arrivals, Trajectory, TripPoints, TripSpace
 
 
 def stacked(arrays: Sequence[Array]) -> Array:
@@ -218,7 +218,7 @@ class TripBundle:
         # D = v t + a t^2 / 2 from the span's start, in the form that loses no digits
         acceleration = self.betas.ravel()[span + spans * owner]
         speed = np.sqrt(np.maximum(start * start + 2.0 * acceleration * target, 0.0))
-        elapsed = 2.0 * target / np.maximum(start + speed, 1e-300)
+        elapsed = 2.0 * target / np.maximum(start + speed, STILL)
         sigma = breaks.sigma[span] + elapsed / self.travel_times[owner]
         return Arrivals(np.minimum(sigma, breaks.sigma[span + 1]), speed)
 

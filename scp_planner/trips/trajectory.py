@@ -22,12 +22,47 @@ from math import sqrt
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.path import Path, PathBend, PathPoints, _curvature
-from scp_planner.trips.space import TimeTable, _tables
+from scp_planner.trips.space import CELLS_PER_SPAN, QUADRATURE_ORDER, TimeTable, _tables
 
 MAX_BISECTIONS = 60
+STILL = 1e-150  # m/s; slower it does not get there: small enough for nothing, and no quotient by it overflows
+MOST_BYTES = 512_000_000  # of the tables of one spline
+_ENTRY_BYTES = 8
+PATH_ENTRIES = 2 * CELLS_PER_SPAN * QUADRATURE_ORDER + 3 * CELLS_PER_SPAN + CELLS_PER_SPAN**2 + 50
+"""A span and a control point: two rows a node, three a station, the running sum, and the bases themselves."""
+ACCELERATION_ENTRIES = 50
+"""A span and a control point: the bases, alone and side by side."""
+
+
+def check_size(path_spans: int, acceleration_spans: int) -> None:
+    """Refuse splines whose tables would not fit into memory, before anything is allocated.
+
+    The tables are dense: so many cells, nodes and control points grow with the square of the number of spans.
+
+    Parameters
+    ----------
+    path_spans, acceleration_spans : int
+
+    Raises
+    ------
+    TooLargeError
+        Naming what would be needed and what is allowed.
+    """
+    for what, spans, each in (
+        ("path", path_spans, PATH_ENTRIES),
+        ("acceleration", acceleration_spans, ACCELERATION_ENTRIES),
+    ):
+        needed = each * _ENTRY_BYTES * spans * spans
+        if needed > MOST_BYTES:
+            most = int(sqrt(MOST_BYTES / (each * _ENTRY_BYTES)))
+            raise TooLargeError(
+                f"{what}: {spans} spans of its spline would take {needed / 1e6:.0f} MB; at most {most} spans,"
+                f" {MOST_BYTES / 1e6:.0f} MB, are allowed"
+            )
 
 
 class TripSpace:
@@ -44,6 +79,11 @@ class TripSpace:
         0 (piecewise constant) to 2.
     acceleration_breakpoints : tuple of float
         In normalised time, from 0 to 1.
+
+    Raises
+    ------
+    TooLargeError
+        If their tables would take more memory than is allowed; see :func:`check_size`.
     """
 
     def __init__(
@@ -55,6 +95,7 @@ class TripSpace:
         acceleration_degree: int,
         acceleration_breakpoints: tuple[float, ...],
     ) -> None:
+        check_size(path_spans, len(acceleration_breakpoints) - 1)
         self.guide = guide
         self.length = guide.length
         self.start_speed = float(start_speed)
@@ -287,7 +328,7 @@ class Trajectory:
         if tables.constant:
             # D = v t + a t^2 / 2 from the span's start, in the form that loses no digits
             speed = np.sqrt(np.maximum(start * start + 2.0 * self.beta[span] * target, 0.0))
-            elapsed = 2.0 * target / np.maximum(start + speed, 1e-300)
+            elapsed = 2.0 * target / np.maximum(start + speed, STILL)
             sigma = breaks.sigma[span] + elapsed / tau
             return Arrivals(np.minimum(sigma, breaks.sigma[span + 1]), speed)
         sigma = self._bisected(distance, span)

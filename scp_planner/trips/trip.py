@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,17 @@ class Trip:
 
     frame: PlanningFrame
     trajectory: Trajectory
+
+    def __post_init__(self) -> None:
+        """Refuse a trip that never arrives.
+
+        Raises
+        ------
+        ValueError
+            If the travel time is negative, infinite or not a number.
+        """
+        if not 0.0 <= self.trajectory.travel_time < inf:
+            raise ValueError(f"trajectory: the trip never arrives; its travel time is {self.trajectory.travel_time} s")
 
     def at(self, t: ArrayLike) -> tuple[TripPoints, tuple[int, ...]]:
         """Return the trip at absolute times, clamped to the trip, and the shape of ``t``."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from math import isfinite
+import sys
 from typing import Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics.splines import clamped_knots
+from scp_planner.planning.plan import _is_number
 
 
 class _Reader:
@@ -40,8 +42,15 @@ class _Reader:
 
     def number(self, key: str) -> float:
         value = self.get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        if not _is_number(value, sys.float_info.max):
             raise self.fault(key, value, "a finite number")
+        return float(value)
+
+    def coordinate(self, key: str) -> float:
+        """Return a length, a time, a speed or the like: what scenarios may hold."""
+        value = self.get(key)
+        if not _is_number(value, LARGEST_COORDINATE):
+            raise self.fault(key, value, f"a number from {-LARGEST_COORDINATE:g} to {LARGEST_COORDINATE:g}")
         return float(value)
 
     def integer(self, key: str, least: int, most: int | None) -> int:
@@ -61,11 +70,10 @@ class _Reader:
 
     def vector(self, key: str, size: int | None) -> Array:
         value = self.get(key)
-        good = isinstance(value, list) and all(
-            not isinstance(v, bool) and isinstance(v, int | float) and isfinite(v) for v in value
-        )
+        good = isinstance(value, list) and all(_is_number(each, LARGEST_COORDINATE) for each in value)
         if not good or (size is not None and len(value) != size):
-            raise self.fault(key, value, "finite numbers" if size is None else f"{size} finite numbers")
+            wanted = f"numbers from {-LARGEST_COORDINATE:g} to {LARGEST_COORDINATE:g}"
+            raise self.fault(key, value, wanted if size is None else f"{size} {wanted}")
         return np.array(value, dtype=float)
 
     def breakpoints(self, key: str, degree: int) -> Array:

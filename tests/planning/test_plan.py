@@ -11,6 +11,8 @@ import pytest
 from scenes import CROSSERS, scene
 
 import scp_planner as sp
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 pytestmark = pytest.mark.numerics
 
@@ -67,7 +69,7 @@ def test_a_plan_without_obstacles_has_no_least_clearance(tmp_path: Path) -> None
     assert sp.Plan.load(tmp_path / "plan.json").clearance.minimum == np.inf
 
 
-def _set(*keys: str, value: Any) -> Any:
+def _set(*keys: str | int, value: Any) -> Any:
     def change(data: dict[str, Any]) -> None:
         for key in keys[:-1]:
             data = data[key]
@@ -78,6 +80,16 @@ def _set(*keys: str, value: Any) -> Any:
 
     return change
 
+
+def _both(*changes: Any) -> Any:
+    def change(data: dict[str, Any]) -> None:
+        for each in changes:
+            each(data)
+
+    return change
+
+
+HUGE = 10**400
 
 BAD = {
     "schema": (_set("schema", value=2), "schema = 2"),
@@ -101,6 +113,35 @@ BAD = {
     "iterations": (_set("iterations", value=-1), "iterations = -1"),
     "wall time": (_set("wall_time", value=True), "wall_time"),
     "clearance": (_set("clearance", value=None), "clearance"),
+    "start time of too many digits": (_set("start_time", value=HUGE), "start_time = 1000"),
+    "travel time of too many digits": (_set("travel_time", value=HUGE), "travel_time = 1000"),
+    "wall time of too many digits": (_set("wall_time", value=HUGE), "wall_time = 1000"),
+    "lower bound of too many digits": (_set("lower_bound", value=HUGE), "lower_bound = 1000"),
+    "lower bound as text": (_set("lower_bound", value="x"), "lower_bound"),
+    "origin of too many digits": (_set("path", "guide", "origin", value=[0, HUGE]), "path.guide.origin"),
+    "length of too many digits": (_set("path", "guide", "length", value=HUGE), "path.guide"),
+    "offset of too many digits": (_set("path", "offsets", 3, value=HUGE), "path.offsets"),
+    "knot of too many digits": (_set("path", "knots", 3, value=HUGE), "path.knots"),
+    "coefficient of too many digits": (_set("acceleration", "coefficients", 3, value=-HUGE), "acceleration.coeff"),
+    "offset out of this world": (_set("path", "offsets", 3, value=1e300), "path.offsets"),
+    "coefficient out of this world": (
+        _set("acceleration", "coefficients", 3, value=1e200),
+        "acceleration.coefficients",
+    ),
+    "start time out of this world": (_set("start_time", value=1e300), "start_time = 1e+300"),
+    "origin out of this world": (_set("path", "guide", "origin", value=[1e200, 0.0]), "path.guide.origin"),
+    "start speed out of this world": (_set("acceleration", "start_speed", value=1e300), "acceleration.start_speed"),
+    "stops as text": (_set("stops", value="no"), "stops"),
+    "a stop that takes no time": (_both(_set("stops", value=True), _set("travel_time", value=0.0)), "travel_time = 0"),
+    "a stop before it begins": (_both(_set("stops", value=True), _set("travel_time", value=-7.0)), "travel_time = -7"),
+    "a stop that never comes": (_both(_set("stops", value=True), _set("travel_time", value=1e300)), "travel_time = 1e"),
+    "a trip that never arrives": (
+        _both(
+            _set("acceleration", "coefficients", value=[-2.0] * 21),
+            _set("acceleration", "knots", value=[k / 21 for k in range(22)]),
+        ),
+        "travel_time",
+    ),
 }
 
 
@@ -117,9 +158,16 @@ def test_a_faulty_plan_file_is_refused_by_name(plan: sp.Plan, tmp_path: Path, na
     assert expected in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema": NaN}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"schema": NaN}', '{"schema": ' + 5000 * "1" + "}", 9999 * "["])
 def test_what_is_no_plan_at_all_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "bad.json"
     file.write_text(text)
     with pytest.raises(sp.PlanError, match=r"bad\.json"):
         sp.Plan.load(file)
+
+
+@pytest.mark.parametrize("travel_time", [np.inf, np.nan, -1.0])
+def test_there_is_no_trip_that_never_arrives(plan: sp.Plan, travel_time: float) -> None:
+    trajectory = plan.trip.trajectory
+    with pytest.raises(ValueError, match="never arrives"):
+        Trip(plan.trip.frame, Trajectory(trajectory.path, trajectory.beta, travel_time))
