@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from math import ceil, floor, hypot, sqrt
+from time import perf_counter
 
 import numpy as np
 
@@ -49,6 +50,9 @@ FEW_CELLS = 60_000  # for an answer in hundredths of a second
 CORNERS = 48  # of the polygon inside each zone
 BESIDE = 1e-9  # rad
 TINY = 1e-300
+MOST_WORK = 2e9  # cells at all instants together, and what zones cost: what a bound looks at, at most
+QUICK_WORK = 1e8  # the same of a quick proof
+ZONE_WORK = 1000  # cells that cost as much as a zone
 GROWTH = (1.02, 1.1, 1.25, 1.6, 2.2, 3.0, 4.0)
 """Times the kinematic bound: how long trips are looked for, until there may be one."""
 
@@ -95,8 +99,16 @@ def kinematic_bound(scenario: Scenario) -> float:
     return time if earliest is None else max(time, earliest - scenario.start.time)
 
 
+class _NotDecided(Exception):
+    """A relaxation is too large, or the time is over: nothing is excluded."""
+
+
 def lower_bound(
-    scenario: Scenario, *, at_most: float | None = None, threat_zones: tuple[ThreatZone, ...] | None = None
+    scenario: Scenario,
+    *,
+    at_most: float | None = None,
+    threat_zones: tuple[ThreatZone, ...] | None = None,
+    time_limit: float | None = None,
 ) -> float:
     """Return a travel time that no trip among the obstacles is shorter than.
 
@@ -108,11 +120,14 @@ def lower_bound(
         Without it, it is looked for up to four times the kinematic bound.
     threat_zones : tuple of ThreatZone, optional
         The scenario's zones, if they are at hand.
+    time_limit : float, optional
+        Wall time in s after which the best bound so far is returned.
 
     Returns
     -------
     float
-        s, never less than :func:`kinematic_bound`; it is the smaller of what is true and what cells and instants can
+        s, never less than :func:`kinematic_bound`, which it is where the trip is so long that there would be too many
+        cells and instants to look at; it is the smaller of what is true and what cells and instants can
         show, to a thousandth. Waiting for what fills a bounded workspace shows, and going far round; the price of
         small sidesteps, and of turning, does not.
     """
@@ -120,31 +135,65 @@ def lower_bound(
     if not scenario.obstacles:
         return least
     found = zones(scenario) if threat_zones is None else threat_zones
-    excluded = least
-    if at_most is None:
-        for growth in GROWTH:
-            longest = growth * least
-            relaxation = _Relaxation(scenario, found, longest)
-            if relaxation.possible(longest):
-                break
-            excluded = longest
-        else:
-            return excluded
-    else:
-        longest = at_most
-        if longest <= least * (1.0 + PRECISION):
-            return least
-        relaxation = _Relaxation(scenario, found, longest)
-    while longest - excluded > PRECISION * least:
-        middle = 0.5 * (excluded + longest)
-        if relaxation.possible(middle):
-            longest = middle
-        else:
-            excluded = middle
-    return excluded
+    deadline = np.inf if time_limit is None else perf_counter() + time_limit
+    return _Bisection(scenario, found, least, deadline).bound(at_most)
 
 
-def no_trip_within(scenario: Scenario, travel_time: float, threat_zones: Sequence[ThreatZone]) -> bool:
+class _Bisection:
+    """The longest duration that is excluded, as far as it is found.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    threat_zones : tuple of ThreatZone
+    least : float
+        The kinematic bound, s.
+    deadline : float
+        Of the clock of :func:`time.perf_counter`, s.
+    """
+
+    def __init__(self, scenario: Scenario, threat_zones: tuple[ThreatZone, ...], least: float, deadline: float) -> None:
+        self.scenario, self.threat_zones = scenario, threat_zones
+        self.least = self.excluded = least
+        self.deadline = deadline
+
+    def bound(self, at_most: float | None) -> float:
+        """Return it, at most a duration that is known to be possible, s."""
+        try:
+            self._look(at_most)
+        except _NotDecided:
+            pass
+        return self.excluded
+
+    def _look(self, at_most: float | None) -> None:
+        if at_most is None:
+            for growth in GROWTH:
+                longest = growth * self.least
+                relaxation = self._relaxation(longest)
+                if relaxation.possible(longest):
+                    break
+                self.excluded = longest
+            else:
+                return
+        else:
+            longest = at_most
+            if longest <= self.least * (1.0 + PRECISION):
+                return
+            relaxation = self._relaxation(longest)
+        while longest - self.excluded > PRECISION * self.least:
+            middle = 0.5 * (self.excluded + longest)
+            if relaxation.possible(middle):
+                longest = middle
+            else:
+                self.excluded = middle
+
+    def _relaxation(self, longest: float) -> _Relaxation:
+        return _Relaxation(self.scenario, self.threat_zones, longest, deadline=self.deadline)
+
+
+def no_trip_within(
+    scenario: Scenario, travel_time: float, threat_zones: Sequence[ThreatZone], deadline: float = np.inf
+) -> bool:
     """Whether it can be proved, quickly, that no trip takes a travel time or less.
 
     Parameters
@@ -154,17 +203,24 @@ def no_trip_within(scenario: Scenario, travel_time: float, threat_zones: Sequenc
         s.
     threat_zones : sequence of ThreatZone
         What is in the way; none: the workspace alone.
+    deadline : float
+        Of the clock of :func:`time.perf_counter`, s: then it is left open.
 
     Returns
     -------
     bool
-        If true there is none, however its path is written. If false, that is open.
+        If true there is none, however its path is written. If false, that is open; so it is where there would be too
+        many cells and instants to look at.
     """
     if travel_time < kinematic_bound(scenario) * (1.0 - SPEED_ROUNDING):
         return True
     if not threat_zones:  # straight on, inside a convex workspace
         return False
-    return not _Relaxation(scenario, tuple(threat_zones), travel_time, FEW_CELLS).possible(travel_time)
+    try:
+        relaxation = _Relaxation(scenario, tuple(threat_zones), travel_time, FEW_CELLS, deadline)
+        return not relaxation.possible(travel_time)
+    except _NotDecided:
+        return False
 
 
 class _Speeds:
@@ -351,24 +407,44 @@ class _Relaxation:
         Durations up to this can be asked for, s.
     cells : int
         At most.
+    deadline : float
+        Of the clock of :func:`time.perf_counter`, s.
+
+    Raises
+    ------
+    _NotDecided
+        If there would be too much to look at, before anything is allocated; here and in all methods also when the
+        time is over.
     """
 
     def __init__(
-        self, scenario: Scenario, threat_zones: tuple[ThreatZone, ...], longest: float, cells: int = CELLS
+        self,
+        scenario: Scenario,
+        threat_zones: tuple[ThreatZone, ...],
+        longest: float,
+        cells: int = CELLS,
+        deadline: float = np.inf,
     ) -> None:
+        self.deadline = deadline
         start, goal = scenario.start, scenario.goal
         self.scenario = scenario
         self.distance = hypot(*np.subtract(goal.position, start.position))
         self.radius = goal.radius + ROUNDING
         self.frame = PlanningFrame.between(start.position, goal.position, start.time)
         self.box = Box.of(scenario, self.frame, 0.0)
+        self.speeds = _Speeds(scenario, longest)
+        self.grid, step = self._grid(cells, len(threat_zones))
         # What touches a zone is not inside it.
         self.zones = ZoneBatch(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
-        self.speeds = _Speeds(scenario, longest)
-        self.grid, step = self._grid(cells)
         self.times = self.speeds.instants(step)
+        self.in_time()
 
-    def _grid(self, cells: int) -> tuple[_Grid, float]:
+    def in_time(self) -> None:
+        """Go on, unless the time is over."""
+        if perf_counter() > self.deadline:
+            raise _NotDecided
+
+    def _grid(self, cells: int, zones: int) -> tuple[_Grid, float]:
         """The finest grid that has not too many cells, and its step, m."""
         longest = float(self.speeds.driven(np.array([self.speeds.duration]))[0]) + self.radius + ROUNDING
         half = max(0.5 * longest, 0.5 * self.distance)
@@ -383,11 +459,16 @@ class _Relaxation:
             ]
             low, high = np.maximum(low, np.min(corners, axis=0)), np.minimum(high, np.max(corners, axis=0))
         low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        work = QUICK_WORK if cells == FEW_CELLS else MOST_WORK
         for resolution in RESOLUTIONS:
             step = self.speeds.top * resolution.time
             cell = np.array([step / resolution.columns, step / resolution.rows])
-            if np.prod((high - low) / cell + 4.0) <= cells:
+            count = float(np.prod((high - low) / cell + 4.0))
+            if count <= cells:
                 break
+        instants = self.speeds.duration / LONGEST_STEP + longest / step
+        if instants * (count + ZONE_WORK * zones) > work:
+            raise _NotDecided
         return _Grid(low, high, cell, resolution.columns + 2), ALIGNED * step
 
     @cached_property
@@ -398,6 +479,7 @@ class _Relaxation:
         standing &= self.grid.inside(self.box)
         found = []
         for distance, free in zip(driven, self._free(batch.subset(batch.moving), self.times), strict=True):
+            self.in_time()
             free &= standing
             free &= self.grid.disc((0.0, 0.0), float(distance) + ROUNDING)
             found.append(self.grid.packed(free))
@@ -409,6 +491,7 @@ class _Relaxation:
         low, high = grid.origin, grid.origin + grid.cell * [grid.columns, grid.rows]
         spans = [np.zeros((4, 0), dtype=np.intp)]
         for instants, polygons in _polygons_inside(batch, times, low, high):
+            self.in_time()
             place, row, begin, end = grid.covered(polygons)
             spans.append(np.stack([instants[place], row, begin, end]))
         every = np.concatenate(spans, axis=1)
@@ -427,6 +510,7 @@ class _Relaxation:
         """Whether some point of the goal may be outside the zones at some time between an instant and the next."""
         free = []
         for first, last in pairwise(self.times.tolist()):
+            self.in_time()
             half = 0.5 * (last - first)
             goal = np.array([[self.distance, 0.0]])
             depth = -self.zones.distances(np.array([first + half]), goal)[0]
@@ -446,6 +530,7 @@ class _Relaxation:
         steps, remaining = np.diff(driven), driven[-1] - driven
         reached = grid.start
         for k, step in enumerate(steps):
+            self.in_time()
             if k > 0:
                 reached = grid.reached_from(reached, float(steps[k - 1])) & self.allowed[k]
                 reached &= grid.packed(grid.disc(goal, float(remaining[k]) + self.radius))

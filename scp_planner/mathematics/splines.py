@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
 
+MOST_GATHERED = 4_000_000  # coefficients at once, for values at many parameters
+
 
 @dataclass(frozen=True)
 class PiecewiseBasis:
@@ -65,7 +67,12 @@ class PiecewiseBasis:
 
     def rows_at(self, span: NDArray[np.intp], x: Array) -> Array:
         """Values of all basis functions at located parameters, (n, K)."""
-        powers = x[:, None] ** _exponents(self.coefficients.shape[1])
+        _, order, size = self.coefficients.shape
+        at_once = max(1, MOST_GATHERED // (order * size))
+        if len(span) > at_once:
+            parts = range(0, len(span), at_once)
+            return np.concatenate([self.rows_at(span[k : k + at_once], x[k : k + at_once]) for k in parts])
+        powers = x[:, None] ** _exponents(order)
         return np.matmul(powers[:, None, :], self.coefficients[span])[:, 0, :]
 
     @cached_property

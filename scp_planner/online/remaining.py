@@ -157,7 +157,7 @@ def _drive(problem: Problem, old: Trajectory, first: float, speed: float) -> Arr
     return np.interp(sites, 0.5 * (breaks[1:] + breaks[:-1]), mean)
 
 
-def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float) -> Trajectory:
+def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float, near: float = 0.0) -> Trajectory:
     """Return a trip that arrives, driven harder where it would not.
 
     Parameters
@@ -166,12 +166,14 @@ def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float) -
     theta, beta : arrays
     acceleration : float
         The limit, m/s2.
+    near : float
+        s; of two travel times the one that is nearer to this.
 
     Returns
     -------
     Trajectory
     """
-    trip = space.trajectory(theta, beta)
+    trip = space.trajectory(theta, beta, near)
     for _ in range(MOST_STRETCHES):
         if np.isfinite(trip.travel_time):
             return trip

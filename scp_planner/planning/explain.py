@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def explain(
     certificate: Certificate,
     tried: int,
     *,
-    prove: bool = True,
+    prove_until: float = np.inf,
 ) -> str:
     """Say in one line why there is no certified plan.
 
@@ -64,8 +65,9 @@ def explain(
         What it does not keep.
     tried : int
         Number of ways that were tried.
-    prove : bool
-        Whether there is time to prove that there is no trip at all.
+    prove_until : float
+        Of the clock of :func:`time.perf_counter`, s: what is not proved by then, that there is no trip at all, is left
+        open.
 
     Returns
     -------
@@ -74,7 +76,7 @@ def explain(
         the penalty that is left; the least relaxation that would make this attempt acceptable.
     """
     told = grave_violations(scenario, trip, certificate)
-    parts = ["; ".join(map(str, told)), *_causes(scenario, threat_zones, trip, told, prove)]
+    parts = ["; ".join(map(str, told)), *_causes(scenario, threat_zones, trip, told, prove_until)]
     left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
     ways = "1 way round" if tried == 1 else f"{tried} ways round"
     penalty = f"; penalty left {left:.3g} s" if left > FEWEST_PENALTIES else ""
@@ -128,7 +130,7 @@ def _relaxation(violation: Violation) -> str:
 
 
 def _causes(
-    scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip, told: list[Violation], prove: bool
+    scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip, told: list[Violation], prove_until: float
 ) -> Iterator[str]:
     """Say what is certainly behind violations, the gravest of which comes first."""
     zones = {zone.id: zone for zone in threat_zones}
@@ -141,8 +143,8 @@ def _causes(
         if violation.obstacle is not None and violation.obstacle in zones:
             yield from _uncertainty(zones[violation.obstacle], violation)
             yield from _stopping(scenario, zones[violation.obstacle], violation)
-    if prove:
-        yield from _no_way(scenario, tuple(threat_zones), _touched(scenario, threat_zones, trip))
+    if perf_counter() < prove_until:
+        yield from _no_way(scenario, tuple(threat_zones), _touched(scenario, threat_zones, trip), prove_until)
 
 
 def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
@@ -193,7 +195,7 @@ def _touched(scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip)
     return near[:MOST_CULPRITS]
 
 
-def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[str]) -> Iterator[str]:
+def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[str], deadline: float) -> Iterator[str]:
     """Say that there is no trip at all if that can be proved, and what is in its way."""
     start, latest = scenario.start.time, scenario.goal.latest_arrival
     least = kinematic_bound(scenario)
@@ -202,21 +204,21 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
     if horizon < least - ROUNDING:
         yield f"No trip arrives before t = {start + least:.4g} s, even with nothing in the way"
         return
-    if not no_trip_within(scenario, horizon, zones):
+    if not no_trip_within(scenario, horizon, zones, deadline):
         return
     covering = [zone.id for zone in zones if zone.id in culprits and _covers_goal(scenario, zone, least, horizon)]
     if covering:
         yield f"No trip at all arrives {until}: {_listed(covering)} covers the goal"
         return
     others = {name: tuple(zone for zone in zones if zone.id != name) for name in culprits}
-    needed = [name for name, rest in others.items() if not no_trip_within(scenario, horizon, rest)]
+    needed = [name for name, rest in others.items() if not no_trip_within(scenario, horizon, rest, deadline)]
     if needed and scenario.bounds is not None:
         unbounded = scenario.model_copy(update={"bounds": None})
-        if not no_trip_within(unbounded, horizon, zones):
+        if not no_trip_within(unbounded, horizon, zones, deadline):
             alone = [zone for zone in zones if [zone.id] == needed]
             gap = "".join(_widest_gap(scenario, zone, start + horizon) for zone in alone)
             needed.append(f"the workspace bounds{gap}")
-    if not needed:
+    if not needed or perf_counter() > deadline:  # without the time to say which
         yield f"No trip at all arrives {until}"
     elif len(needed) == 1:
         yield f"No trip at all arrives {until}, unless {needed[0]} gives way"

@@ -15,6 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.online.remaining import arriving
 from scp_planner.planning.explain import explain
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
@@ -320,7 +321,9 @@ class _Planning:
 
     def along_the_guide(self, beta: Array, near: float, cutoff: float) -> _Attempt:
         """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""
-        start = self.problem.space.trajectory(self.problem.ends.theta, beta, near)
+        # The new guide may be a little longer than the path that it is: the same accelerations may end before it does.
+        problem = self.problem
+        start = arriving(problem.space, problem.ends.theta, beta, problem.limits.acceleration, near)
         return self._attempt(start, cutoff)
 
     def _attempt(self, start: Trajectory, cutoff: float, rival: _Attempt | None = None) -> _Attempt:
@@ -379,9 +382,11 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
 def _verdict(search: _Planning, run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
     if certificate.holds:
         return PlanStatus.CERTIFIED, None
-    prove = search.deadline - perf_counter() > PROOF_TIME and (certificate.late or not run.feasible)
+    now = perf_counter()
+    hopeless = search.deadline - now > PROOF_TIME and (certificate.late or not run.feasible)
+    prove_until = search.deadline if hopeless else now
     zones, trip = search.threat_zones, search.trip(run)
-    reason = explain(search.scenario, zones, trip, run, certificate, search.tried, prove=prove)
+    reason = explain(search.scenario, zones, trip, run, certificate, search.tried, prove_until=prove_until)
     if certificate.late:
         return PlanStatus.INFEASIBLE, reason
     if run.status is Status.SOLVER_FAILED and not run.record:

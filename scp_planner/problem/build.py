@@ -16,7 +16,7 @@ from scp_planner.problem.limits.discs import DiscBox, DiscClearance
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.rates import CurvatureRateLimit, JerkLimit
 from scp_planner.problem.limits.speed import SpeedLimits
-from scp_planner.problem.problem import Problem
+from scp_planner.problem.problem import MOST_PROFILE_STEPS, Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
@@ -126,7 +126,8 @@ def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: Settings
 
 def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, limits: Limits) -> SpeedProfile:
     """Return the fastest drive along a guide that keeps to the limits of places."""
-    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / PROFILE_STEP)) + 1)
+    count = min(max(2, round(guide.length / PROFILE_STEP)), MOST_PROFILE_STEPS)
+    stations = np.linspace(0.0, guide.length, count + 1)
     allowed = np.minimum(limits_at(slow, guide.frame(stations).position), limits.speed)
     start, goal = scenario.start.speed, scenario.goal.speed
     return fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)

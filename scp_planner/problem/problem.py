@@ -24,6 +24,8 @@ from scp_planner.trips.trajectory import TripSpace
 if TYPE_CHECKING:
     from scp_planner.scp.given import GivenConstraints
 
+MOST_PROFILE_STEPS = 200_000  # they are longer on trips that would need more
+
 
 @dataclass(frozen=True)
 class Problem:

@@ -30,6 +30,7 @@ Cell = np.float32
 Cells = NDArray[np.float32]
 
 STATION_STEP = 1.0  # m
+MOST_COLUMNS = 4000  # stations are farther apart on trips that would need more
 BETWEEN = 2  # cells of the same column, between stations, that are joined in it
 OFFSET_STEP = 0.25  # m
 REACH = 4.0  # m to each side
@@ -148,7 +149,7 @@ class WaySearch:
     def __init__(self, problem: Problem, delay_step: float = DELAY_STEP) -> None:
         self.problem = problem
         space, limits = problem.space, problem.limits
-        columns = max(8, round(space.length / STATION_STEP))
+        columns = min(max(8, round(space.length / STATION_STEP)), MOST_COLUMNS)
         self.stations = np.linspace(0.0, space.length, columns + 1)
         self.middle = round(REACH / OFFSET_STEP)
         self.offsets: Array = OFFSET_STEP * np.arange(-self.middle, self.middle + 1, dtype=np.float64)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
+from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.intervals import Interval
 
 CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline
@@ -23,6 +24,9 @@ IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
 LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
 WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
+MOST_SAMPLES = 500_000  # of the average: windows get wider on guides that would need more
+MOST_AT_ONCE = 4_000_000  # numbers in an array on the way to it
+MOST_PIECES = 3400  # of the heading's spline: what the tables of paths over it have room for
 
 # Power coefficients of the quintic from value, first and second derivative at 0 and at 1
 _HERMITE = np.array(
@@ -247,7 +251,13 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
     Returns
     -------
     Guide
+
+    Raises
+    ------
+    TooLargeError
+        If there are more pieces than a guide may have.
     """
+    check_pieces(float(np.hypot(*np.diff(points, axis=0).T).sum()), piece)
     corners, least = _rounded(np.asarray(points, dtype=float), radius)
     legs = np.diff(corners, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
@@ -257,18 +267,66 @@ def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int
         return StraightGuide(float(np.hypot(*(corners[-1] - corners[0]))))
     places = np.cumsum(lengths)[:-1]
     total = float(lengths.sum())
-    half = 0.5 * min(WINDOW * least, 0.5 * total)
+    half = max(0.5 * min(WINDOW * least, 0.5 * total), SAMPLES_PER_WINDOW * total / MOST_SAMPLES)
     # The average of the polyline over the window has this derivative; beyond its ends the polyline goes straight on.
     u = np.linspace(0.0, total, max(400, int(SAMPLES_PER_WINDOW * total / half)) + 1)
-    share = np.clip((u[:, None] - places) / half, -1.0, 1.0)
-    weights = 0.5 + 35.0 / 32.0 * (share - share**3 + 0.6 * share**5 - share**7 / 7.0)
-    derivative = directions[0] + weights @ np.diff(directions, axis=0)
+    derivative = _averaged(directions, places, u, half)
     phi = np.unwrap(np.arctan2(derivative[:, 1], derivative[:, 0]))
     speed = np.hypot(derivative[:, 0], derivative[:, 1])
     driven = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(u))])
     pieces = multiple * max(4, round(driven[-1] / (multiple * piece)))
     headings = np.interp(np.linspace(0.0, driven[-1], pieces + 1), driven, phi)
     return _ending_at(corners[-1] - corners[0], driven[-1], headings)
+
+
+def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
+    """Directions (n + 1, 2) that change at places (n,), averaged over a window about u, (m, 2); all along one line.
+
+    Changes that lie wholly before the window of u are over, those behind it are still to come.
+    """
+    changes = np.diff(directions, axis=0)
+    if len(u) * len(places) <= MOST_AT_ONCE:
+        return directions[0] + _shares(u, places, half) @ changes
+    averaged = np.empty((len(u), 2))
+    first, last = np.searchsorted(places, u - half), np.searchsorted(places, u + half)
+    begin = 0
+    while begin < len(u):
+        # As many as share few changes
+        widths = (last[begin:] - first[begin]) * np.arange(1, len(u) - begin + 1)
+        end = begin + max(1, int(np.searchsorted(widths, MOST_AT_ONCE)))
+        near = slice(first[begin], last[end - 1])
+        averaged[begin:end] = directions[near.start] + _shares(u[begin:end], places[near], half) @ changes[near]
+        begin = end
+    return averaged
+
+
+def _shares(u: Array, places: Array, half: float) -> Array:
+    """How much of the change at each place has come at each u, (m, n): 0 before the window, and 1 after it."""
+    share = np.clip((u[:, None] - places) / half, -1.0, 1.0)
+    shares: Array = 0.5 + 35.0 / 32.0 * (share - share**3 + 0.6 * share**5 - share**7 / 7.0)
+    return shares
+
+
+def check_pieces(length: float, piece: float) -> None:
+    """Refuse a curve that would need more pieces than a guide may have, before anything is allocated.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    piece : float
+        Length of a piece, m.
+
+    Raises
+    ------
+    TooLargeError
+        Naming both.
+    """
+    if length > MOST_PIECES * piece:
+        raise TooLargeError(
+            f"guide: a curve of {length:.6g} m in pieces of {piece:.3g} m would have {length / piece:.3g} of them;"
+            f" at most {MOST_PIECES} are allowed: a larger path_span makes them longer"
+        )
 
 
 def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:

@@ -1,0 +1,147 @@
+"""Work has bounds: what would not fit into memory or time is made coarser, or refused by name."""
+
+from __future__ import annotations
+
+import sys
+import time
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import disc, scene
+
+import scp_planner as sp
+from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound, no_trip_within
+from scp_planner.errors import TooLargeError
+from scp_planner.mathematics import splines
+from scp_planner.planning.offline import _Planning
+from scp_planner.problem.build import build_problem
+from scp_planner.search.ways import MOST_COLUMNS, WaySearch
+from scp_planner.settings.planning import Settings
+from scp_planner.trips import guide
+from scp_planner.trips.guide import StraightGuide, smooth_guide
+from scp_planner.trips.trajectory import MOST_BYTES, Trajectory, TripSpace
+from scp_planner.trips.trip import Trip
+
+MEGABYTE = 1_000_000
+
+
+def test_the_grid_of_a_trip_of_a_thousand_kilometres_fits_into_memory() -> None:
+    scenario = scene(disc("near", (10.0, 0.3)), goal={"position": [1e6, 0.0]})
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    tracemalloc.start()
+    try:
+        search = WaySearch(problem)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(search.stations) == MOST_COLUMNS + 1
+    assert search.best() is not None
+    assert peak < 600 * MEGABYTE
+
+
+def test_a_long_curve_is_refused_by_name() -> None:
+    scenario = scene(start={"heading": 2.0}, goal={"position": [1e6, 0.0]})
+    with pytest.raises(TooLargeError, match=r"guide: a curve of 1e\+06 m .* path_span"):
+        sp.plan(scenario)
+
+
+def test_too_many_spans_are_refused_before_anything_is_allocated() -> None:
+    tracemalloc.start()
+    try:
+        with pytest.raises(TooLargeError, match=r"path: 5000 spans .* at most \d+ spans"):
+            TripSpace(StraightGuide(100.0), 1.0, 3, 5000, 0, (0.0, 1.0))
+        with pytest.raises(TooLargeError, match=r"acceleration: 9000 spans"):
+            TripSpace(StraightGuide(100.0), 1.0, 3, 5, 0, tuple(np.linspace(0.0, 1.0, 9001).tolist()))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < MEGABYTE
+
+
+def test_the_largest_spaces_take_what_they_are_said_to_take() -> None:
+    tracemalloc.start()
+    try:
+        space = TripSpace(StraightGuide(100.0), 1.0, 5, 300, 0, (0.0, 1.0))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert space.path_size == 305
+    assert peak < MOST_BYTES * (300 / 650) ** 2 * 1.3
+
+
+def test_values_of_a_basis_do_not_depend_on_how_many_are_computed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    basis = splines.clamped_basis(3, tuple(np.linspace(0.0, 1.0, 8).tolist()))
+    places = np.linspace(0.0, 1.0, 101)
+    whole = basis.rows(places)
+    monkeypatch.setattr(splines, "MOST_GATHERED", 300)
+    assert np.array_equal(basis.rows(places), whole)
+
+
+def test_a_guide_does_not_depend_on_how_much_of_it_is_averaged_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    points = np.stack([np.linspace(0.0, 30.0, 60), rng.normal(0.0, 0.3, 60)], axis=1)
+    points[0] = 0.0
+    whole = smooth_guide(points, 2.0)
+    monkeypatch.setattr(guide, "MOST_AT_ONCE", 5000)
+    parts = smooth_guide(points, 2.0)
+    stations = np.linspace(0.0, whole.length, 50)
+    assert parts.length == pytest.approx(whole.length, rel=1e-12)
+    assert parts.frame(stations).position == pytest.approx(whole.frame(stations).position, abs=1e-9)
+
+
+def test_a_guide_of_4000_jittered_points_takes_little_memory() -> None:
+    rng = np.random.default_rng(0)
+    points = np.stack([np.linspace(0.0, 400.0, 4000), rng.normal(0.0, 0.05, 4000)], axis=1)
+    points[[0, -1], 1] = 0.0
+    tracemalloc.start()
+    try:
+        curve = smooth_guide(points, 2.0)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert curve.length > 400.0
+    assert peak < 400 * MEGABYTE
+
+
+def test_a_bound_that_would_take_too_much_is_the_kinematic_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(disc("in the way", (10.0, 0.0), radius=3.0), bounds={"min": [-1.0, -5.0], "max": [21.0, 5.0]})
+    kinematic = kinematic_bound(scenario)
+    zones = sp.zones(scenario)
+    assert lower_bound(scenario, at_most=2.0 * kinematic) > kinematic
+    assert lower_bound(scenario, at_most=2.0 * kinematic, time_limit=0.0) == kinematic
+    assert not no_trip_within(scenario, 1.001 * kinematic, zones, deadline=time.perf_counter())
+    monkeypatch.setattr(sys.modules["scp_planner.lower_bound"], "MOST_WORK", 1e3)
+    assert lower_bound(scenario, at_most=2.0 * kinematic) == kinematic
+
+
+def test_a_proof_about_an_endless_horizon_is_not_begun() -> None:
+    wall = {"id": "wall", "shape": {"rectangle": [1.0, 30.0], "heading": 0.0}, "motion": {"position": [10.0, 0.0]}}
+    scenario = scene(wall, bounds={"min": [-5.0, -5.0], "max": [25.0, 5.0]})
+    tracemalloc.start()
+    try:
+        assert not no_trip_within(scenario, 1e9, sp.zones(scenario))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < MEGABYTE
+
+
+def test_the_run_along_a_new_guide_starts_with_a_trip_that_arrives() -> None:
+    """The accelerations of the last trip may end just before a guide that has become a little longer."""
+    scenario = scene(start={"heading": 0.3, "speed": 2.0})
+    search = _Planning(scenario, sp.zones(scenario), Settings(), np.inf)
+    beta = np.full(search.problem.space.acceleration_size, -0.11)  # stands after 18 m
+    assert search.problem.space.travel_time(20.0, beta) == np.inf
+    attempt = search.along_the_guide(beta, 8.0, np.inf)
+    assert attempt.holds
+    assert attempt.travel_time < 8.0
+
+
+def test_a_trip_that_takes_no_time_is_not_certified() -> None:
+    plan = sp.plan(scene())
+    trajectory = plan.trip.trajectory
+    trip = Trip(plan.trip.frame, Trajectory(trajectory.path, trajectory.beta, 0.0))
+    certificate = sp.certify(scene(), replace(plan, trip=trip))
+    assert [violation.what for violation in certificate.violations] == ["travel time"]
