@@ -25,7 +25,7 @@ from scp_planner.scp.record import FEASIBILITY, NEAR, Iteration, Run, Status
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.subproblem import ActiveSet, Subproblem, build_subproblem
-from scp_planner.solvers.interface import QpSolver, Solution, SolverStatus, solver_named
+from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
 from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -47,6 +47,7 @@ SAME_WAY = 0.2  # m; trips that are never farther apart than this end as one
 PATIENCE = 3  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
 MENDED = 2e-3  # a step from a larger violation than this may lead to a place from where others lead on
+SHORTEST_SOLVE = 1e-3  # s, that a solver is given at least: some take 0 for no limit
 SETTLED = 0.4 * FEASIBILITY  # largest violation of a trip that is taken as it is when nothing is left to gain
 GRAVE = 5e-3  # violations below this are no reason to lose patience
 RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
@@ -172,6 +173,12 @@ def _linearised(base: Evaluation, trust: TrustRegion) -> Generator[Trajectory | 
     return rows
 
 
+def _limited(program: QuadraticProgram, deadline: float) -> QuadraticProgram:
+    """A program that is given up at a deadline, of the clock of :func:`time.perf_counter`."""
+    left = max(deadline - perf_counter(), SHORTEST_SOLVE)
+    return program if left >= program.time_limit else replace(program, time_limit=left)
+
+
 class ScpLoop:
     """Sequential convex programming on one problem.
 
@@ -293,7 +300,7 @@ class ScpLoop:
         penalties = Penalties.uniform(self.problem, FIRST_PENALTY)
         active: ActiveSet | None = None
         if self.problem.given is not None:
-            start = self._kept(start)
+            start = self._kept(start, deadline)
         run = Run(Status.ITERATION_LIMIT, (yield from _evaluated(start)), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
         trial: _Trial | None = None
@@ -308,12 +315,12 @@ class ScpLoop:
             if last is not None and last.end is not trip:
                 last = None
             sub = build_subproblem(self.problem, self.kinematics, trip, rows, weights, trust, active, last)
-            solution = self._solve(sub)
+            solution = self._solve(sub, deadline)
             if solution is None:
                 run.status = Status.SOLVER_FAILED
                 if trial is not None:
                     run.evaluation, trust, trial = trial.evaluation, trial.trust, None
-                kept = self._within_limits(run.evaluation.trajectory)
+                kept = self._within_limits(run.evaluation.trajectory, deadline)
                 if kept is not None:
                     run.evaluation = yield from _evaluated(kept)
                     continue
@@ -380,21 +387,22 @@ class ScpLoop:
             and step.evaluation.worst_violation < WATCH
         )
 
-    def _solve(self, sub: Subproblem) -> Solution | None:
-        solution = self.solver.solve(sub.program)
-        if solution.status is SolverStatus.FAILED and self.fallback is not None:
-            solution = solver_named(self.fallback).solve(sub.program)
+    def _solve(self, sub: Subproblem, deadline: float) -> Solution | None:
+        """The step, or None; a solver has what is left of the time, or else of its own limit."""
+        solution = self.solver.solve(_limited(sub.program, deadline))
+        if solution.status is SolverStatus.FAILED and self.fallback is not None and perf_counter() < deadline:
+            solution = solver_named(self.fallback).solve(_limited(sub.program, deadline))
         return solution if solution.status is SolverStatus.OPTIMAL else None
 
-    def _within_limits(self, trip: Trajectory) -> Trajectory | None:
+    def _within_limits(self, trip: Trajectory, deadline: float) -> Trajectory | None:
         """The nearest trip within speed and acceleration, if this one is not; None if nothing better is found."""
         excess = self.kinematics.excess(trip)
         if excess <= FEASIBILITY:
             return None
-        kept = self._kept(trip)
+        kept = self._kept(trip, deadline)
         return kept if self.kinematics.excess(kept) < 0.5 * excess else None
 
-    def _kept(self, start: Trajectory) -> Trajectory:
+    def _kept(self, start: Trajectory, deadline: float) -> Trajectory:
         """The trip nearest to a start that keeps what every step must keep: speed, acceleration, a user's constraints.
 
         From a trip that breaks them short steps would have nowhere to go. A start for which none is found is returned
@@ -409,7 +417,7 @@ class ScpLoop:
         for _ in range(PROJECTIONS):
             sub = build_subproblem(self.problem, self.kinematics, near, none, np.zeros(0), ANYWHERE)
             program = replace(sub.program, hessian=np.diag(nearness), gradient=np.zeros(count))
-            solution = self._solve(replace(sub, program=program))
+            solution = self._solve(replace(sub, program=program), deadline)
             moved = None if solution is None else self._moved(near, solution.x)
             if moved is None:
                 return start

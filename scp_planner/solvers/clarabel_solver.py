@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import perf_counter
+
 import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -11,6 +13,7 @@ from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.scaling import equilibrate
 
 _TOLERANCE = 1e-12
+_MOST_ITERATIONS = 200
 _REDUCED_TOLERANCE = 1e-8  # still accepted where rounding allows no more
 
 _STATUS = {
@@ -30,6 +33,7 @@ class ClarabelSolver:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
+        settings.max_iter = _MOST_ITERATIONS
         settings.direct_solve_method = "qdldl"
         settings.presolve_enable = False  # it would drop rows, and we drop those without a bound ourselves
         settings.equilibrate_enable = False  # done with better scaling here
@@ -40,11 +44,12 @@ class ClarabelSolver:
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
+        deadline = perf_counter() + program.time_limit
         scaling = equilibrate(program)
         answer = self._solve_scaled(scaling.program)
         if answer.status is not SolverStatus.INFEASIBLE:
             # Polishing checks what it returns, so that it may also save an answer that fell short.
-            answer = polish(scaling.program, answer) or answer
+            answer = polish(scaling.program, answer, deadline) or answer
         return scaling.original(answer)
 
     def _solve_scaled(self, program: QuadraticProgram) -> Solution:
@@ -60,6 +65,7 @@ class ClarabelSolver:
         upper, lower = program.upper, program.lower
         bound = [upper[fixed], program.bound[equal], program.bound[rows], upper[below], -lower[above]]
         ends = np.cumsum([len(part) for part in bound])
+        self._settings.time_limit = program.time_limit
         answer = clarabel.DefaultSolver(
             csc_matrix(np.triu(program.hessian)),
             program.gradient,

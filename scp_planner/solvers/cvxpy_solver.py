@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import Any
 
 import cvxpy as cp
@@ -33,12 +34,15 @@ _OPTIONS: dict[str, dict[str, Any]] = {
         "tol_gap_rel": 1e-11,
         "tol_feas": 1e-11,
         "max_threads": 1,
+        "max_iter": 200,
         "input_sparse_dropzeros": True,
     },
     "OSQP": {"eps_abs": 1e-8, "eps_rel": 1e-8, "max_iter": 20000, "adaptive_rho_interval": 100},
     "SCS": {"eps_abs": 1e-8, "eps_rel": 1e-8, "max_iters": 50000},
-    "DAQP": {"primal_tol": 1e-10},
+    "DAQP": {"primal_tol": 1e-10, "iter_limit": 5000},
 }
+_TIME_LIMIT = {"CLARABEL": "time_limit", "OSQP": "time_limit", "SCS": "time_limit_secs", "DAQP": "time_limit"}
+_LEAST_TIME = 1e-3  # s; some solvers take 0 for no limit
 _STATUS = {
     cp.OPTIMAL: SolverStatus.OPTIMAL,
     cp.INFEASIBLE: SolverStatus.INFEASIBLE,
@@ -86,6 +90,13 @@ class CvxpySolver:
         """Return the same solver with extra constraints."""
         return CvxpySolver(self._solver, extra, self._options)
 
+    def _limited(self, deadline: float) -> dict[str, Any]:
+        """The options, with what is left of the time for a solver that takes a limit, unless a user gave one."""
+        name = _TIME_LIMIT.get(self._solver)
+        if name is None:
+            return self._options
+        return {name: max(deadline - perf_counter(), _LEAST_TIME), **self._options}
+
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program.
 
@@ -104,6 +115,7 @@ class CvxpySolver:
         """
         if self._extra is not None and program.origin is None:
             raise ValueError("extra constraints need a program with an origin; give them to plan(constraints=...)")
+        deadline = perf_counter() + program.time_limit
         size = _Size.of(program)
         if size not in self._forms:
             self._forms[size] = _Form(size, self._extra)
@@ -115,14 +127,14 @@ class CvxpySolver:
                 warnings.filterwarnings("ignore", message="Solution may be inaccurate")
                 # Without warm start: the answer may not depend on what was solved before.
                 form.problem.solve(  # type: ignore[no-untyped-call]
-                    solver=self._solver, warm_start=False, enforce_dpp=True, **self._options
+                    solver=self._solver, warm_start=False, enforce_dpp=True, **self._limited(deadline)
                 )
         except cp.SolverError:
             return _no_answer(program, SolverStatus.FAILED)
         status = _STATUS.get(form.problem.status, SolverStatus.FAILED)
         answer = form.answer(scaling.program, status)
         if self._extra is None and status is not SolverStatus.INFEASIBLE:
-            polished = polish(scaling.program, answer)
+            polished = polish(scaling.program, answer, deadline)
             if polished is not None:
                 return scaling.original(polished)
         if status is SolverStatus.OPTIMAL and violation(scaling.program, answer.x) > FEASIBLE:

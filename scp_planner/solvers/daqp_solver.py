@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isfinite
+from time import perf_counter
 
 import daqp
 import numpy as np
@@ -32,10 +34,12 @@ class DaqpSolver:
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
+        began = perf_counter()
         solution = _solve(program, program.active)
-        if solution.status is SolverStatus.FAILED:
+        left = program.time_limit - (perf_counter() - began)
+        if solution.status is SolverStatus.FAILED and left > 0.0:
             # Bad scaling, or a guess with dependent rows that led into a cycle: once more in even units, from nothing.
-            scaling = equilibrate(program)
+            scaling = equilibrate(replace(program, time_limit=left))
             solution = scaling.original(_solve(scaling.program, np.zeros(len(solution.multipliers), dtype=np.int8)))
         return solution
 
@@ -50,7 +54,8 @@ def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Soluti
     sense[size : size + equalities] = 0
     guessed = sense.any()
     sense[size : size + equalities] = _EQUALITY
-    x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **_SETTINGS)
+    settings = {**_SETTINGS, "time_limit": program.time_limit}
+    x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **settings)
     status = _STATUS.get(int(flag), SolverStatus.FAILED)
     if flag == _CONTRADICTION and not guessed:
         status = SolverStatus.INFEASIBLE

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
 
+LONGEST_SOLVE = 10.0  # s of wall time, where no deadline asks for less: a thousand times what steps usually take
+
 
 class SolverStatus(Enum):
-    """What came of a quadratic program."""
+    """What came of a quadratic program; it failed also where the limit of iterations or of time was reached."""
 
     OPTIMAL = "optimal"
     INFEASIBLE = "infeasible"
@@ -56,6 +58,8 @@ class QuadraticProgram:
         Warm start, without a unit: -1 at the lower bound, +1 at the upper bound or on the row, 0 inactive.
     origin : StepOrigin or None
         What the first variables are steps from; no part of the program, but for constraints that users add to it.
+    time_limit : float
+        Wall time in s after which a solver gives up, its status then FAILED.
     """
 
     hessian: Array
@@ -67,6 +71,7 @@ class QuadraticProgram:
     equalities: int
     active: NDArray[np.int8] | None = None
     origin: StepOrigin | None = None
+    time_limit: float = LONGEST_SOLVE
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,8 @@ class Solution:
 
 class QpSolver(Protocol):
     """A solver of quadratic programs. It may keep memory between calls, but the answer may not depend on it.
+
+    It is to give up where a program takes too many iterations, or more than its limit of time.
 
     Attributes
     ----------

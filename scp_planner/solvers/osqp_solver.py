@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from time import perf_counter
+
 import numpy as np
 import osqp
 from scipy.sparse import csc_matrix
@@ -40,17 +43,25 @@ class OsqpSolver:
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
+        deadline = perf_counter() + program.time_limit
         scaling = equilibrate(program)
         scaled = scaling.program
         solver = _set_up(scaled)
+        solution = Solution(
+            SolverStatus.FAILED, np.zeros(len(program.gradient)), np.zeros(len(program.gradient) + len(program.bound))
+        )
         for iterations in _ROUNDS:
-            solver.update_settings(max_iter=iterations)
+            left = deadline - perf_counter()
+            if left <= 0.0:
+                solution = replace(solution, status=SolverStatus.FAILED)
+                break
+            solver.update_settings(max_iter=iterations, time_limit=left)
             answer = solver.solve(raise_error=False)
             reached = answer.info.status_val
             solution = Solution(_STATUS.get(reached, SolverStatus.FAILED), np.array(answer.x), np.array(answer.y))
             if solution.status is SolverStatus.INFEASIBLE:
                 return scaling.original(solution)
-            polished = polish(scaled, solution)
+            polished = polish(scaled, solution, deadline)
             if polished is not None:
                 return scaling.original(polished)
             if reached not in _GOING_ON:

@@ -7,6 +7,8 @@ active-set method put right the others, and one linear system gives the digits. 
 
 from __future__ import annotations
 
+from time import perf_counter
+
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lu_factor, lu_solve
 
@@ -21,7 +23,7 @@ REGULARISATION = 1e-10  # lets active rows depend on each other
 REFINEMENTS = 4
 
 
-def polish(program: QuadraticProgram, guess: Solution) -> Solution | None:
+def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf) -> Solution | None:
     """Solve a program from an approximate answer.
 
     Parameters
@@ -30,6 +32,8 @@ def polish(program: QuadraticProgram, guess: Solution) -> Solution | None:
         Well scaled: a constraint is first taken as active where its multiplier is larger than what is left of it.
     guess : Solution
         Its status does not matter.
+    deadline : float
+        Of the clock of :func:`time.perf_counter`, s, at which it is given up.
 
     Returns
     -------
@@ -39,7 +43,7 @@ def polish(program: QuadraticProgram, guess: Solution) -> Solution | None:
     """
     sides = _Sides(program)
     try:
-        pivots = _Pivots(sides)
+        pivots = _Pivots(sides, deadline)
     except LinAlgError:
         return None
     active = sides.touched(guess)
@@ -131,8 +135,9 @@ class _Sides:
 class _Pivots:
     """A dual active-set method from any active set (Goldfarb and Idnani, Mathematical Programming 27, 1983)."""
 
-    def __init__(self, sides: _Sides) -> None:
+    def __init__(self, sides: _Sides, deadline: float) -> None:
         self.sides = sides
+        self.deadline = deadline
         factor = cho_factor(sides.program.hessian, check_finite=False)
         self.ways = cho_solve(factor, sides.normals.T, check_finite=False)  # H^-1 normals'
         self.free = -cho_solve(factor, sides.program.gradient, check_finite=False)  # minimiser without constraints
@@ -142,7 +147,7 @@ class _Pivots:
         active, prices = self._pushing(active)
         x = self.free - self.ways[:, active] @ prices
         pivots = 0
-        while pivots < MAX_PIVOTS:
+        while pivots < MAX_PIVOTS and perf_counter() < self.deadline:
             excess = self.sides.excess(x)
             excess[active] = 0.0
             entering = int(np.argmax(excess))
@@ -152,7 +157,7 @@ class _Pivots:
             while True:
                 pivots += 1
                 step, leaving, against, direction = self._ratios(active, prices, entering, x)
-                if not np.isfinite(step) or pivots > MAX_PIVOTS:
+                if not np.isfinite(step) or pivots > MAX_PIVOTS or perf_counter() > self.deadline:
                     return None
                 x = x - step * direction
                 prices = prices - step * against
@@ -169,7 +174,7 @@ class _Pivots:
             normals = self.sides.normals[active]
             prices = self._on_active(active, normals @ self.free - self.sides.bounds[active])
             pull = self.sides.pull(active, prices)
-            if not pull.any():
+            if not pull.any() or perf_counter() > self.deadline:
                 return active, prices
             active = np.delete(active, np.argmax(pull))
 

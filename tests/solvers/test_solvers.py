@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,14 +14,23 @@ import clarabel
 import numpy as np
 import osqp
 import pytest
+from scenes import CROSSERS, scene
 
 from scp_planner.problem.build import build_problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.search.starts import bows
 from scp_planner.settings.planning import Settings
-from scp_planner.solvers import QpSolver, QuadraticProgram, Solution, SolverStatus, StepOrigin, solver_named
-from scp_planner.solvers.interface import SOLVERS
+from scp_planner.solvers import (
+    QpSolver,
+    QuadraticProgram,
+    Solution,
+    SolverStatus,
+    StepOrigin,
+    daqp_solver,
+    solver_named,
+)
+from scp_planner.solvers.interface import LONGEST_SOLVE, SOLVERS
 from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.scaling import equilibrate
 from scp_planner.threat_zones.of_scenario import zones
@@ -522,3 +532,55 @@ def test_solvers_agree_on_the_programs_of_the_loop(
         if expected.status is SolverStatus.OPTIMAL:
             assert solution.x == pytest.approx(expected.x, abs=1e-9)
             assert optimality(program, solution) < 1e-9
+
+
+def long_program() -> QuadraticProgram:
+    """A program whose minimiser lies in a corner of many rows, far from where a solver begins."""
+    rng = np.random.default_rng(0)
+    size, rows = 60, 600
+    return QuadraticProgram(
+        1e-3 * np.eye(size),
+        100.0 * rng.normal(size=size),
+        np.full(size, -np.inf),
+        np.full(size, np.inf),
+        rng.normal(size=(rows, size)),
+        np.abs(rng.normal(size=rows)) + 0.1,
+        0,
+    )
+
+
+def test_a_solver_that_has_no_time_left_fails(solver: QpSolver) -> None:
+    program = long_program()
+    assert solver.solve(program).status is SolverStatus.OPTIMAL
+    assert solver.solve(replace(program, time_limit=1e-6)).status is SolverStatus.FAILED
+
+
+def test_daqp_ends_at_its_limit_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(daqp_solver._SETTINGS, "iter_limit", 50)
+    assert solver_named("daqp").solve(long_program()).status is SolverStatus.FAILED
+
+
+class _Watched:
+    """DAQP that notes the limits of time that it is given."""
+
+    name = "watched"
+
+    def __init__(self) -> None:
+        self.limits: list[float] = []
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        self.limits.append(program.time_limit)
+        return solver_named("daqp").solve(program)
+
+
+def test_what_is_left_until_the_deadline_is_the_limit_of_the_solver() -> None:
+    scenario = scene(*CROSSERS)
+    problem, solver = build_problem(scenario, zones(scenario), Settings()), _Watched()
+    start, loop = next(iter(bows(problem))), ScpLoop(problem, solver)
+    loop.run(start, 3)
+    assert set(solver.limits) == {LONGEST_SOLVE}
+    solver.limits.clear()
+    loop.run(start, 3, deadline=perf_counter() + 0.5 * LONGEST_SOLVE)
+    assert solver.limits
+    assert all(0.0 < limit <= 0.5 * LONGEST_SOLVE for limit in solver.limits)
+    assert np.all(np.diff(solver.limits) < 0.0)
