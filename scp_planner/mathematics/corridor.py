@@ -18,6 +18,7 @@ from scp_planner.mathematics import planar
 NAME = "corridor"  # the id of its outside among obstacles
 WALL = 3.0  # m, least thickness
 FLAT = 1e-9  # relative to the extent: thinner pieces are none
+SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, and an edge between them has no direction
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
 Polygon = tuple[planar.Point, ...]
@@ -45,7 +46,9 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     pieces: list[Polygon] = [((left, low), (right, low), (right, high), (left, high))]
     for ring in rings:
         pieces = _largest([part for piece in pieces for part in _beyond(piece, ring, flat, len(pieces))], flat)
-    return pieces
+    same = SAME * max(right - left, high - low)
+    merged = (_merged(piece, same) for piece in pieces)
+    return [piece for piece in merged if len(piece) >= 3]
 
 
 def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
@@ -127,6 +130,17 @@ def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
             kept.append((before[0] + share * (here[0] - before[0]), before[1] + share * (here[1] - before[1])))
         if side > 0.0:
             kept.append(here)
+    return tuple(kept)
+
+
+def _merged(polygon: Polygon, same: float) -> Polygon:
+    """A convex polygon without vertices that are not apart from the one kept before."""
+    kept: list[planar.Point] = []
+    for vertex in polygon:
+        if not kept or math.dist(kept[-1], vertex) > same:
+            kept.append(vertex)
+    while len(kept) > 1 and math.dist(kept[-1], kept[0]) <= same:
+        kept.pop()
     return tuple(kept)
 
 

@@ -90,9 +90,14 @@ class Outline:
         return Outline(matrix=full[[0, 0, 1], [0, 1, 1]])
 
     def rounded(self, decimals: int) -> Outline:
-        """Return the outline with its vertices or matrix rounded."""
+        """Return the outline with its vertices or matrix rounded; vertices that become one are one."""
         if self.vertices is not None:
-            return Outline(vertices=np.round(self.vertices, decimals), turning=self.turning)
+            vertices = np.round(self.vertices, decimals)
+            apart = np.any(vertices != np.roll(vertices, 1, axis=0), axis=1)
+            if not apart.all():
+                # What is too small to be rounded stays as it is.
+                vertices = vertices[apart] if np.count_nonzero(apart) >= 3 else self.vertices
+            return Outline(vertices=vertices, turning=self.turning)
         assert self.matrix is not None
         return Outline(matrix=np.round(self.matrix, decimals), turning=self.turning)
 

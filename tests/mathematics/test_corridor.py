@@ -11,6 +11,7 @@ from shapely.geometry import LineString, Point, Polygon, box
 import scp_planner as sp
 from benchmarks.dense_check import check_trip
 from scp_planner.mathematics import corridor, planar
+from scp_planner.mathematics.outlines import Outline
 
 pytestmark = pytest.mark.numerics
 
@@ -106,3 +107,35 @@ def test_a_planner_online_stays_in_the_corridor() -> None:
     union = unary_union([Polygon(polygon) for polygon in BENT])
     assert min(union.boundary.distance(Point(p)) for p in position) >= 0.3
     assert all(union.contains(Point(p)) for p in position)
+
+
+def test_walls_have_no_edge_that_is_only_rounding() -> None:
+    """Where three polygons meet in a point, up to rounding, walls would have an edge as long as that."""
+    tilt = 0.3
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+    polygons = [
+        tuple(map(tuple, (np.array(ring) @ turn.T + [100.0 / 3.0, 200.0 / 3.0]).tolist()))
+        for ring in (
+            rectangle(0, 0, 10, 4),
+            [[6.0, 0.0], [10.0, -4.0], [14.0, 0.0], [10.0, 4.0 + 1e-12]],
+            [[9.0, 4.0 + 1e-13], [10.0 - 2e-13, 3.0], [16.0, 4.0]],
+        )
+    ]
+    walls = corridor.outside(polygons)
+    xs, ys = zip(*(vertex for polygon in polygons for vertex in polygon), strict=True)
+    extent = max(max(xs) - min(xs), max(ys) - min(ys))
+    shortest = min(np.hypot(b[0] - a[0], b[1] - a[1]) for wall in walls for a, b in planar.edges(wall))
+    assert shortest > corridor.SAME * extent
+    inside = unary_union([Polygon(polygon) for polygon in polygons])
+    low_x, low_y, high_x, high_y = inside.bounds
+    around = box(low_x - 3.0, low_y - 3.0, high_x + 3.0, high_y + 3.0)
+    assert unary_union([Polygon(wall) for wall in walls]).symmetric_difference(around - inside).area < 1e-6
+
+
+def test_vertices_that_rounding_joins_become_one() -> None:
+    sliver = Outline.polygon([[0.0, 0.0], [2.0, 0.0], [2.0 + 1e-13, 3e-13], [2.0, 1.0]]).rounded(9)
+    assert sliver.vertices is not None
+    assert len(sliver.vertices) == 3
+    assert np.all(np.isfinite(sliver.normals))
+    tiny = Outline.polygon([[0.0, 0.0], [1e-12, 0.0], [0.0, 1e-12]]).rounded(9)
+    assert np.all(np.isfinite(tiny.normals))
