@@ -9,7 +9,7 @@ acceleration are one polynomial each. Then, with interval enclosures of their de
   signed distance. With nu taken at m,  l(m + d) >= l(m) - |l'(m)| h - K h^2 / 2, where K bounds
   |r''| + |eta''| + growth'' on the interval. For a zone that turns, nu turns with it, and K contains that.
 - Curvature and lateral acceleration by the mean value form q(m) + [q'] h, q' enclosed by interval arithmetic.
-- Speed and acceleration by the control points of their splines (convex hull).
+- Speed and acceleration by the Bernstein coefficients of their pieces (convex hull), halved where that decides nothing.
 
 For clearance, nu is the direction from the centre at first, for all intervals and zones at once, and the exact normal
 where that does not decide. Intervals whose bound does not decide are halved or quartered, until all hold, a violation
@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.certificate.enclosures import _Enclosure, _greville, _Pieces
+from scp_planner.certificate.enclosures import _Enclosure, _Pieces
 from scp_planner.certificate.verdict import (
     ARRIVAL_TOLERANCE,
     CLEARANCE_TOLERANCE,
@@ -43,6 +43,7 @@ from scp_planner.certificate.verdict import (
 )
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.planning.plan import Plan
+from scp_planner.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
@@ -367,42 +368,30 @@ class _Check:
 
     def _speed_and_acceleration(self) -> dict[str, LimitUse]:
         trajectory, limits = self.trajectory, self.limits
-        speeds = trajectory.speed_control_points()
-        degree = trajectory.space.acceleration.coefficients.shape[1] - 1
-        breakpoints = tuple(trajectory.space.acceleration.breakpoints.tolist())
-        speed_sites, sites = _greville(breakpoints, degree + 1), _greville(breakpoints, degree)
-        fastest, slowest = int(np.argmax(speeds)), int(np.argmin(speeds))
+        basis, tau = trajectory.space.acceleration, trajectory.travel_time
+        speeds = basis.antiderivative.combine(tau * trajectory.beta)
+        speeds[:, 0] += trajectory.space.start_speed
+        accelerations = basis.combine(trajectory.beta)
         # Driving faster than allowed at the start is the scenario's business, not the plan's.
         top = max(limits.speed, self.start_speed)
-        self._note(
-            "speed",
-            float(speeds[fastest]),
-            top,
-            speed_sites[fastest],
-            float(speeds[fastest]) > top * (1 + RELATIVE_TOLERANCE),
-        )
-        self._note(
-            "speed",
-            float(speeds[slowest]),
-            0.0,
-            speed_sites[slowest],
-            float(speeds[slowest]) < -RELATIVE_TOLERANCE * top,
-        )
-        beta = trajectory.beta
-        use = np.maximum(beta / limits.acceleration, -beta / limits.deceleration)
-        worst = int(np.argmax(use))
-        allowed = limits.acceleration if beta[worst] > 0 else -limits.deceleration
-        self._note(
-            "acceleration",
-            float(beta[worst]),
-            allowed,
-            sites[worst],
-            float(use[worst]) > 1 + RELATIVE_TOLERANCE,
-        )
-        return {
-            "speed": LimitUse(float(speeds[fastest]), limits.speed, self._absolute(speed_sites[fastest])),
-            "acceleration": LimitUse(float(beta[worst]), allowed, self._absolute(sites[worst])),
-        }
+        fastest = self._kept("speed", speeds, top)
+        self._kept("speed", speeds, 0.0, -1.0, RELATIVE_TOLERANCE * top)
+        gained = self._kept("acceleration", accelerations, limits.acceleration)
+        lost = self._kept("acceleration", accelerations, limits.deceleration, -1.0)
+        gains = gained.worst / limits.acceleration >= -lost.worst / limits.deceleration
+        speed = LimitUse(fastest.worst, limits.speed, fastest.time)
+        return {"speed": speed, "acceleration": gained if gains else lost}
+
+    def _kept(
+        self, what: str, coefficients: Array, limit: float, sign: float = 1.0, tolerance: float | None = None
+    ) -> LimitUse:
+        """How far a piecewise polynomial of normalised time, times a sign, uses an upper limit; noted if beyond it."""
+        basis = self.trajectory.space.acceleration
+        allowed = limit + (RELATIVE_TOLERANCE * limit if tolerance is None else tolerance)
+        found = highest(sign * coefficients, allowed)
+        sigma = float(basis.breakpoints[found.piece] + found.local * basis.widths[found.piece])
+        self._note(what, sign * found.value, sign * limit, sigma, not found.kept)
+        return LimitUse(sign * found.value, sign * limit, self._absolute(sigma))
 
     def _note(
         self, what: str, value: float, allowed: float, sigma: float, broken: bool, obstacle: str | None = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,14 +83,3 @@ class _Enclosure:
             velocity + (offset * self.speed * self.curvature)[:, None] * across,
             own + abs(offset) * np.hypot(change, turning**2),
         )
-
-
-@lru_cache(maxsize=64)
-def _greville(breakpoints: tuple[float, ...], degree: int) -> Array:
-    """Sites in normalised time that the control points of a clamped spline belong to."""
-    breaks = np.array(breakpoints)
-    if degree == 0:
-        return 0.5 * (breaks[1:] + breaks[:-1])
-    knots = np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
-    count = len(knots) - degree - 1
-    return np.array([knots[k + 1 : k + degree + 1].mean() for k in range(count)])

@@ -7,6 +7,7 @@ A rule reads the fields that it needs; where one of them is faulty itself the ru
 from __future__ import annotations
 
 import itertools
+import logging
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -21,6 +22,11 @@ SAME_TIME = 1e-9
 """Parts of the step from one time to the next by which a time may be later than it may be."""
 CLOCK_DIGITS = 4.0
 """Units in the last place by which it may, too."""
+logger = logging.getLogger(__name__)
+
+LIKELY_DEGREES = 4.0 * math.pi
+"""rad; headings beyond this are told of."""
+
 SAME_PLACE = 1e-9
 """Relative to the coordinates: two points nearer than this are one point."""
 
@@ -91,6 +97,18 @@ def start_acceleration_is_allowed(scenario: Any) -> Iterator[Problem]:
     if value is not None and not -vehicle.max_deceleration <= value <= vehicle.max_acceleration:
         allowed = f"[{-vehicle.max_deceleration:g}, {vehicle.max_acceleration:g}]"
         yield Problem(("start", "acceleration"), value, f"must be in {allowed}, the vehicle's limits in m/s2")
+
+
+def heading_is_in_radians(end: Any) -> Iterator[Problem]:
+    """A heading of several turns is a legal one, but hardly meant: say so."""
+    if end.heading is not None and abs(end.heading) > LIKELY_DEGREES:
+        logger.warning(
+            "heading = %g rad is more than two turns, and almost certainly degrees; %g degrees are %.4f rad",
+            end.heading,
+            end.heading,
+            math.radians(end.heading),
+        )
+    yield from ()
 
 
 def box_is_not_empty(bounds: Any) -> Iterator[Problem]:

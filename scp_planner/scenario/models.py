@@ -62,6 +62,8 @@ class Vehicle(Part):
 class Start(Part):
     """Where and when the trip begins."""
 
+    rules: ClassVar[tuple[Rule, ...]] = (checks.heading_is_in_radians,)
+
     time: Number = Field(description="s, on the clock of the obstacles")
     position: Vector = Field(description="[x, y], m")
     heading: Number | None = Field(None, description="rad; null: free")
@@ -72,7 +74,7 @@ class Start(Part):
 class Goal(Part):
     """Where the trip ends, and when."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.arrival_is_possible,)
+    rules: ClassVar[tuple[Rule, ...]] = (checks.arrival_is_possible, checks.heading_is_in_radians)
 
     position: Vector = Field(description="[x, y], m")
     heading: Number | None = Field(None, description="rad; null: free")

@@ -398,6 +398,26 @@ def test_speed_and_acceleration_of_smooth_profiles_are_bounded(degree: int) -> N
         assert broken(verdict(the_scene(vehicle={limit: worst[limit] * 1.5 + 0.2}), trip)) == set()
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_limits_are_told_apart_to_a_millionth(seed: int, degree: int) -> None:
+    """Control points of smooth profiles lie farther beyond them than that."""
+    trip = random_trip(seed, acceleration_degree=degree)
+    reference = Reference(trip)
+    times = np.linspace(0.0, reference.tau, 200_001)
+    speed, acceleration = float(reference.speed(times).max()), reference.acceleration(times)
+    room = 1.0 + 1e-6
+    limits = {
+        "max_speed": speed * room,
+        "max_acceleration": float(acceleration.max()) * room,
+        "max_deceleration": max(-float(acceleration.min()) * room, 1e-3),
+    }
+    assert broken(verdict(the_scene(vehicle=limits), trip)) == set()
+    for name, what in (("max_speed", "speed"), ("max_acceleration", "acceleration")):
+        less = {**limits, name: limits[name] / room**2}
+        assert broken(verdict(the_scene(vehicle=less), trip)) == {what}
+
+
 def test_driving_backwards_is_refused() -> None:
     space = TripSpace(StraightGuide(20.0), 1.0, 3, 9, 0, (0.0, 0.3, 0.6, 1.0))
     beta = np.array([-0.5, 0.5, 0.6])
