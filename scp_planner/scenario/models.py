@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files
-from scp_planner.errors import ScenarioError, nearest
+from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics import planar
 from scp_planner.scenario import checks
@@ -25,6 +25,11 @@ from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, r
 from scp_planner.scenario.validation import Part, Rule, faults_of, variant
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
+MOST_OBSTACLES = 20_000
+"""In a file."""
+
+_SHAPE = b"shape"
+
 Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
@@ -343,6 +348,19 @@ class Obstacle(Part):
     margin: NotNegative = Field(0.0, description="extra clearance, m")
 
 
+def _check_count(path: str | PathLike[str]) -> None:
+    """Refuse a file of far more obstacles than a trip can be planned among, before it is parsed.
+
+    Each obstacle has a key `shape`, in YAML and in JSON; nothing else of a scenario has it but texts.
+    """
+    if Path(path).stat().st_size < MOST_OBSTACLES * len(_SHAPE):
+        return
+    count = Path(path).read_bytes().count(_SHAPE)
+    if count > MOST_OBSTACLES:
+        text = f"too many: about {count}; a file may have at most {MOST_OBSTACLES}"
+        raise ScenarioError(str(path), [Fault("obstacles", MISSING, text)])
+
+
 def _sampled(guide: Any) -> Any:
     """Points of a guide that is given as a curve, a callable of [0, 1] that returns [x, y] in m; others as they are."""
     if not callable(guide):
@@ -424,6 +442,7 @@ class Scenario(Part):
         OSError
             If the file cannot be read.
         """
+        _check_count(path)
         data, faults = files.read(path)
         faults = [*faults, *read_processes(data, Path(path).parent)]
         try:

@@ -11,9 +11,10 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from scp_planner import files
 from scp_planner.cli import app
 from scp_planner.errors import ScenarioError
-from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.models import MOST_OBSTACLES, Scenario
 
 DELETE = object()
 
@@ -505,3 +506,25 @@ def test_a_file_that_is_missing_is_refused_by_name(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert f"{tmp_path / 'none.yaml'}: No such file or directory" in result.stderr
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+def test_a_file_of_too_many_obstacles_is_refused_before_it_is_parsed(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "read", None)
+    one = '{"id": "o", "shape": {"disc": 1.0}, "motion": {"position": [0.0, 9.0]}}'
+    file = tmp_path / f"many{suffix}"
+    file.write_text('{"schema": 1, "obstacles": [\n' + ",\n".join([one] * (MOST_OBSTACLES + 1)) + "]}")
+    with pytest.raises(ScenarioError, match=rf"obstacles: too many: about {MOST_OBSTACLES + 1}; .* {MOST_OBSTACLES}"):
+        Scenario.load(file)
+
+
+@pytest.mark.parametrize("place", ["start", "goal"])
+@pytest.mark.parametrize(("heading", "told"), [(90.0, True), (-45.0, True), (3.2, False), (-7.0, False)])
+def test_a_heading_that_is_almost_certainly_degrees_is_told_of(
+    place: str, heading: float, told: bool, scenario_data: dict[str, Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    scenario_data[place]["heading"] = heading
+    Scenario(**scenario_data)
+    assert ("almost certainly degrees" in caplog.text) == told
