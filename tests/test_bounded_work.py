@@ -145,3 +145,18 @@ def test_a_trip_that_takes_no_time_is_not_certified() -> None:
     trip = Trip(plan.trip.frame, Trajectory(trajectory.path, trajectory.beta, 0.0))
     certificate = sp.certify(scene(), replace(plan, trip=trip))
     assert [violation.what for violation in certificate.violations] == ["travel time"]
+
+
+@pytest.mark.parametrize(("speed", "told"), [(0.1, True), (3.0, False)])
+def test_a_trip_beyond_the_horizon_of_estimated_zones_is_told_of(
+    speed: float, told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    seen = {"time": [-0.2, -0.1, 0.0], "position": [[0.0, 900.0]] * 3, "covariance": [[0.01, 0.0], [0.0, 0.01]]}
+    far = {"id": "far", "shape": {"disc": 0.1}, "observations": seen, "model": {"order": 0}}
+    scenario = scene(far, vehicle={"max_speed": speed}, start={"speed": 0.0})
+    plan = sp.plan(scenario)
+    assert plan.certified
+    assert ("observed obstacles" in caplog.text) == told
+    caplog.clear()
+    sp.certify(scenario, plan)
+    assert ("observed obstacles" in caplog.text) == told

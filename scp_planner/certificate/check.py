@@ -20,6 +20,7 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -50,11 +51,13 @@ from scp_planner.scenario.places import Stretch, stretches
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
-from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.of_scenario import HORIZON, ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.space import CELLS_PER_SPAN
 from scp_planner.trips.trajectory import Trajectory, TripSpace
 from scp_planner.trips.trip import Trip
+
+logger = logging.getLogger(__name__)
 
 MAX_HALVINGS = 22
 MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
@@ -84,7 +87,20 @@ def certify(scenario: Scenario, plan: Plan, threat_zones: Sequence[ThreatZone] |
     -------
     Certificate
     """
+    tell_of_horizon(scenario, plan.trip)
     return certify_trip(scenario, plan.trip, ZonesOf(scenario) if threat_zones is None else threat_zones)
+
+
+def tell_of_horizon(scenario: Scenario, trip: Trip) -> None:
+    """Warn of a trip that is longer than the zones of observed obstacles are made for: beyond, nothing is known."""
+    beyond = trip.frame.time + trip.trajectory.travel_time - (scenario.start.time + HORIZON)
+    if beyond > 0.0 and any(obstacle.observations is not None for obstacle in scenario.obstacles):
+        logger.warning(
+            "the trip ends %.4g s after the zones of observed obstacles do, which hold for %g s: the certificate says"
+            " nothing of what they do later",
+            beyond,
+            HORIZON,
+        )
 
 
 def certify_trip(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.check import certify_trip, tell_of_horizon
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.remaining import arriving
@@ -381,6 +381,7 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
 
 def _verdict(search: _Planning, run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
     if certificate.holds:
+        tell_of_horizon(search.scenario, search.trip(run))
         return PlanStatus.CERTIFIED, None
     now = perf_counter()
     hopeless = search.deadline - now > PROOF_TIME and (certificate.late or not run.feasible)
