@@ -11,6 +11,7 @@ from benchmarks.families import as_scenario
 from benchmarks.peers.base import TIME_LIMIT, Attempt, Scenario
 from benchmarks.peers.starts import Start, first_guess
 from scp_planner.arrays import Array
+from scp_planner.trips.trajectory import Trajectory
 
 
 class WholePlan:
@@ -162,4 +163,4 @@ def fitted(problem: Any, scenario: Scenario, start: Start) -> Any:
     if space.acceleration_size != middles.size:
         middles = np.linspace(0.0, 1.0, space.acceleration_size)
     shares = (guess.times - guess.times[0]) / guess.duration
-    return space.trajectory(theta, np.interp(middles, shares, guess.accelerations))
+    return Trajectory.of(space, theta, np.interp(middles, shares, guess.accelerations))

@@ -412,7 +412,7 @@ class Descent:
         omega = self._omega(y)
         theta = self.problem.ends.theta.copy()
         theta[self.problem.ends.free] = omega[: self.path_size]
-        return self.problem.space.trajectory(theta, omega[self.path_size :])
+        return Trajectory.of(self.problem.space, theta, omega[self.path_size :])
 
     def _exact(self) -> Evaluation:
         return evaluate_trip(self.problem, self._trajectory(self.y), NEAR)

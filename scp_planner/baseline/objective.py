@@ -257,7 +257,7 @@ class PenalisedObjective:
         """Return the trip with given variables; its travel time is infinite outside D0(v0)."""
         theta = self.problem.ends.theta.copy()
         theta[self.problem.ends.free] = omega[: self.path_size]
-        return self.problem.space.trajectory(theta, omega[self.path_size :])
+        return Trajectory.of(self.problem.space, theta, omega[self.path_size :])
 
     def value(self, omega: Array) -> float:
         """Return Q(omega), s."""

@@ -162,7 +162,7 @@ def _as_start(problem: Problem, start: Plan | Trajectory) -> Trajectory:
         raise ValueError("start: it never arrives")
     theta = problem.ends.theta.copy()
     theta[problem.ends.free] = trajectory.theta[problem.ends.free]
-    return mine.trajectory(theta, trajectory.beta)
+    return Trajectory.of(mine, theta, trajectory.beta)
 
 
 def _verdict(scenario: Scenario, trip: Trip, best: CheckedDescent) -> tuple[PlanStatus, str | None]:

@@ -53,8 +53,8 @@ from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
 from scp_planner.threat_zones.of_scenario import HORIZON, ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.trips.space import CELLS_PER_SPAN
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import CELLS_PER_SPAN, TripSpace
+from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 logger = logging.getLogger(__name__)

@@ -637,7 +637,7 @@ class Planner:
                 return None
             beta = ahead.beta.copy()
             beta[0] = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
-            trial = problem.space.trajectory(ahead.theta, beta)
+            trial = Trajectory.of(problem.space, ahead.theta, beta)
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
             vetted = self._vet(now, problem, trial)

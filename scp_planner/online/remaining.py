@@ -15,7 +15,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.guide import Guide
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 
@@ -173,10 +174,10 @@ def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float, n
     -------
     Trajectory
     """
-    trip = space.trajectory(theta, beta, near)
+    trip = Trajectory.of(space, theta, beta, near)
     for _ in range(MOST_STRETCHES):
         if np.isfinite(trip.travel_time):
             return trip
         beta = 0.5 * (beta + acceleration)
-        trip = space.trajectory(theta, beta)
-    return space.trajectory(theta, np.full_like(beta, acceleration))
+        trip = Trajectory.of(space, theta, beta)
+    return Trajectory.of(space, theta, np.full_like(beta, acceleration))

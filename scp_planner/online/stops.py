@@ -20,7 +20,8 @@ from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 STANDING = 1e-3

@@ -21,7 +21,8 @@ from scp_planner.files import LARGEST_COORDINATE, write_text
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.trips.guide import Guide, guide_from_dict
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import _Reader
 
@@ -429,7 +430,7 @@ def _trajectory_in(reader: _Reader) -> Trajectory:
     travel_time = reader.coordinate("travel_time")
     if travel_time <= 0.0:
         raise reader.fault("travel_time", travel_time, "greater than 0")
-    trajectory = space.trajectory(theta, beta, travel_time)
+    trajectory = Trajectory.of(space, theta, beta, travel_time)
     if not isfinite(trajectory.path.arc_length):
         raise reader.part("path").fault("offsets", theta.tolist(), "a path of finite length")
     stops = reader.data.get("stops", False)

@@ -25,7 +25,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
-from scp_planner.trips.trajectory import TripSpace
+from scp_planner.trips.space import TripSpace
 
 REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
 OPTIONAL_MARGIN = 2.5e-4  # relative, of optional limits, besides the margin of all limits

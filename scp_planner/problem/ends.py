@@ -11,7 +11,7 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import ANGLE_DECIMALS
 from scp_planner.scenario.models import Scenario
-from scp_planner.trips.trajectory import TripSpace
+from scp_planner.trips.space import TripSpace
 
 STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
 INSIDE = 1e-6  # m, from the border of the goal

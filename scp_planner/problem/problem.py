@@ -18,8 +18,7 @@ from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.trips.space import TimeTable
-from scp_planner.trips.trajectory import TripSpace
+from scp_planner.trips.space import TimeTable, TripSpace
 
 if TYPE_CHECKING:
     from scp_planner.scp.given import GivenConstraints

@@ -434,7 +434,7 @@ class ScpLoop:
         beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
         if self.problem.ends.start_acceleration is not None:
             beta[0] = self.problem.ends.start_acceleration  # the row is exact to first order
-        moved = self.problem.space.trajectory(theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
+        moved = Trajectory.of(self.problem.space, theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
         return moved if np.isfinite(moved.travel_time) else None
 
     def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: _Cutoff) -> Status | None:

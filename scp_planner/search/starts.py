@@ -23,7 +23,7 @@ def bows(problem: Problem) -> Iterator[Trajectory]:
             beta[: max(1, space.acceleration_size // 5)] = speeding * problem.limits.acceleration
             if space.start_speed == 0.0:
                 beta[:] = np.maximum(beta, 0.05 * problem.limits.acceleration)
-            yield space.trajectory(theta, beta)
+            yield Trajectory.of(space, theta, beta)
 
 
 DELAY_STEPS = (0.05, 0.2, 0.8)  # s; coarser ones are tried only where there is no way with short delays

@@ -360,10 +360,10 @@ class WaySearch:
         late = np.maximum(driven - way.stations, 0.0) / self.problem.limits.speed
         beta = self._drive(way.times + late, driven)
         fastest = self._fastest_drive(float(path.arc_length))
-        trip = space.trajectory(theta, beta, float(way.times[-1]))
+        trip = Trajectory.of(space, theta, beta, float(way.times[-1]))
         while not np.isfinite(trip.travel_time):  # the fit stops short of the goal
             beta = 0.5 * (beta + fastest)
-            trip = space.trajectory(theta, beta)
+            trip = Trajectory.of(space, theta, beta)
         return trip
 
     def _fastest_drive(self, length: float) -> Array:

@@ -15,9 +15,17 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.splines import evaluate
-from scp_planner.trips.path import PathBend, PathPoints, bend_from, curvature_rate_from, inverted, points_from
-from scp_planner.trips.space import TimeTable
-from scp_planner.trips.trajectory import STILL, Arrivals, Trajectory, TripPoints, TripSpace
+from scp_planner.trips.path import (
+    PathBend,
+    PathPoints,
+    bend_from,
+    curvature_rate_from,
+    inverted,
+    points_from,
+    station_bend,
+)
+from scp_planner.trips.space import TimeTable, TripSpace
+from scp_planner.trips.trajectory import STILL, Arrivals, Trajectory, TripPoints
 
 
 def stacked(arrays: Sequence[Array]) -> Array:
@@ -191,7 +199,7 @@ class TripBundle:
         if self.single:
             bend = self.paths[0].station_bend
             return PathBend(*(getattr(bend, name)[None] for name in ("curvature", "value", "slope", "bend")))
-        return self.space.station_bend(self.thetas)
+        return station_bend(self.space, self.thetas)
 
     def arrivals_each(self, distances: Array) -> Arrivals:
         """When, and how fast, each vehicle has driven its distances, (K, n) m; results are flat."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from math import factorial, perm
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +14,7 @@ from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import expanded
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.guide import GuideFrame
-from scp_planner.trips.space import QUADRATURE_ORDER
-
-if TYPE_CHECKING:
-    from scp_planner.trips.trajectory import TripSpace
+from scp_planner.trips.space import QUADRATURE_ORDER, TripSpace
 
 NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
 
@@ -229,7 +225,7 @@ class Path:
     @cached_property
     def station_bend(self) -> PathBend:
         """Curvature at the fixed stations, with its derivatives."""
-        return self.space.station_bend(self.theta)
+        return station_bend(self.space, self.theta)
 
     @cached_property
     def station_positions(self) -> Array:
@@ -391,6 +387,20 @@ def curvature_rate_from(space: TripSpace, points: PathPoints, bend: Array, third
     turn = p * across - q * along
     turn_rate = p_rate * across + p * across_rate - bend * along - q * along_rate
     return (turn_rate - 3.0 * turn * (p * p_rate + q * bend) / squared) / (squared * points.speed)
+
+
+def station_bend(space: TripSpace, theta: Array) -> PathBend:
+    """Return the curvature at the fixed stations, with its derivatives, of one path (K1,) or of several (K, K1)."""
+    tables = space.tables
+    slope = theta @ tables.station_slopes.T
+    slope /= space.length
+    bend = theta @ tables.station_bends.T
+    bend /= space.length**2
+    if space.station_frame is None:
+        return _curvature(None, slope, slope, bend, np.sqrt(1.0 + slope * slope))
+    offset = theta @ tables.station_rows.T
+    speed = np.hypot(1.0 - space.station_frame.curvature * offset, slope)
+    return _curvature(space.station_frame, offset, slope, bend, speed)
 
 
 def _curvature(frame: GuideFrame | None, offset: Array, slope: Array, bend: Array, speed: Array) -> PathBend:

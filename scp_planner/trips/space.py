@@ -1,19 +1,55 @@
-"""Times at which a trip is looked at, and the splines there."""
+"""The splines of a trip over a given guide, with all that can be known of them before there is a trip."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import sqrt
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.splines import PiecewiseBasis, antiderivative_control_points, clamped_basis
+from scp_planner.trips.guide import Guide
 
 QUADRATURE_ORDER = 6  # Gauss nodes a cell: 4 left jumps of 1e-5 m/s in the speed over ground between cells
 CELLS_PER_SPAN = 5  # the ends of cells are the stations at which curvature is limited
 _POWERS = np.arange(1, QUADRATURE_ORDER + 1)
+MOST_BYTES = 512_000_000  # of the tables of one spline
+_ENTRY_BYTES = 8
+PATH_ENTRIES = 2 * CELLS_PER_SPAN * QUADRATURE_ORDER + 3 * CELLS_PER_SPAN + CELLS_PER_SPAN**2 + 50
+"""A span and a control point: two rows a node, three a station, the running sum, and the bases themselves."""
+ACCELERATION_ENTRIES = 50
+"""A span and a control point: the bases, alone and side by side."""
+
+
+def check_size(path_spans: int, acceleration_spans: int) -> None:
+    """Refuse splines whose tables would not fit into memory, before anything is allocated.
+
+    The tables are dense: so many cells, nodes and control points grow with the square of the number of spans.
+
+    Parameters
+    ----------
+    path_spans, acceleration_spans : int
+
+    Raises
+    ------
+    TooLargeError
+        Naming what would be needed and what is allowed.
+    """
+    for what, spans, each in (
+        ("path", path_spans, PATH_ENTRIES),
+        ("acceleration", acceleration_spans, ACCELERATION_ENTRIES),
+    ):
+        needed = each * _ENTRY_BYTES * spans * spans
+        if needed > MOST_BYTES:
+            most = int(sqrt(MOST_BYTES / (each * _ENTRY_BYTES)))
+            raise TooLargeError(
+                f"{what}: {spans} spans of its spline would take {needed / 1e6:.0f} MB; at most {most} spans,"
+                f" {MOST_BYTES / 1e6:.0f} MB, are allowed"
+            )
 
 
 @dataclass(frozen=True)
@@ -127,3 +163,92 @@ def _leverage(degree: int, spans: int) -> Array:
 @lru_cache(maxsize=32)
 def _tables(path_degree: int, path_spans: int, acceleration_degree: int, breakpoints: tuple[float, ...]) -> _Tables:
     return _Tables(path_degree, path_spans, acceleration_degree, breakpoints)
+
+
+class TripSpace:
+    """The set of trips with given splines over a given guide: all that stays the same from step to step.
+
+    Parameters
+    ----------
+    guide : Guide
+    start_speed : float
+        v0 in m/s.
+    path_degree, path_spans : int
+        B-spline of the offset, on equal spans of the guide.
+    acceleration_degree : int
+        0 (piecewise constant) to 2.
+    acceleration_breakpoints : tuple of float
+        In normalised time, from 0 to 1.
+
+    Raises
+    ------
+    TooLargeError
+        If their tables would take more memory than is allowed; see :func:`check_size`.
+    """
+
+    def __init__(
+        self,
+        guide: Guide,
+        start_speed: float,
+        path_degree: int,
+        path_spans: int,
+        acceleration_degree: int,
+        acceleration_breakpoints: tuple[float, ...],
+    ) -> None:
+        check_size(path_spans, len(acceleration_breakpoints) - 1)
+        self.guide = guide
+        self.length = guide.length
+        self.start_speed = float(start_speed)
+        self.tables = _tables(
+            path_degree, path_spans, acceleration_degree, tuple(float(s) for s in acceleration_breakpoints)
+        )
+        self.path = self.tables.path
+        self.acceleration = self.tables.acceleration
+        self.frame = None if guide.straight else guide.frame(self.tables.node_parameters * self.length)
+        self.station_frame = None if guide.straight else guide.frame(self.tables.station_parameters * self.length)
+
+    @property
+    def path_size(self) -> int:
+        """Number K1 of control points of the offset."""
+        return self.path.size
+
+    @property
+    def acceleration_size(self) -> int:
+        """Number K2 of control points of the acceleration."""
+        return self.acceleration.size
+
+    def time_table(self, sigma: Array) -> TimeTable:
+        """Return the rows of the acceleration bases at normalised times, (n,)."""
+        return self.tables.time_table(sigma)
+
+    def travel_time(self, arc_length: float, beta: Array, near: float = 0.0) -> float:
+        """Closed form of the travel time ([ZS] section 2).
+
+        The least positive root of v0 tau + A tau^2 = L in the form that loses no digits,
+        tau = 2 L / (v0 + sqrt(v0^2 + 4 A L)), A = C2(1) beta. If A < 0 there is another one, above 2 L / v0: of trips
+        that wait for long.
+
+        Parameters
+        ----------
+        arc_length : float
+            m.
+        beta : (K2,) array
+            m/s^2.
+        near : float
+            s; of two roots the one that is nearer to this.
+
+        Returns
+        -------
+        float
+            Seconds; inf where the vehicle never arrives.
+        """
+        gain = float(self.tables.final_distance @ beta)
+        discriminant = self.start_speed**2 + 4.0 * gain * arc_length
+        if discriminant < 0.0:
+            return float("inf")
+        denominator = self.start_speed + sqrt(discriminant)
+        least = 2.0 * arc_length / denominator if denominator > 0.0 else float("inf")
+        if near > least and gain < 0.0:
+            other = denominator / (-2.0 * gain)
+            return other if abs(other - near) < near - least else least
+        return least

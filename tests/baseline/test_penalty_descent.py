@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
@@ -21,7 +22,7 @@ from scp_planner.search.starts import starts
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import solver_named
 from scp_planner.threat_zones.of_scenario import zones
-from tests.clock import FakeClock
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -73,7 +74,7 @@ def test_a_start_with_other_splines_is_refused() -> None:
 def test_a_start_that_never_arrives_is_refused() -> None:
     problem = build_problem(scene(), (), SMALL)
     space = problem.space
-    standing = space.trajectory(np.zeros(space.path_size), np.full(space.acceleration_size, -1.0))
+    standing = Trajectory.of(space, np.zeros(space.path_size), np.full(space.acceleration_size, -1.0))
     with pytest.raises(ValueError, match="never arrives"):
         sp.penalty_descent(scene(), SMALL, start=standing)
 
@@ -201,7 +202,7 @@ def test_scaled_offsets_have_unit_curvature_of_the_arc_length() -> None:
         theta = np.zeros(space.path_size)
         theta[free] = scaling @ y
         gradient: np.ndarray = (
-            scaling.T @ space.trajectory(theta, np.zeros(space.acceleration_size)).path.final_gradient[free]
+            scaling.T @ Trajectory.of(space, theta, np.zeros(space.acceleration_size)).path.final_gradient[free]
         )
         return gradient / problem.limits.speed
 

@@ -26,7 +26,8 @@ from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import GuideFrame, StraightGuide
 from scp_planner.trips.path import Path
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 pytestmark = pytest.mark.numerics
@@ -69,7 +70,7 @@ def random_trip(
     theta[0] = theta[-1] = 0.0
     beta = rng.uniform(-0.15, 0.6, space.acceleration_size)
     beta[0], beta[3] = 0.8, -0.2
-    return Trip(frame, space.trajectory(theta, beta))
+    return Trip(frame, Trajectory.of(space, theta, beta))
 
 
 class Reference:
@@ -421,7 +422,7 @@ def test_limits_are_told_apart_to_a_millionth(seed: int, degree: int) -> None:
 def test_driving_backwards_is_refused() -> None:
     space = TripSpace(StraightGuide(20.0), 1.0, 3, 9, 0, (0.0, 0.3, 0.6, 1.0))
     beta = np.array([-0.5, 0.5, 0.6])
-    trip = Trip(FRAME, space.trajectory(np.zeros(space.path_size), beta))
+    trip = Trip(FRAME, Trajectory.of(space, np.zeros(space.path_size), beta))
     assert Reference(trip).speed(np.array([0.3 * trip.trajectory.travel_time]))[0] < 0.0
     assert broken(verdict(the_scene(), trip)) == {"speed"}
 
@@ -682,7 +683,7 @@ def test_sigma_at_where_the_vehicle_stops_and_waits() -> None:
     space = TripSpace(StraightGuide(20.0), 2.0, 3, 9, 0, (0.0, 0.2, 0.5, 1.0))
     # Brakes to a stop in the first part, waits in the second, drives on in the third: v0 = 0.2 tau a
     tau = brentq(lambda t: 2.0 * 0.2 * t / 2.0 + 0.5 * 1.2 * (0.5 * t) ** 2 - 20.0, 1.0, 60.0)
-    trajectory = space.trajectory(np.zeros(space.path_size), np.array([-2.0 / (0.2 * tau), 0.0, 1.2]))
+    trajectory = Trajectory.of(space, np.zeros(space.path_size), np.array([-2.0 / (0.2 * tau), 0.0, 1.2]))
     assert trajectory.travel_time == pytest.approx(tau)
     stop = 0.2 * tau
     sigma = trajectory.arrivals(np.array([stop - 1e-6, stop, stop + 1e-6])).sigma

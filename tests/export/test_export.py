@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import disc, scene
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -25,7 +26,6 @@ from scp_planner.export import (
     save_messages,
     save_table,
 )
-from tests.scenes import disc, scene
 
 pytestmark = pytest.mark.numerics
 

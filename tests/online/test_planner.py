@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clock import FakeClock
+from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from benchmarks.dense_check import check_trip
@@ -26,8 +28,6 @@ from scp_planner.problem.build import build_problem
 from scp_planner.settings.online import OnlineSettings, Safety
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.trips.trip import Trip
-from tests.clock import FakeClock
-from tests.scenes import CROSSERS, disc, scene
 
 pytestmark = pytest.mark.numerics
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.certificate.lower_bound import no_trip_within
 from scp_planner.certificate.verdict import Certificate, Clearance, Violation
 from scp_planner.planning.explain import grave_violations
-from tests.clock import FakeClock
 
 pytestmark = pytest.mark.numerics
 

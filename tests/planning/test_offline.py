@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
@@ -14,7 +15,7 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Status
 from scp_planner.search.starts import bows
 from scp_planner.solvers import solver_named
-from tests.clock import FakeClock
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -192,7 +193,7 @@ def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
     trip = best.evaluation.trajectory
     theta = trip.theta.copy()
     theta[problem.ends.free] += 0.3 * np.sin(np.linspace(0.0, np.pi, len(theta)))[problem.ends.free]
-    near = problem.space.trajectory(theta, 0.9 * trip.beta, trip.travel_time)
+    near = Trajectory.of(problem.space, theta, 0.9 * trip.beta, trip.travel_time)
     alone, against = loop.run(near, 60), loop.run(near, 60, rival=best.evaluation)
     assert alone.evaluation.trajectory.travel_time == pytest.approx(trip.travel_time, abs=1e-3)
     assert against.status is Status.SAME_WAY

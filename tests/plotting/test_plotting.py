@@ -22,6 +22,7 @@ from matplotlib.image import imread
 from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.text import Annotation, Text
 from PIL import Image
+from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner import builtin
@@ -30,7 +31,6 @@ from scp_planner.plotting.animation import Film
 from scp_planner.plotting.maps import border_of
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.style import COLOURS, GREY, style
-from tests.scenes import disc, scene
 
 Case = tuple[sp.Plan, sp.Scenario]
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import disc, scene
 from shapely import Polygon, unary_union
 
 import scp_planner as sp
@@ -16,7 +17,6 @@ from scp_planner.arrays import Array
 from scp_planner.plotting.borders import boundary_of
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from tests.scenes import disc, scene
 
 pytestmark = pytest.mark.numerics
 

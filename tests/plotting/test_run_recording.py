@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner import builtin
@@ -17,7 +18,6 @@ from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.viewer import save_recording
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
-from tests.scenes import scene
 
 pytestmark = pytest.mark.numerics
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser import BROWSER_VARIABLE, Browser, find_browser
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.viewer import save_recording, save_viewer, to_html
-from tests.browser import BROWSER_VARIABLE, Browser, find_browser
-from tests.scenes import scene
 
 
 @pytest.fixture(scope="module")

@@ -154,12 +154,12 @@ def test_an_end_beyond_the_radius_is_refused() -> None:
     problem = build_problem(scenario, sp.zones(scenario), sp.Settings())
     theta = plan.trip.trajectory.theta.copy()
     theta[-1] = problem.ends.upper[-1] + 1e-3
-    trip = Trip(plan.trip.frame, problem.space.trajectory(theta, plan.trip.trajectory.beta))
+    trip = Trip(plan.trip.frame, Trajectory.of(problem.space, theta, plan.trip.trajectory.beta))
     assert isinstance(trip.trajectory, Trajectory)
     broken = {violation.what for violation in sp.certify(scenario, replace(plan, trip=trip)).violations}
     assert "distance from the goal" in broken
     theta[-1] = problem.ends.upper[-1]
-    trip = Trip(plan.trip.frame, problem.space.trajectory(theta, plan.trip.trajectory.beta))
+    trip = Trip(plan.trip.frame, Trajectory.of(problem.space, theta, plan.trip.trajectory.beta))
     broken = {violation.what for violation in sp.certify(scenario, replace(plan, trip=trip)).violations}
     assert "distance from the goal" not in broken
 

@@ -17,6 +17,7 @@ import shapely.affinity
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner import builtin, files
@@ -36,7 +37,6 @@ from scp_planner.scenario.models import (
     Start,
     Vehicle,
 )
-from tests.scenes import scene
 
 SUFFIXES = (".yaml", ".yml", ".json")
 

@@ -17,6 +17,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QuadraticProgram, Solution, SolverStatus, solver_named
 from scp_planner.solvers.cvxpy_solver import CvxpySolver
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -91,7 +92,7 @@ def test_variables_say_what_the_trip_does(scenario: sp.Scenario, guide: Any, deg
     theta = problem.ends.theta.copy()
     free = problem.ends.free
     theta[free] += rng.uniform(-0.5, 0.5, free.stop - free.start)
-    trajectory = problem.space.trajectory(theta, rng.uniform(0.0, 0.4, problem.space.acceleration_size))
+    trajectory = Trajectory.of(problem.space, theta, rng.uniform(0.0, 0.4, problem.space.acceleration_size))
     seen: list[TripVariables] = []
 
     def remember(trip: TripVariables) -> list[Any]:

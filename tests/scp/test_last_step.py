@@ -48,7 +48,7 @@ def step() -> tuple[Problem, LastStep, Array]:
     theta = problem.ends.theta.copy()
     free = problem.ends.free
     theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
-    trip = problem.space.trajectory(theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
+    trip = Trajectory.of(problem.space, theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
     z = 1e-3 * rng.normal(size=problem.step_size)
     kinematics = KinematicRows(problem)
     prices = np.zeros(len(kinematics.bound))

@@ -40,7 +40,7 @@ def problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) ->
     free = problem.ends.free
     theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
     beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
-    return problem, problem.space.trajectory(theta, beta)
+    return problem, Trajectory.of(problem.space, theta, beta)
 
 
 def moved(problem: Problem, trip: Trajectory, z: Array) -> Trajectory:

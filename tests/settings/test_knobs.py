@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clock import FakeClock
+from scenes import CROSSERS, scene
 
 import scp_planner
 import scp_planner as sp
@@ -26,8 +28,6 @@ from scp_planner.plotting import View, views
 from scp_planner.scenario.models import ConfidenceLevel
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
 from scp_planner.settings.online import Newcomers, Safety
-from tests.clock import FakeClock
-from tests.scenes import CROSSERS, scene
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
 EVERY = [

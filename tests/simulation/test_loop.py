@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import CROSSERS, disc, scene
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -23,7 +24,6 @@ from scp_planner.simulation.loop import Follower, simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation.worlds import SocialForces, VehicleState, World
-from tests.scenes import CROSSERS, disc, scene
 
 pytestmark = pytest.mark.numerics
 

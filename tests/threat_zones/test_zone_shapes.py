@@ -14,6 +14,7 @@ import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.trips.trajectory import Trajectory
 from tests.threat_zones.test_of_scenario import observed
 
 pytestmark = pytest.mark.numerics
@@ -255,7 +256,7 @@ def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
         theta[free] = rng.uniform(1.0, 3.5) * np.sin(np.linspace(0.0, np.pi, len(theta)))[free] + 0.1 * rng.normal(
             size=len(theta[free])
         )
-        trip = problem.space.trajectory(theta, rng.uniform(0.0, 0.6, problem.space.acceleration_size))
+        trip = Trajectory.of(problem.space, theta, rng.uniform(0.0, 0.6, problem.space.acceleration_size))
         found = evaluate_trip(problem, trip, 1.5)
         there = trip.at(dense)
         least = problem.zones.distances(there.time, there.path.position).min()

@@ -49,7 +49,7 @@ def loud(degree: int) -> tuple[Problem, list[Trajectory]]:
         free = problem.ends.free
         # From trips that bend hardly to trips that bend too much: some have peaks of the lateral acceleration
         theta[free] = 0.1 * seed * rng.normal(size=free.stop - free.start)
-        trips.append(problem.space.trajectory(theta, rng.uniform(-0.2, 0.5, problem.space.acceleration_size)))
+        trips.append(Trajectory.of(problem.space, theta, rng.uniform(-0.2, 0.5, problem.space.acceleration_size)))
     return problem, trips
 
 

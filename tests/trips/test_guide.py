@@ -10,6 +10,7 @@ import pytest
 from scenes import scene
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
+from scp import test_linearisation
 
 import scp_planner as sp
 from benchmarks.dense_check import check_trip
@@ -19,8 +20,8 @@ from scp_planner.problem.guides import guide_along
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict, smooth_guide
-from scp_planner.trips.trajectory import Trajectory, TripSpace
-from tests.scp import test_linearisation
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -132,7 +133,7 @@ def trip_over(name: str, degree: int = 3) -> Trajectory:
     rng = np.random.default_rng(2)
     theta = 0.25 * rng.normal(size=trips.path_size)
     theta[[0, -1]] = 0.0
-    return trips.trajectory(theta, rng.uniform(0.0, 0.4, trips.acceleration_size))
+    return Trajectory.of(trips, theta, rng.uniform(0.0, 0.4, trips.acceleration_size))
 
 
 @pytest.mark.parametrize("name", ["corner", "u-turn", "arc"])
@@ -172,7 +173,7 @@ def test_gradients_over_a_curved_guide_agree_with_differences() -> None:
         moved = [trip.theta.copy() for _ in range(2)]
         moved[0][k] += step
         moved[1][k] -= step
-        paths = [trips.trajectory(theta, trip.beta).path for theta in moved]
+        paths = [Trajectory.of(trips, theta, trip.beta).path for theta in moved]
         lengths = [path.arc_length_at(at) for path in paths]
         np.testing.assert_allclose(gradient[:, k], (lengths[0] - lengths[1]) / (2 * step), atol=1e-7)
         curvatures = [path.station_bend.curvature for path in paths]
@@ -217,7 +218,7 @@ def curved_problem_and_trip(degree: int, heading: float | None = 0.1, seed: int 
     theta, free = problem.ends.theta.copy(), problem.ends.free
     theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
     assert np.all((theta[free] < problem.ends.upper[free]) & (theta[free] > problem.ends.lower[free]))
-    return problem, problem.space.trajectory(theta, rng.uniform(-0.2, 0.5, problem.space.acceleration_size))
+    return problem, Trajectory.of(problem.space, theta, rng.uniform(-0.2, 0.5, problem.space.acceleration_size))
 
 
 @pytest.mark.parametrize(
@@ -303,7 +304,7 @@ def test_offsets_stay_where_the_guide_does_not_fold() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         theta = np.where(rng.uniform(size=space.path_size) < 0.5, ends.lower, ends.upper)
-        points = space.trajectory(theta, np.zeros(space.acceleration_size)).path.points(np.linspace(0, 1, 999))
+        points = Trajectory.of(space, theta, np.zeros(space.acceleration_size)).path.points(np.linspace(0, 1, 999))
         assert points.stretch.min() > 0.15
 
 

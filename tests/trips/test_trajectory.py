@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from scp_planner.trips.guide import StraightGuide
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -24,7 +25,7 @@ def random_trip(trips: TripSpace, seed: int = 0) -> Trajectory:
     rng = np.random.default_rng(seed)
     theta = 0.5 * rng.normal(size=trips.path_size)
     theta[0] = theta[-1] = 0.0
-    return trips.trajectory(theta, rng.uniform(-0.1, 0.5, trips.acceleration_size))
+    return Trajectory.of(trips, theta, rng.uniform(-0.1, 0.5, trips.acceleration_size))
 
 
 def slope(trip: Trajectory, parameter: float) -> float:
@@ -141,7 +142,7 @@ def test_a_standing_vehicle_has_some_time_for_its_distance() -> None:
         speed = 1.0 - tau * 0.19 * 1.0
         low, high = (tau, high) if speed > 0 else (low, tau)
     beta[:2] = -1.0 / (tau * 0.19)
-    trip = Trajectory(trips.trajectory(theta, np.abs(beta)).path, beta, tau)
+    trip = Trajectory(Trajectory.of(trips, theta, np.abs(beta)).path, beta, tau)
     stopped = trip.at(trips.time_table(np.array([0.19, 0.3, 0.4])))
     np.testing.assert_allclose(stopped.speed, 0.0, atol=1e-9)
     sigma = trip.arrivals(stopped.distance).sigma
@@ -158,6 +159,6 @@ def test_gradients_of_the_arc_length_agree_with_differences() -> None:
         moved = [trip.theta.copy() for _ in range(2)]
         moved[0][k] += step
         moved[1][k] -= step
-        lengths = [trips.trajectory(theta, trip.beta).path.arc_length_at(parameters) for theta in moved]
+        lengths = [Trajectory.of(trips, theta, trip.beta).path.arc_length_at(parameters) for theta in moved]
         np.testing.assert_allclose(gradient[:, k], (lengths[0] - lengths[1]) / (2 * step), atol=1e-8)
     np.testing.assert_allclose(gradient[-1], trip.path.final_gradient, atol=1e-12)

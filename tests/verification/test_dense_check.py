@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import scene
 
 import scp_planner
 from benchmarks import dense_check
 from benchmarks.dense_check import Tolerances, check_samples, check_trip
 from scp_planner.arrays import Array
-from tests.scenes import scene
 
 VEHICLE = {
     "radius": 0.3,

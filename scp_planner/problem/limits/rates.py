@@ -19,7 +19,8 @@ from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.speed import squared_speed_gradient
 from scp_planner.trips.path import Path, curvature_rate_from
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 
 IN_SPAN = np.array([1e-6, 0.2, 0.4, 0.6, 0.8, 1.0 - 1e-6])  # places in each span of the offset
 SLOWEST = 1e-3  # m/s; the derivative of a speed that is a root is taken no nearer to 0

@@ -11,7 +11,8 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.scenario.places import Line, Stretch, limits_at
 from scp_planner.trips.path import Path
-from scp_planner.trips.trajectory import Trajectory, TripSpace
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
 
 BESIDE = 1e-7  # of the travel time; next to a border
 CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend off

@@ -62,7 +62,7 @@ def test_the_rows_of_discs_agree_with_differences(name: str) -> None:
     rng = np.random.default_rng(5)
     theta, free = problem.ends.theta.copy(), problem.ends.free
     theta[free] = 0.2 * rng.normal(size=free.stop - free.start)
-    trip = problem.space.trajectory(theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
+    trip = Trajectory.of(problem.space, theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
     kinds = {type(limit).__name__ for limit in problem.optional}
     assert kinds == ({"DiscClearance", "DiscBox"} if scenario.bounds is not None else {"DiscClearance"})
     for limit in problem.optional:
@@ -109,7 +109,7 @@ def test_the_certificate_agrees_with_dense_times_on_wild_paths() -> None:
     for _ in range(20):
         theta[free] = plan.trip.trajectory.theta[free]
         theta[free] += rng.uniform(0.002, 0.1) * rng.normal(size=free.stop - free.start)
-        trajectory = problem.space.trajectory(theta, plan.trip.trajectory.beta)
+        trajectory = Trajectory.of(problem.space, theta, plan.trip.trajectory.beta)
         trip = Trip(problem.frame, trajectory)
         certificate = certify_trip(scenario, trip, sp.zones(scenario))
         times = np.linspace(0.0, trajectory.travel_time, 20_001)

@@ -63,7 +63,7 @@ def problem_and_trip(name: str, seed: int) -> tuple[Problem, Trajectory]:
     free = problem.ends.free
     theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
     beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
-    return problem, problem.space.trajectory(theta, beta)
+    return problem, Trajectory.of(problem.space, theta, beta)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -206,7 +206,7 @@ def test_the_rate_of_the_curvature_is_its_derivative(guide: list[list[float]] | 
     rng = np.random.default_rng(1)
     theta = problem.ends.theta.copy()
     theta[problem.ends.free] = 0.3 * rng.normal(size=len(theta[problem.ends.free]))
-    path = problem.space.trajectory(theta, np.zeros(problem.space.acceleration_size)).path
+    path = Trajectory.of(problem.space, theta, np.zeros(problem.space.acceleration_size)).path
     parameters, step = rng.uniform(0.01, 0.99, 200), 1e-6
     curvature = [path.bend(path.points(parameters + sign * step)).curvature for sign in (1.0, -1.0)]
     by_differences = (curvature[0] - curvature[1]) / (2.0 * step * problem.space.length)
@@ -216,7 +216,7 @@ def test_the_rate_of_the_curvature_is_its_derivative(guide: list[list[float]] | 
     partials = rate_partials(path, parameters)
     other = theta.copy()
     other[problem.ends.free] += 1e-6 * rng.normal(size=len(theta[problem.ends.free]))
-    moved = problem.space.trajectory(other, np.zeros(problem.space.acceleration_size)).path
+    moved = Trajectory.of(problem.space, other, np.zeros(problem.space.acceleration_size)).path
     basis, change = problem.space.path, np.zeros(200)
     for order, partial in enumerate(partials):
         change += partial * (basis.rows(parameters) @ (other - theta)) / problem.space.length**order
