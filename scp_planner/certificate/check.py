@@ -1,6 +1,7 @@
 """The certificate: whether a plan keeps every limit and every clearance at *all* times, not only at samples.
 
-It is independent of the code that made the plan: it uses the trip and the zones, and nothing of the optimisation.
+It is independent of the search for the plan: it uses the trip and the zones, and nothing of the optimisation. What it
+shares with the planner is how a path and a drive are evaluated, the zones, and the ellipses and outlines in them.
 
 Time is divided where a spline has a knot, so that on each interval [m - h, m + h] the offset f and the
 acceleration are one polynomial each. Then, with interval enclosures of their derivatives on the interval:
@@ -23,7 +24,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -43,7 +44,6 @@ from scp_planner.certificate.verdict import (
     Violation,
 )
 from scp_planner.files import LARGEST_COORDINATE
-from scp_planner.planning.plan import Plan
 from scp_planner.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
@@ -73,13 +73,23 @@ _BOTH_ENDS = np.array([0.0, 1.0])
 _NO_KNOTS = np.zeros(0)
 
 
-def certify(scenario: Scenario, plan: Plan, threat_zones: Sequence[ThreatZone] | None = None) -> Certificate:
+class HasTrip(Protocol):
+    """What can be certified: a plan, and whatever else has a trip."""
+
+    @property
+    def trip(self) -> Trip:
+        """The trip, in world coordinates and absolute time."""
+        ...
+
+
+def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone] | None = None) -> Certificate:
     """Check a plan against a scenario in continuous time, whoever made it.
 
     Parameters
     ----------
     scenario : Scenario
     plan : Plan
+        Or whatever else has a ``trip``.
     threat_zones : sequence of ThreatZone, optional
         The scenario's zones, if they are at hand.
 

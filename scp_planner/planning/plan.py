@@ -20,6 +20,7 @@ from scp_planner.errors import MISSING, Fault, PlanError, TooLargeError
 from scp_planner.files import LARGEST_COORDINATE, write_text
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.splines import clamped_knots
+from scp_planner.planning.outputs import output_named
 from scp_planner.trips.guide import Guide, guide_from_dict
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -234,15 +235,11 @@ class Plan:
         dict of str to (n,) array
             Columns with their units in their names, see `scp_planner.export.plan_table`; `pandas.DataFrame` takes it.
         """
-        from scp_planner.export import plan_table
-
-        return plan_table(self, times)
+        return output_named("plan table")(self, times)
 
     def export(self, path: str | PathLike[str], **options: Any) -> None:
         """Write the trip for other programs: .csv, .npz, .mcap, or a bag's folder; options of `export_plan`."""
-        from scp_planner.export import export_plan
-
-        export_plan(self, path, **options)
+        output_named("plan export")(self, path, **options)
 
     def plot(self, scenario: Scenario, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
         """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
@@ -264,9 +261,7 @@ class Plan:
         ValueError
             If the suffix or the view is another one.
         """
-        from scp_planner.plotting import plot_view
-
-        return plot_view(self, scenario, path, view)
+        return output_named("plan plot")(self, scenario, path, view)
 
     def draw(self, scenario: Scenario, path: str | PathLike[str], view: str = "map") -> None:
         """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
@@ -284,9 +279,7 @@ class Plan:
         ValueError
             If the suffix or the view is another one.
         """
-        from scp_planner.plotting import draw_plan
-
-        draw_plan(self, scenario, path, view)
+        output_named("plan draw")(self, scenario, path, view)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

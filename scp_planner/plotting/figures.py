@@ -12,6 +12,7 @@ from scp_planner.arrays import Array
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
+from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
 from scp_planner.plotting.style import COLOURS, FIGURE_SUFFIXES, check_suffix, save, settle, style
 
@@ -91,7 +92,7 @@ def plot_run(run: Run, path: str | PathLike[str] | None = None, *, times: ArrayL
     """
     _check(path, times)
     shown = _shown(times, float(run.time[0]), float(run.time[-1]))
-    return _plot_recording(run.recording(times=shown), shown, path)
+    return _plot_recording(record_run(run, times=shown), shown, path)
 
 
 def plot_profiles(
@@ -140,7 +141,7 @@ def plot_run_profiles(run: Run, path: str | PathLike[str] | None = None) -> Figu
         If the suffix is another one.
     """
     _check(path)
-    return _plot_profiles(run.recording(), path)
+    return _plot_profiles(record_run(run), path)
 
 
 def _check(path: str | PathLike[str] | None, times: ArrayLike | None = None) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from scp_planner.plotting.animation import ANIMATION_SUFFIXES, animate, animate_plan
 from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
+from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
 from scp_planner.plotting.style import FIGURE_SUFFIXES, check_suffix
 from scp_planner.plotting.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
@@ -138,8 +139,8 @@ def draw_run(run: Run, path: str | PathLike[str], view: View | str = View.MAP) -
     """
     suffix = check_suffix(path, PICTURE_SUFFIXES)
     if suffix in VIEWER_SUFFIXES:
-        save_recording(run.recording(), path)
+        save_recording(record_run(run), path)
     elif suffix in ANIMATION_SUFFIXES:
-        animate(run.recording(), path)
+        animate(record_run(run), path)
     else:
         plot_run_view(run, path, view)

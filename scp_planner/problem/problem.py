@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.problem.ends import EndConditions
 from scp_planner.problem.limits.limit import OptionalLimit
@@ -19,9 +20,19 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import TimeTable, TripSpace
+from scp_planner.trips.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from scp_planner.scp.given import GivenConstraints
+
+class Given(Protocol):
+    """A user's own constraints on the trips of one problem, whatever they are written in."""
+
+    def worst(self, trajectory: Trajectory) -> float:
+        """Return the largest violation, in its constraint's own unit; 0 without constraints."""
+        ...
+
+    def judged(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
+        """Return a certificate that holds only if the constraints are kept too."""
+        ...
 
 MOST_PROFILE_STEPS = 200_000  # they are longer on trips that would need more
 
@@ -48,7 +59,7 @@ class Problem:
         How many of them are equidistant.
     optional : tuple of OptionalLimit
         Limits that only some scenarios have.
-    given : GivenConstraints or None
+    given : Given or None
         A user's own.
     profile : SpeedProfile or None
         The fastest drive along the guide, where places limit the speed.
@@ -65,7 +76,7 @@ class Problem:
     samples: TimeTable
     grid: int
     optional: tuple[OptionalLimit, ...] = ()
-    given: GivenConstraints | None = None
+    given: Given | None = None
     profile: SpeedProfile | None = None
 
     @cached_property

@@ -17,6 +17,7 @@ from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.planning.outputs import output_named
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Disc, Obstacle, Scenario, Shape
 from scp_planner.simulation.cycle import Cycle, _finite, _infinite, _record_from_dict, _record_to_dict
@@ -24,7 +25,6 @@ from scp_planner.simulation.cycle import Cycle, _finite, _infinite, _record_from
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scp_planner.plotting.recording import Recording
 
 PLAN_SAMPLES = 21
 STRANGER = Disc(disc=0.3)
@@ -175,15 +175,11 @@ class Run:
 
     def table(self) -> dict[str, NDArray[Any]]:
         """Give what vehicle and obstacles did, (n,) arrays with units in their names; `pandas.DataFrame` takes it."""
-        from scp_planner.export import run_table
-
-        return run_table(self)
+        return output_named("run table")(self)
 
     def export(self, path: str | PathLike[str], **options: Any) -> None:
         """Write the run for other programs: .csv, .npz, .mcap, or a bag's folder; options of `export_run`."""
-        from scp_planner.export import export_run
-
-        export_run(self, path, **options)
+        output_named("run export")(self, path, **options)
 
     def plot(self, path: str | PathLike[str] | None = None, view: str = "map") -> Figure:
         """Draw a figure, .png, .pdf or .svg if it is to be saved, of a view: map, space-time or profiles.
@@ -203,9 +199,7 @@ class Run:
         ValueError
             If the suffix or the view is another one.
         """
-        from scp_planner.plotting import plot_run_view
-
-        return plot_run_view(self, path, view)
+        return output_named("run plot")(self, path, view)
 
     def draw(self, path: str | PathLike[str], view: str = "map") -> None:
         """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.
@@ -221,15 +215,11 @@ class Run:
         ValueError
             If the suffix or the view is another one.
         """
-        from scp_planner.plotting import draw_run
+        output_named("run draw")(self, path, view)
 
-        draw_run(self, path, view)
-
-    def recording(self, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Recording:
-        """Sample the run, evenly and at times (n,) s, for pictures and the viewer."""
-        from scp_planner.plotting.run_recording import record_run
-
-        return record_run(self, frames_per_second, times)
+    def recording(self, frames_per_second: float = 12.5, times: ArrayLike = ()) -> Any:
+        """Sample the run, evenly and at times (n,) s, for pictures and the viewer: a `plotting.recording.Recording`."""
+        return output_named("run recording")(self, frames_per_second, times)
 
 
 def _plan_to_dict(plan: Plan) -> dict[str, Any]:

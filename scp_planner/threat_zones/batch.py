@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
-from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
+from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
@@ -32,10 +32,7 @@ from scp_planner.threat_zones.bounds import (
     _size_bound,
     _taylor,
 )
-
-if TYPE_CHECKING:
-    from scp_planner.mathematics.frames import PlanningFrame
-    from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.threat_zones.zone import ThreatZone
 
 NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
 

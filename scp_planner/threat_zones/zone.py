@@ -8,10 +8,9 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.ellipse import ellipse_contact, support
-from scp_planner.mathematics.frames import PlanningFrame, directions_of, turned_back
-from scp_planner.mathematics.outlines import Outline
+from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
+from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.threat_zones.batch import ZoneBatch
 
 
 @dataclass(frozen=True)
@@ -102,11 +101,18 @@ class ThreatZone:
         times = np.broadcast_to(np.asarray(t, dtype=float), points.shape[:-1])
         if times.size == 0:
             return np.zeros(points.shape[:-1])
-        near = points.reshape(-1, 2)[0]
-        frame = PlanningFrame((float(near[0]), float(near[1])), 0.0, float(times.min()))
-        batch = ZoneBatch((self,), frame, 0.0)
-        distances = batch.distances(times.ravel() - frame.time, frame.to_frame(points.reshape(-1, 2)))
-        return distances.min(axis=1).reshape(points.shape[:-1])
+        offset = (points - self.center(times)).reshape(-1, 2)
+        covariance = None if self.covariances is None else self._covariance(times).reshape(-1, 3)
+        if self.outlines[0].turning:
+            headings = directions_of(self._at(self.centers.derivative, times)).reshape(-1, 2)
+            offset = turned_back(offset, headings)
+            covariance = None if covariance is None else covariance_turned_back(covariance, headings)
+        pieces = Outlines(self.outlines)
+        distances = [
+            pieces.contacts(np.full(len(offset), piece), offset, covariance).distance for piece in range(pieces.size)
+        ]
+        nearest: Array = np.min(distances, axis=0) - self.radius
+        return nearest.reshape(points.shape[:-1])
 
     def _covariance(self, t: float | Array) -> Array:
         if self.covariances is None:

@@ -1,0 +1,40 @@
+"""What plans and runs are drawn and handed on by.
+
+It lies in rooms above them, and is found there by name when it is asked for: a plan loads nothing that draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+OUTPUTS = {
+    "plan table": "scp_planner.export.tables:plan_table",
+    "plan export": "scp_planner.export.files:export_plan",
+    "plan plot": "scp_planner.plotting.views:plot_view",
+    "plan draw": "scp_planner.plotting.views:draw_plan",
+    "run table": "scp_planner.export.tables:run_table",
+    "run export": "scp_planner.export.files:export_run",
+    "run plot": "scp_planner.plotting.views:plot_run_view",
+    "run draw": "scp_planner.plotting.views:draw_run",
+    "run recording": "scp_planner.plotting.run_recording:record_run",
+}
+
+
+def output_named(name: str) -> Callable[..., Any]:
+    """Return the function behind an output; its module is imported only now.
+
+    Parameters
+    ----------
+    name : str
+        A key of ``OUTPUTS``: whose output it is, and the method that gives it.
+
+    Returns
+    -------
+    callable
+        Takes the plan or the run first.
+    """
+    module, function = OUTPUTS[name].split(":")
+    found: Callable[..., Any] = getattr(import_module(module), function)
+    return found
