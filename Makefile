@@ -36,10 +36,11 @@ test-kernel: $(INSTALLED)  ## run the tests of numbers with another kernel of Op
 test-machines: $(INSTALLED)  ## run the tests as on other machines; ARGUMENTS='--list' tells which
 	$(BIN)/python tools/machines.py $(ARGUMENTS)
 
-lint: $(INSTALLED)  ## ruff, mypy, and shapes, units and errors in docstrings
+lint: $(INSTALLED)  ## ruff, mypy, layers of imports, and shapes, units and errors in docstrings
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
 	$(BIN)/python docs/check_docstrings.py
 
 format: $(INSTALLED)  ## lay out the code and mend what ruff can
