@@ -1,5 +1,5 @@
 """Penalty descent, the published method, made as well as we can: what others are compared with.
 
-May import the search, the loop's parts and all below; nothing online. Begin with `penalty_descent`; `objective`
-is what it makes small.
+May import planning and all below; nothing online. Begin with `penalty_descent`; `objective` is what it
+makes small.
 """

@@ -1,4 +1,7 @@
-"""Scenarios that come with the package, for the demo, the examples and a first try."""
+"""Scenarios that come with the package, for the demo, the examples and a first try.
+
+May import scenarios and all below.
+"""
 
 from __future__ import annotations
 

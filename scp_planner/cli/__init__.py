@@ -3,6 +3,8 @@
 Exit codes: 0 done and certified; 2 bad input, and nothing has been written; 3 no certified plan exists or was
 found, and the best attempt has been written with its status and the reason; 4 the workers of a batch have gone, and
 the rows that were done are kept; 130 interrupted.
+
+May import everything. Begin with `application`, then the commands: `trips`, `many`, `studies`, `exports`, `listings`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Plans and runs in the forms that other programs read: tables, and messages of the Robot Operating System (ROS)."""
+"""Plans and runs in the forms that other programs read: tables, and messages of the Robot Operating System (ROS).
+
+May import plans, runs and all below. Begin with `files`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
 """Splines, ellipses, outlines, curves: nothing here knows of vehicles or scenarios.
 
-May import nothing of the package but arrays and errors. Begin with `polynomials` and `splines`.
+May import arrays and errors alone. Begin with `polynomials` and `splines`.
 """

@@ -2,6 +2,8 @@
 
 Colours are safe for colour-blind readers. matplotlib is imported by the functions that draw; its global state
 (pyplot, rcParams) is left alone.
+
+May import plans, runs and all below. Begin with `views`; a `recording` is what pictures show.
 """
 
 from __future__ import annotations

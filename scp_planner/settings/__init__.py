@@ -1,4 +1,5 @@
 """What can be set, with units and ranges.
 
-May import errors alone. Begin with `planning`; `knobs` is how a setting is declared and checked.
+May import solvers, whose names are a setting, and errors. Begin with `planning`; `knobs` is how a setting is
+declared and checked.
 """

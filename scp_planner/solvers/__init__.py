@@ -1,4 +1,7 @@
-"""Solvers for the convex subproblem, behind one function."""
+"""Solvers for the convex subproblem, behind one function.
+
+May import arrays and errors alone. Begin with `interface`.
+"""
 
 from __future__ import annotations
 

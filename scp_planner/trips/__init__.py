@@ -1,4 +1,4 @@
 """Paths along guides and the drive along them: what a trip is, whoever made it.
 
-May import mathematics and settings. Begin with `trajectory`.
+May import mathematics. Begin with `trajectory`; a `space` is what all trips of one problem share.
 """

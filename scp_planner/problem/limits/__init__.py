@@ -1,4 +1,4 @@
 """Limits that only some scenarios have: each says where it stands and gives its rows.
 
-May import trips, zones and mathematics. Begin with `limit`, the interface.
+May import what the room around it may. Begin with `limit`, the interface.
 """
