@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.path import PathPoints
 
@@ -21,11 +20,11 @@ class _Pieces:
     middle: Array
     half: Array
 
-    def halves(self, keep: NDArray[np.bool_]) -> _Pieces:
+    def halves(self, keep: Mask) -> _Pieces:
         middle, half = self.middle[keep], 0.5 * self.half[keep]
         return _Pieces(np.concatenate([middle - half, middle + half]), np.concatenate([half, half]))
 
-    def quarters(self, keep: NDArray[np.bool_]) -> _Pieces:
+    def quarters(self, keep: Mask) -> _Pieces:
         middle, half = self.middle[keep], 0.25 * self.half[keep]
         return _Pieces((middle + _QUARTERS[:, None] * half).ravel(), np.tile(half, len(_QUARTERS)))
 

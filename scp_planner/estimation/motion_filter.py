@@ -14,7 +14,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
@@ -317,12 +317,12 @@ class MotionFilter:
         """Of all observations of each obstacle but the first: (K,)."""
 
     @property
-    def observations(self) -> NDArray[np.intp]:
+    def observations(self) -> Index:
         """How many observations each estimate is made from: (K,)."""
         return self._count.copy()
 
     @property
-    def rejected_in_a_row(self) -> NDArray[np.intp]:
+    def rejected_in_a_row(self) -> Index:
         """How many of the newest observations of each obstacle the gate left out: (K,)."""
         return self._rejected.copy()
 

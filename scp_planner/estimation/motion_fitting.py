@@ -22,9 +22,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.motion_filter import FilterState, first_state, predict_state, update_state
@@ -129,8 +128,8 @@ class PredictionErrors:
     squares: Array
     distances: Array
     deviations: Array
-    tracks: NDArray[np.intp]
-    stretches: NDArray[np.intp]
+    tracks: Index
+    stretches: Index
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ class Stretches:
 
     times: Array
     positions: Array
-    tracks: NDArray[np.intp]
+    tracks: Index
 
 
 @dataclass(frozen=True)
@@ -160,7 +159,7 @@ class Targets:
     times, positions : (M,) s and (M, 2) m
     """
 
-    stretches: NDArray[np.intp]
+    stretches: Index
     times: Array
     positions: Array
 
@@ -184,9 +183,7 @@ def stretches_of(tracks: Tracks, window: int, lead_times: Sequence[float]) -> tu
     return stretches, [_targets([t for _, t in long], firsts, window, lead, tolerance) for lead in lead_times]
 
 
-def _targets(
-    tracks: Sequence[Track], firsts: NDArray[np.intp], window: int, lead_time: float, tolerance: float
-) -> Targets:
+def _targets(tracks: Sequence[Track], firsts: Index, window: int, lead_time: float, tolerance: float) -> Targets:
     """Find the position of each track that is nearest to each stretch's end plus the lead time, if it is near."""
     places, times, positions = [np.zeros(0, dtype=np.intp)], [np.zeros(0)], [np.zeros((0, 2))]
     for track, first in zip(tracks, firsts, strict=False):
@@ -262,7 +259,7 @@ class _Pieces:
 
     times: Array
     positions: Array
-    lengths: NDArray[np.intp]
+    lengths: Index
 
 
 def _pieces(tracks: Tracks) -> _Pieces:

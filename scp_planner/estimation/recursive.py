@@ -16,9 +16,9 @@ from bisect import insort
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, NormalErrors
 from scp_planner.estimation.estimate import HIGHEST_ORDER, estimate_motion
@@ -122,12 +122,12 @@ class RecursiveEstimator:
         self._rejected = np.zeros(obstacles, dtype=np.intp)
 
     @property
-    def observations(self) -> NDArray[np.intp]:
+    def observations(self) -> Index:
         """How many observations each estimate is made from: (K,)."""
         return self._count.copy()
 
     @property
-    def rejected_in_a_row(self) -> NDArray[np.intp]:
+    def rejected_in_a_row(self) -> Index:
         """How many of the newest observations of each obstacle the gate left out: (K,).
 
         Several mean that the obstacle moves otherwise than estimated, not that the sensor fails: `reset` it.

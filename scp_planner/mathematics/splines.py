@@ -14,7 +14,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 
 MOST_GATHERED = 4_000_000  # coefficients at once, for values at many parameters
 
@@ -50,7 +50,7 @@ class PiecewiseBasis:
         spans = len(self.widths)
         return float(spans) if np.allclose(self.widths, 1.0 / spans, rtol=0, atol=1e-13) else 0.0
 
-    def locate(self, parameters: Array) -> tuple[NDArray[np.intp], Array]:
+    def locate(self, parameters: Array) -> tuple[Index, Array]:
         """Span index and local parameter of each parameter; outside [0, 1] the end spans continue."""
         last = len(self.widths) - 1
         if self._uniform:
@@ -65,7 +65,7 @@ class PiecewiseBasis:
         span, x = self.locate(np.asarray(parameters, dtype=float))
         return self.rows_at(span, x)
 
-    def rows_at(self, span: NDArray[np.intp], x: Array) -> Array:
+    def rows_at(self, span: Index, x: Array) -> Array:
         """Values of all basis functions at located parameters, (n, K)."""
         _, order, size = self.coefficients.shape
         at_once = max(1, MOST_GATHERED // (order * size))
@@ -99,7 +99,7 @@ class PiecewiseBasis:
         return self.coefficients @ weights
 
 
-def evaluate(coefficients: Array, span: NDArray[np.intp], x: Array) -> Array:
+def evaluate(coefficients: Array, span: Index, x: Array) -> Array:
     """Value of a spline given by local power coefficients, (M, P), at located parameters, (n,)."""
     local = coefficients[span]
     value = local[:, -1].copy()

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
@@ -50,14 +49,14 @@ class Line:
         tangents: Array = self._tangents[leg]
         return tangents
 
-    def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> NDArray[np.bool_]:
+    def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> Mask:
         """Whether any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
         along, away = self._onto_legs(points)
         reach = reach[:, None]
         candidate = away - reach <= away.min(axis=1, keepdims=True) + reach
         low = self._stations[:-1] + np.clip(along - reach, 0.0, self._lengths)
         high = self._stations[:-1] + np.clip(along + reach, 0.0, self._lengths)
-        found: NDArray[np.bool_] = np.any(candidate & (high >= first) & (low <= last), axis=1)
+        found: Mask = np.any(candidate & (high >= first) & (low <= last), axis=1)
         return found
 
     def _onto_legs(self, points: Array) -> tuple[Array, Array]:

@@ -8,9 +8,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.path import PathBend
@@ -180,7 +179,7 @@ def _jump_samples(problem: Problem, count: int) -> Index | slice:
     return (each * np.arange(count)[:, None] + np.arange(problem.grid, each)).ravel()
 
 
-def _lateral_peaks(problem: Problem, value: Array, loud: NDArray[np.bool_]) -> tuple[Index, Array]:
+def _lateral_peaks(problem: Problem, value: Array, loud: Mask) -> tuple[Index, Array]:
     """Normalised stations around peaks of the lateral acceleration, (K, M), by parabolas through its largest values."""
     here = value[:, 1:-1]
     high = (here >= value[:, :-2]) & (here >= value[:, 2:])

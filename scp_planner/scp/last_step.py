@@ -12,9 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
@@ -51,7 +50,7 @@ class LastStep:
     start: Trajectory
     end: Trajectory
     step: Array
-    keys: NDArray[np.intp]
+    keys: Index
     matrix: Array
     prices: Array
     arrival: float

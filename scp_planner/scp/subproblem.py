@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.last_step import LastStep
 from scp_planner.scp.linearisation import TrustRegion
@@ -46,10 +46,10 @@ class ActiveSet:
 
     step: NDArray[np.int8]
     hard: NDArray[np.int8]
-    keys: NDArray[np.intp]
-    violated: NDArray[np.bool_]
+    keys: Index
+    violated: Mask
 
-    def guess(self, rows: Rows, groups: NDArray[np.intp]) -> NDArray[np.int8]:
+    def guess(self, rows: Rows, groups: Index) -> NDArray[np.int8]:
         """Return the guess for a program with these rows and slacks."""
         slacks = self.violated[groups].astype(np.int8) - np.int8(1)
         return np.concatenate([self.step, slacks, self.hard, _among(rows.key, self.keys)])
@@ -75,7 +75,7 @@ class Subproblem:
     program: QuadraticProgram
     rows: Rows
     step_size: int
-    groups: NDArray[np.intp]
+    groups: Index
     group_count: int
 
     def active_set(self, solution: Solution) -> ActiveSet:
@@ -90,7 +90,7 @@ class Subproblem:
             self._violated(signs[size:total] == 0),
         )
 
-    def _violated(self, positive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _violated(self, positive: Mask) -> Mask:
         violated = np.zeros(self.group_count, dtype=bool)
         violated[self.groups] = positive
         return violated
@@ -189,7 +189,7 @@ def _origin(problem: Problem, trajectory: Trajectory) -> StepOrigin:
     return StepOrigin(start, scale)
 
 
-def _among(keys: NDArray[np.intp], wanted: NDArray[np.intp]) -> NDArray[np.int8]:
+def _among(keys: Index, wanted: Index) -> NDArray[np.int8]:
     """1 where a key is among the wanted ones, which are sorted, else 0."""
     if len(wanted) == 0:
         return np.zeros(len(keys), dtype=np.int8)

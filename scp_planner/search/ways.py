@@ -16,7 +16,7 @@ from heapq import heappop, heappush
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.problem.problem import Problem
 from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -207,13 +207,13 @@ class WaySearch:
         self.cell = np.concatenate(cells)[met]
         self.zone, self.center = zone[met], middle[met]
 
-    def _outside_box(self) -> NDArray[np.bool_]:
+    def _outside_box(self) -> Mask:
         """Which cells lie outside the workspace box, (n, offsets)."""
         box, path = self.problem.box, Path(self.problem.space, np.zeros(self.problem.space.path_size))
         base = path.points(self.stations / self.problem.space.length)
         normal = np.broadcast_to(base.normal, (len(self.stations), 2))
         cells = base.position[:, None] + self.offsets[:, None] * normal[:, None]
-        outside: NDArray[np.bool_] = np.any(cells @ box.normals.T > box.offsets, axis=2)
+        outside: Mask = np.any(cells @ box.normals.T > box.offsets, axis=2)
         if not self.problem.space.guide.straight:
             curvature = self.problem.space.guide.frame(self.stations).curvature
             outside |= curvature[:, None] * self.offsets > FOLD
@@ -318,7 +318,7 @@ class WaySearch:
         times: Array = self.fastest + self.delays[path[:, 1]]
         return Way(float(self.fastest[-1] + total), self.stations, offsets, times, self._sides(path))
 
-    def _sides(self, path: NDArray[np.intp]) -> tuple[tuple[int, int], ...]:
+    def _sides(self, path: Index) -> tuple[tuple[int, int], ...]:
         """Obstacles that a way meets, the closest first, and the sides it passes them on."""
         cells = np.arange(len(self.stations)) * DELAYS + path[:, 1]
         position = np.full(len(self.stations) * DELAYS, np.nan)

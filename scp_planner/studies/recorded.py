@@ -28,9 +28,8 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.estimation.confidence import uniform_scale
 from scp_planner.estimation.error_laws import HotellingErrors, StudentErrors
 from scp_planner.estimation.motion_filter import estimate_process
@@ -143,7 +142,7 @@ class _Sample:
     lead_time: float
     inside: Array  # (m,) 0 or 1
     areas: Array  # (m,) m^2 / pi
-    tracks: NDArray[np.intp]  # (m,)
+    tracks: Index  # (m,)
 
 
 def _of_model(

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 
@@ -70,10 +69,10 @@ def _taylor(polynomials: PiecewisePolynomials, index: Index, times: Array) -> Ar
     return polynomials.taylor(index, times).transpose(1, 0, 2)
 
 
-def _broken(polynomials: PiecewisePolynomials, first: float, last: float) -> NDArray[np.bool_]:
+def _broken(polynomials: PiecewisePolynomials, first: float, last: float) -> Mask:
     """Whether each has a breakpoint between two times, (L,)."""
     inner = polynomials.breakpoints[:, 1:-1]
-    broken: NDArray[np.bool_] = np.any((inner > first) & (inner < last), axis=1)
+    broken: Mask = np.any((inner > first) & (inner < last), axis=1)
     return broken
 
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.intervals import Interval
 
@@ -187,7 +186,7 @@ class CurvedGuide:
             value += local[:, power]
         return value
 
-    def _locate(self, stations: Array) -> tuple[NDArray[np.intp], Array]:
+    def _locate(self, stations: Array) -> tuple[Index, Array]:
         piece = np.clip((stations / self._width).astype(np.intp), 0, len(self._heading) - 1)
         return piece, stations - piece * self._width
 

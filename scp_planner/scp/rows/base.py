@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 
 
 def join_blocks(theta: Array, beta: Array, rho: Array) -> Array:
@@ -41,11 +40,11 @@ class Rows:
         Which of several trips the row belongs to.
     """
 
-    matrix: NDArray[np.float64]
-    gap: NDArray[np.float64]
-    group: NDArray[np.intp]
-    key: NDArray[np.intp]
-    owner: NDArray[np.intp]
+    matrix: Array
+    gap: Array
+    group: Index
+    key: Index
+    owner: Index
 
     @classmethod
     def stack(cls, parts: list[Rows]) -> Rows:
@@ -75,11 +74,11 @@ class Rows:
         """Return no rows."""
         return cls(np.zeros((0, width)), np.zeros(0), _NONE, _NONE, _NONE)
 
-    def take(self, index: NDArray[np.intp] | slice) -> Rows:
+    def take(self, index: Index | slice) -> Rows:
         """Return some of the rows."""
         return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index], self.owner[index])
 
-    def shares(self, index: NDArray[np.intp], count: int) -> list[Rows]:
+    def shares(self, index: Index, count: int) -> list[Rows]:
         """Return some of the rows, sorted by which of several trips they belong to, and in their order."""
         if count == 1:
             return [self.take(index)]
@@ -90,4 +89,4 @@ class Rows:
         return [self.take(index[first:last]) for first, last in pairwise(bounds)]
 
 
-_NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+_NONE: Index = np.zeros(0, dtype=np.intp)
