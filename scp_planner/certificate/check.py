@@ -44,7 +44,7 @@ from scp_planner.certificate.verdict import (
     Violation,
 )
 from scp_planner.files import LARGEST_COORDINATE
-from scp_planner.refinement import highest
+from scp_planner.mathematics.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches

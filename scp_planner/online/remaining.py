@@ -15,8 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.guide import Guide
-from scp_planner.trips.space import TripSpace
-from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
 
 
@@ -46,7 +45,6 @@ WAY_BACK_TIMES = 8.0
 """...or this many times its distance from it, if that is more."""
 CATCHING_UP = 0.3
 """Share of the limits of acceleration that is used to get back to the planned speed."""
-MOST_STRETCHES = 8
 GUIDE_STEP = 0.25
 """m, between the points of a curved guide that nearest ones are looked for among."""
 
@@ -156,28 +154,3 @@ def _drive(problem: Problem, old: Trajectory, first: float, speed: float) -> Arr
         return mean
     sites = np.linspace(0.0, 1.0, space.acceleration_size)
     return np.interp(sites, 0.5 * (breaks[1:] + breaks[:-1]), mean)
-
-
-def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float, near: float = 0.0) -> Trajectory:
-    """Return a trip that arrives, driven harder where it would not.
-
-    Parameters
-    ----------
-    space : TripSpace
-    theta, beta : arrays
-    acceleration : float
-        The limit, m/s2.
-    near : float
-        s; of two travel times the one that is nearer to this.
-
-    Returns
-    -------
-    Trajectory
-    """
-    trip = Trajectory.of(space, theta, beta, near)
-    for _ in range(MOST_STRETCHES):
-        if np.isfinite(trip.travel_time):
-            return trip
-        beta = 0.5 * (beta + acceleration)
-        trip = Trajectory.of(space, theta, beta)
-    return Trajectory.of(space, theta, np.full_like(beta, acceleration))

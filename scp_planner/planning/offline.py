@@ -15,7 +15,6 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip, tell_of_horizon
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.online.remaining import arriving
 from scp_planner.planning.explain import explain
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
@@ -34,7 +33,7 @@ from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.path import Path
-from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:

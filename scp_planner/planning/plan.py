@@ -16,16 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Clearance, LimitUse
-from scp_planner.errors import MISSING, Fault, PlanError, TooLargeError
-from scp_planner.files import LARGEST_COORDINATE, write_text
-from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import write_text
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.planning.outputs import output_named
-from scp_planner.trips.guide import Guide, guide_from_dict
-from scp_planner.trips.space import TripSpace
-from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
-from scp_planner.trips.trip_file import _Reader
+from scp_planner.trips.trip_file import Reader, trip_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -326,10 +322,10 @@ class Plan:
         PlanError
             Naming the key and the value.
         """
-        reader = _Reader(data, name)
+        reader = Reader(data, name)
         if reader.get("schema") != 1:
             raise reader.fault("schema", reader.get("schema"), "1")
-        trip = Trip(_frame_in(reader), _trajectory_in(reader))
+        trip = trip_in(reader)
         clearance = reader.part("clearance")
         limits = reader.part("limits")
         minimum = clearance.get("minimum")
@@ -369,74 +365,3 @@ class Plan:
         trajectory = self.trip.trajectory
         times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
         return times
-
-
-def _frame_in(reader: _Reader) -> PlanningFrame:
-    """Return the frame of a plan file."""
-    guide = reader.part("path").part("guide")
-    x, y = guide.vector("origin", 2).tolist()
-    return PlanningFrame((x, y), guide.coordinate("heading"), reader.coordinate("start_time"))
-
-
-def _guide_in(path: _Reader) -> Guide:
-    """Return the guide of a plan file, given its part ``path``."""
-    part = path.part("guide")
-    try:
-        guide = guide_from_dict(part.data)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise part.fault("", part.data, f"a guide ({error})") from None
-    if guide.length > LARGEST_COORDINATE:
-        raise part.fault("length", guide.length, f"at most {LARGEST_COORDINATE:g} m")
-    return guide
-
-
-def _space_in(reader: _Reader) -> TripSpace:
-    """Return the guide and the splines of a plan file."""
-    path, drive = reader.part("path"), reader.part("acceleration")
-    guide = _guide_in(path)
-    path_degree, drive_degree = path.integer("degree", 1, 5), drive.integer("degree", 0, 2)
-    path_breaks = path.breakpoints("knots", path_degree)
-    drive_breaks = drive.breakpoints("knots", drive_degree)
-    if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:
-        raise path.fault("knots", [path_breaks[0], path_breaks[-1]], f"from 0 to the guide's length {guide.length!r}")
-    equal = np.linspace(0.0, guide.length, len(path_breaks))
-    if np.abs(path_breaks - equal).max() > 1e-9 * guide.length:
-        raise path.fault("knots", path_breaks.tolist(), "equidistant")
-    if drive_breaks[0] != 0.0 or drive_breaks[-1] != 1.0:
-        raise drive.fault("knots", [drive_breaks[0], drive_breaks[-1]], "from 0 to 1")
-    speed = drive.coordinate("start_speed")
-    if speed < 0.0:
-        raise drive.fault("start_speed", speed, "at least 0")
-    try:
-        return TripSpace(
-            guide, speed, path_degree, len(path_breaks) - 1, drive_degree, tuple(float(b) for b in drive_breaks)
-        )
-    except TooLargeError as error:
-        raise path.fault("knots", path_breaks.tolist(), f"fewer; {error}") from None
-
-
-def _trajectory_in(reader: _Reader) -> Trajectory:
-    """Return the trip of a plan file in its planning frame."""
-    space = _space_in(reader)
-    theta = reader.part("path").vector("offsets", space.path_size)
-    beta = reader.part("acceleration").vector("coefficients", space.acceleration_size)
-    travel_time = reader.coordinate("travel_time")
-    if travel_time <= 0.0:
-        raise reader.fault("travel_time", travel_time, "greater than 0")
-    trajectory = Trajectory.of(space, theta, beta, travel_time)
-    if not isfinite(trajectory.path.arc_length):
-        raise reader.part("path").fault("offsets", theta.tolist(), "a path of finite length")
-    stops = reader.data.get("stops", False)
-    if not isinstance(stops, bool):
-        raise reader.fault("stops", stops, "true or false")
-    if stops:
-        return Trajectory(trajectory.path, beta, travel_time)
-    if not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
-        found = f"{trajectory.travel_time!r}, which is what path and acceleration give"
-        raise reader.fault("travel_time", travel_time, found)
-    return trajectory
-
-
-def _is_number(value: object, largest: float) -> bool:
-    """Whether it is a number of at most a size; whole numbers may have more digits than a float can hold."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and -largest <= value <= largest

@@ -34,6 +34,7 @@ class Given(Protocol):
         """Return a certificate that holds only if the constraints are kept too."""
         ...
 
+
 MOST_PROFILE_STEPS = 200_000  # they are longer on trips that would need more
 
 

@@ -27,6 +27,7 @@ from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable, TripSpace
 
 MAX_BISECTIONS = 60
+MOST_STRETCHES = 8  # of accelerations with which a trip does not arrive
 STILL = 1e-150  # m/s; slower it does not get there: small enough for nothing, and no quotient by it overflows
 
 
@@ -264,3 +265,28 @@ class Trajectory:
             parameter,
             self.path.points(parameter),
         )
+
+
+def arriving(space: TripSpace, theta: Array, beta: Array, acceleration: float, near: float = 0.0) -> Trajectory:
+    """Return a trip that arrives, driven harder where it would not.
+
+    Parameters
+    ----------
+    space : TripSpace
+    theta, beta : arrays
+    acceleration : float
+        The limit, m/s2.
+    near : float
+        s; of two travel times the one that is nearer to this.
+
+    Returns
+    -------
+    Trajectory
+    """
+    trip = Trajectory.of(space, theta, beta, near)
+    for _ in range(MOST_STRETCHES):
+        if np.isfinite(trip.travel_time):
+            return trip
+        beta = 0.5 * (beta + acceleration)
+        trip = Trajectory.of(space, theta, beta)
+    return Trajectory.of(space, theta, np.full_like(beta, acceleration))

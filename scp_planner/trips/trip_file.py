@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import sys
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.errors import MISSING, Fault, PlanError, TooLargeError
 from scp_planner.files import LARGEST_COORDINATE
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.splines import clamped_knots
-from scp_planner.planning.plan import _is_number
+from scp_planner.trips.guide import Guide, guide_from_dict
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 
-class _Reader:
+class Reader:
     """Reads keys of a plan file with errors that name the file, the key and the value."""
 
     def __init__(self, data: dict[str, Any], file: str, path: str = "") -> None:
@@ -30,17 +35,20 @@ class _Reader:
         return ".".join(part for part in (self._path, key) if part)
 
     def get(self, key: str) -> Any:
+        """Return the value of a key, which must be there."""
         if key not in self.data:
             raise self.fault(key, MISSING, "a value")
         return self.data[key]
 
-    def part(self, key: str) -> _Reader:
+    def part(self, key: str) -> Reader:
+        """Return the mapping of a key."""
         value = self.get(key)
         if not isinstance(value, dict):
             raise self.fault(key, value, "an object")
-        return _Reader(value, self._file, self._where(key))
+        return Reader(value, self._file, self._where(key))
 
     def number(self, key: str) -> float:
+        """Return a finite number."""
         value = self.get(key)
         if not _is_number(value, sys.float_info.max):
             raise self.fault(key, value, "a finite number")
@@ -54,6 +62,7 @@ class _Reader:
         return float(value)
 
     def integer(self, key: str, least: int, most: int | None) -> int:
+        """Return a whole number within bounds."""
         value = self.get(key)
         if (
             isinstance(value, bool)
@@ -69,6 +78,7 @@ class _Reader:
         return value
 
     def vector(self, key: str, size: int | None) -> Array:
+        """Return a list of numbers, of a given size if there is one."""
         value = self.get(key)
         good = isinstance(value, list) and all(_is_number(each, LARGEST_COORDINATE) for each in value)
         if not good or (size is not None and len(value) != size):
@@ -77,8 +87,91 @@ class _Reader:
         return np.array(value, dtype=float)
 
     def breakpoints(self, key: str, degree: int) -> Array:
+        """Return the breakpoints of clamped knots."""
         knots = self.vector(key, None)
         breaks = knots[degree : len(knots) - degree]
         if len(breaks) < 2 or np.any(np.diff(breaks) <= 0.0) or np.any(clamped_knots(degree, breaks) != knots):
             raise self.fault(key, knots.tolist(), f"the clamped knots of degree {degree}, increasing inside")
         return breaks
+
+
+def trip_in(reader: Reader) -> Trip:
+    """Return the trip of a plan file.
+
+    Raises
+    ------
+    PlanError
+        Naming the key, if something is not what it has to be.
+    """
+    return Trip(_frame_in(reader), _trajectory_in(reader))
+
+
+def _frame_in(reader: Reader) -> PlanningFrame:
+    """Return the frame of a plan file."""
+    guide = reader.part("path").part("guide")
+    x, y = guide.vector("origin", 2).tolist()
+    return PlanningFrame((x, y), guide.coordinate("heading"), reader.coordinate("start_time"))
+
+
+def _guide_in(path: Reader) -> Guide:
+    """Return the guide of a plan file, given its part ``path``."""
+    part = path.part("guide")
+    try:
+        guide = guide_from_dict(part.data)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise part.fault("", part.data, f"a guide ({error})") from None
+    if guide.length > LARGEST_COORDINATE:
+        raise part.fault("length", guide.length, f"at most {LARGEST_COORDINATE:g} m")
+    return guide
+
+
+def _space_in(reader: Reader) -> TripSpace:
+    """Return the guide and the splines of a plan file."""
+    path, drive = reader.part("path"), reader.part("acceleration")
+    guide = _guide_in(path)
+    path_degree, drive_degree = path.integer("degree", 1, 5), drive.integer("degree", 0, 2)
+    path_breaks = path.breakpoints("knots", path_degree)
+    drive_breaks = drive.breakpoints("knots", drive_degree)
+    if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:
+        raise path.fault("knots", [path_breaks[0], path_breaks[-1]], f"from 0 to the guide's length {guide.length!r}")
+    equal = np.linspace(0.0, guide.length, len(path_breaks))
+    if np.abs(path_breaks - equal).max() > 1e-9 * guide.length:
+        raise path.fault("knots", path_breaks.tolist(), "equidistant")
+    if drive_breaks[0] != 0.0 or drive_breaks[-1] != 1.0:
+        raise drive.fault("knots", [drive_breaks[0], drive_breaks[-1]], "from 0 to 1")
+    speed = drive.coordinate("start_speed")
+    if speed < 0.0:
+        raise drive.fault("start_speed", speed, "at least 0")
+    try:
+        return TripSpace(
+            guide, speed, path_degree, len(path_breaks) - 1, drive_degree, tuple(float(b) for b in drive_breaks)
+        )
+    except TooLargeError as error:
+        raise path.fault("knots", path_breaks.tolist(), f"fewer; {error}") from None
+
+
+def _trajectory_in(reader: Reader) -> Trajectory:
+    """Return the trip of a plan file in its planning frame."""
+    space = _space_in(reader)
+    theta = reader.part("path").vector("offsets", space.path_size)
+    beta = reader.part("acceleration").vector("coefficients", space.acceleration_size)
+    travel_time = reader.coordinate("travel_time")
+    if travel_time <= 0.0:
+        raise reader.fault("travel_time", travel_time, "greater than 0")
+    trajectory = Trajectory.of(space, theta, beta, travel_time)
+    if not isfinite(trajectory.path.arc_length):
+        raise reader.part("path").fault("offsets", theta.tolist(), "a path of finite length")
+    stops = reader.data.get("stops", False)
+    if not isinstance(stops, bool):
+        raise reader.fault("stops", stops, "true or false")
+    if stops:
+        return Trajectory(trajectory.path, beta, travel_time)
+    if not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
+        found = f"{trajectory.travel_time!r}, which is what path and acceleration give"
+        raise reader.fault("travel_time", travel_time, found)
+    return trajectory
+
+
+def _is_number(value: object, largest: float) -> bool:
+    """Whether it is a number of at most a size; whole numbers may have more digits than a float can hold."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -largest <= value <= largest

@@ -21,7 +21,8 @@ from scp_planner.search.ways import MOST_COLUMNS, WaySearch
 from scp_planner.settings.planning import Settings
 from scp_planner.trips import guide
 from scp_planner.trips.guide import StraightGuide, smooth_guide
-from scp_planner.trips.trajectory import MOST_BYTES, Trajectory, TripSpace
+from scp_planner.trips.space import MOST_BYTES, TripSpace
+from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 MEGABYTE = 1_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scp_planner.refinement import highest
+from scp_planner.mathematics.refinement import highest
 
 
 def true_maximum(coefficients: np.ndarray) -> float:
