@@ -30,7 +30,7 @@ from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foresight import Learning
 from scp_planner.online.many_zones import _NORMAL, _ONE, _lengths, _products, _shift
-from scp_planner.online.track import Prediction, Track
+from scp_planner.online.track import MOST_LATE, Prediction, Track
 from scp_planner.scenario.models import (
     Confidence,
     ConfidenceLevel,
@@ -48,9 +48,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 logger = logging.getLogger(__name__)
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
-MOST_LATE = 64
-"""Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
-again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
 
 
 class ObstacleTracks:

@@ -11,10 +11,12 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator
-from scp_planner.online.obstacle_tracks import MOST_LATE
 from scp_planner.scenario.models import Course, KnownMotion, Model, Shape
 from scp_planner.threat_zones.of_scenario import Body
 
+MOST_LATE = 64
+"""Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
+again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
 LEARNT = 1.0
 """s. From this span of observations on, a newcomer's motion is estimated without the prior for newcomers."""
 

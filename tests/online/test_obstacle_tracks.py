@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from scp_planner.estimation.motion_filter import MotionFilter
-from scp_planner.online.obstacle_tracks import MOST_LATE, ObstacleTracks
+from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.track import MOST_LATE
 from scp_planner.scenario.models import Confidence, Disc, Model
 
 STEP = 0.1  # s between observations
