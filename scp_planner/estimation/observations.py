@@ -206,7 +206,7 @@ def usable(
 def _numbers(values: ArrayLike, name: str) -> Array:
     try:
         return np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise EstimationError(f"observations.{name}: it is not an array of numbers ({error})") from None
 
 

@@ -8,26 +8,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
+from scp_planner.scenario.models import LARGEST_COORDINATE
 
 
 def _point(name: str, value: ArrayLike) -> tuple[float, float]:
     try:
         point = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: {value!r} is not a point [x, y]") from None
     if point.shape != (2,) or not np.isfinite(point).all():
         raise ValueError(f"{name}: {value!r} is not a point [x, y] of finite numbers")
-    return float(point[0]), float(point[1])
+    x, y = float(point[0]), float(point[1])
+    check_number(name, x)
+    check_number(name, y)
+    return x, y
 
 
 def _covariance(value: ArrayLike) -> Array:
     from scp_planner.estimation.observations import check_covariance
 
-    return np.asarray(check_covariance(value, 1).reshape(2, 2), dtype=float)
+    covariance = np.asarray(check_covariance(value, 1).reshape(2, 2), dtype=float)
+    for entry in covariance.ravel():
+        check_number("covariance", entry)
+    return covariance
 
 
 def check_number(name: str, value: float, least: float = -math.inf) -> None:
-    """Refuse what is no finite number, or too small.
+    """Refuse what is no finite number, too small, or beyond what scenarios may hold.
 
     Parameters
     ----------
@@ -41,7 +48,11 @@ def check_number(name: str, value: float, least: float = -math.inf) -> None:
     ValueError
         Naming the value.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise ValueError(f"{name}: {value!r} is not a finite number")
+    if value != value or value in (math.inf, -math.inf):
+        raise ValueError(f"{name}: {value!r} is not a finite number")
+    if abs(value) > LARGEST_COORDINATE:
+        raise ValueError(f"{name}: {value!r} is beyond {LARGEST_COORDINATE:g}")
     if value < least:
         raise ValueError(f"{name}: {value!r} is less than {least:g}")

@@ -370,10 +370,11 @@ class Planner:
         if self._state is not None and time < self._state.time:
             raise ValueError(f"time: {time!r} is before {self._state.time!r}, the time of the last replan")
         place = _point("position", position)
-        for name, value in (("heading", heading), ("speed", speed), ("acceleration", acceleration)):
+        check_number("speed", speed)
+        for name, value in (("heading", heading), ("acceleration", acceleration)):
             if value is not None:
                 check_number(name, value)
-        if deadline is not None and not deadline > 0.0:
+        if deadline is not None and not (isinstance(deadline, int | float | np.number) and deadline > 0.0):
             raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
         # The sensor of a vehicle that stands may show a speed below nothing.
         return State(float(time), place, None if heading is None else float(heading), max(float(speed), 0.0))
