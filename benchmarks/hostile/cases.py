@@ -1,0 +1,295 @@
+"""Cases: what is tried, drawn from a kind and a seed, and what may come of it.
+
+A case is plain data, so that it can be written to a file, and tried again in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable
+from contextlib import chdir
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import scp_planner as sp
+from benchmarks.dense_check import Tolerances, check_trip
+from benchmarks.hostile import calls, commands
+from benchmarks.hostile.damage import ODD, cut, damaged
+from benchmarks.hostile.wild import Data, Wild, wild
+from scp_planner import builtin
+from scp_planner.errors import ScpPlannerError
+from scp_planner.estimation.confidence import marginal_scale, region_scale
+from scp_planner.estimation.estimate import estimate_obstacle
+from scp_planner.scenario.models import Course, Obstacle
+
+PLAN_TIME = 4.0
+"""s that a plan may take; it returns somewhat later, with the best so far."""
+PLANNED = ("crossing", "headon", "overtaking")
+"""Scenarios whose plan files are damaged."""
+
+
+class Kind(StrEnum):
+    """What is tried."""
+
+    SCENARIO = "scenario"
+    """Damaged scenario files: refused, or planned."""
+    WILD = "wild"
+    """Wild but legal scenarios: planned, and certified plans checked densely."""
+    PLAN = "plan"
+    """Damaged plan files: refused, or certified against a scenario, and then checked densely."""
+    COMMAND = "command"
+    """Command lines with absurd arguments."""
+    PLANNER = "planner"
+    """Calls of an online planner with absurd values."""
+
+
+class Fault(StrEnum):
+    """What may never happen."""
+
+    TRACEBACK = "traceback"
+    """An exception other than those that are documented."""
+    HANG = "hang"
+    MEMORY = "memory"
+    REFUSED = "refused by the dense check"
+    EXIT_CODE = "exit code"
+    DIED = "died"
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something to try.
+
+    Attributes
+    ----------
+    kind : Kind
+    seed : int
+    data : dict
+        What JSON can hold: all that trying it needs.
+    """
+
+    kind: Kind
+    seed: int
+    data: Data
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a case.
+
+    Attributes
+    ----------
+    result : str
+        In a word, such as ``certified`` or ``bad input``.
+    fault : Fault or None
+    detail : str
+        Of the fault.
+    warned : tuple of str
+        Warnings of numpy on the way.
+    checked : int
+        Certified plans that the dense check looked at.
+    """
+
+    result: str
+    fault: Fault | None = None
+    detail: str = ""
+    warned: tuple[str, ...] = field(default=())
+    checked: int = 0
+
+
+def make(kind: Kind, seed: int) -> Case:
+    """Draw a case."""
+    return Case(kind, seed, _MAKERS[kind](np.random.default_rng([seed, list(Kind).index(kind)])))
+
+
+def carry_out(case: Case) -> Outcome:
+    """Try a case; whatever is raised becomes a fault."""
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        try:
+            outcome = _TRIED[case.kind](case.data)
+        except Exception:
+            outcome = Outcome("raised", Fault.TRACEBACK, traceback.format_exc())
+    told = {f"{each.category.__name__}: {each.message} ({Path(each.filename).name}:{each.lineno})" for each in heard}
+    return replace(outcome, warned=tuple(sorted(told)))
+
+
+# scenarios
+
+
+def _make_scenario(rng: np.random.Generator) -> Data:
+    base = wild(rng).scaled()
+    suffix = str(rng.choice([".json", ".yaml"]))
+    if rng.random() < 0.7:
+        text = json.dumps(damaged(base, rng))
+        return {"suffix": suffix, "text": text}  # JSON is YAML too, but for its numbers
+    return {"suffix": suffix, "bytes": cut(json.dumps(base, indent=1).encode(), rng).hex()}
+
+
+def _try_scenario(data: Data) -> Outcome:
+    raw = bytes.fromhex(data["bytes"]) if "bytes" in data else data["text"].encode()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"scenario{data['suffix']}"
+        file.write_bytes(raw)
+        try:
+            scenario = sp.Scenario.load(file)
+        except sp.ScenarioError as error:
+            str(error).encode("utf-8", "backslashreplace")
+            return Outcome("bad input")
+        scenario.save(Path(folder) / "again.yaml")
+        if sp.Scenario.load(Path(folder) / "again.yaml") != scenario:
+            return Outcome("legal", Fault.REFUSED, "what is saved is not what is loaded")
+        plan = sp.plan(scenario, time_limit=PLAN_TIME)
+        plan.save(Path(folder) / "plan.json")
+        sp.Plan.load(Path(folder) / "plan.json")
+    return Outcome(plan.status.value)
+
+
+def _make_wild(rng: np.random.Generator) -> Data:
+    drawn = wild(rng)
+    return {"data": drawn.data, "length": drawn.length, "time": drawn.time}
+
+
+def _try_wild(data: Data) -> Outcome:
+    drawn = Wild(**data)
+    try:
+        scenario = sp.Scenario(**drawn.scaled())
+    except sp.ScenarioError:
+        return Outcome("bad input")
+    plan = sp.plan(scenario, time_limit=PLAN_TIME)
+    if not plan.reason and not plan.certified:
+        return Outcome(plan.status.value, Fault.REFUSED, "neither certified nor a reason")
+    return _checked(drawn, scenario, plan) if plan.certified else Outcome(plan.status.value)
+
+
+def _checked(drawn: Wild, scenario: sp.Scenario, plan: sp.Plan) -> Outcome:
+    """Check a plan that is said to be certified, in the scenario's own units."""
+    length, time = drawn.length, drawn.time
+    # What the planner promises to a micrometre and to a millisecond is that in its units, not in the scenario's own.
+    usual, finer = Tolerances(), min(1.0, length)
+    allowed = replace(
+        usual,
+        position=max(usual.position, 2e-6 / finer),
+        clearance=usual.clearance + 1e-6 / finer,
+        arrival=usual.arrival / min(1.0, time),
+    )
+    report = check_trip(
+        drawn.data,
+        lambda times: plan.position(np.clip(times * time, plan.start_time, plan.arrival_time)) / length,
+        plan.start_time / time,
+        plan.arrival_time / time,
+        tolerances=allowed,
+        regions=regions(scenario, plan.arrival_time),
+    )
+    if report.ok:
+        return Outcome("certified", checked=1)
+    return Outcome("certified", Fault.REFUSED, str(report), checked=1)
+
+
+def regions(scenario: sp.Scenario, until: float) -> dict[str, float]:
+    """Size of each confidence region up to a time, s; the level is the planner's business, not the check's."""
+    level, probability = str(scenario.confidence.level), scenario.confidence.probability
+    start = scenario.start.time
+    uncertain = [each for each in scenario.obstacles if each.observations is not None or _foretold(each)]
+    found = {}
+    for each in uncertain:
+        if isinstance(each.motion, Course):
+            found[each.id] = marginal_scale(level, probability, len(each.motion.time), len(uncertain))
+        else:
+            estimate = estimate_obstacle(each)
+            found[each.id] = region_scale(
+                level, probability, estimate, obstacles=len(uncertain), start=start, stop=until
+            )
+    return found
+
+
+def _foretold(obstacle: Obstacle) -> bool:
+    return isinstance(obstacle.motion, Course) and obstacle.motion.covariance is not None
+
+
+# plan files
+
+
+@cache
+def _planned(name: str) -> tuple[sp.Scenario, Data]:
+    scenario = builtin.load(name)
+    return scenario, sp.plan(scenario).to_dict(20)
+
+
+def _make_plan(rng: np.random.Generator) -> Data:
+    name = str(rng.choice(PLANNED))
+    plan = _planned(name)[1]
+    if rng.random() < 0.8:
+        return {"scenario": name, "text": json.dumps(damaged(plan, rng))}
+    return {"scenario": name, "bytes": cut(json.dumps(plan).encode(), rng).hex()}
+
+
+def _try_plan(data: Data) -> Outcome:
+    scenario, _ = _planned(data["scenario"])
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "plan.json"
+        file.write_bytes(bytes.fromhex(data["bytes"]) if "bytes" in data else data["text"].encode())
+        try:
+            plan = sp.Plan.load(file)
+        except sp.PlanError:
+            return Outcome("bad input")
+        certificate = sp.certify(scenario, plan)
+        try:
+            plan.export(Path(folder) / "plan.csv")
+        except ScpPlannerError:
+            return Outcome("not exported")
+    if not certificate.holds:
+        return Outcome("does not hold")
+    return _checked(Wild(scenario.to_dict(), 1.0, 1.0), scenario, plan)
+
+
+# the rest is of modules of its own
+
+
+def _try_command(data: Data) -> Outcome:
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        commands.lay_out()
+        code, said = commands.run([os.fsdecode(bytes.fromhex(word)) for word in data["arguments"]])
+    if said:
+        return Outcome("raised", Fault.TRACEBACK, said)
+    if code not in commands.KNOWN_CODES:
+        return Outcome(f"exit code {code}", Fault.EXIT_CODE, f"{code}")
+    return Outcome(f"exit code {code}")
+
+
+def _make_planner(rng: np.random.Generator) -> Data:
+    drawn = wild(rng)
+    drawn.data["vehicle"]["max_jerk"] = None
+    return {"scenario": drawn.scaled(), "calls": calls.draw(rng, drawn.scaled(), ODD)}
+
+
+def _try_planner(data: Data) -> Outcome:
+    try:
+        scenario = sp.Scenario(**data["scenario"])
+    except sp.ScenarioError:
+        return Outcome("bad input")
+    refused = calls.play(scenario, data["calls"])
+    return Outcome("driven, some calls refused" if refused else "driven")
+
+
+_MAKERS: dict[Kind, Callable[[np.random.Generator], Data]] = {
+    Kind.SCENARIO: _make_scenario,
+    Kind.WILD: _make_wild,
+    Kind.PLAN: _make_plan,
+    Kind.COMMAND: lambda rng: {"arguments": [word.hex() for word in commands.draw(rng)]},
+    Kind.PLANNER: _make_planner,
+}
+_TRIED: dict[Kind, Callable[[Data], Outcome]] = {
+    Kind.SCENARIO: _try_scenario,
+    Kind.WILD: _try_wild,
+    Kind.PLAN: _try_plan,
+    Kind.COMMAND: _try_command,
+    Kind.PLANNER: _try_planner,
+}

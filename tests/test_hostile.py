@@ -1,0 +1,178 @@
+"""The hunt for hostile input: that it draws the same again, finds what is wrong, and ends what does not end."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from benchmarks.hostile import __main__ as command
+from benchmarks.hostile import calls, cases, commands, workers
+from benchmarks.hostile.cases import Fault, Kind, Outcome, carry_out, make
+from benchmarks.hostile.wild import Wild, scaled, wild
+from tests.scenes import scene
+
+MEGABYTE = 10**6
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_a_seed_names_a_case(kind: Kind) -> None:
+    first, again, other = (make(kind, seed) for seed in (3, 3, 4))
+    assert json.dumps(first.data) == json.dumps(again.data)
+    assert json.dumps(first.data) != json.dumps(other.data)
+
+
+def test_most_wild_scenarios_are_legal_and_they_have_every_feature() -> None:
+    drawn = [wild(np.random.default_rng(seed)) for seed in range(120)]
+    legal = 0
+    for one in drawn:
+        try:
+            sp.Scenario(**one.scaled())
+        except sp.ScenarioError:
+            continue
+        legal += 1
+    assert legal > 80
+    for key in ("guide", "bounds", "corridor", "speed_limits"):
+        assert any(one.data[key] for one in drawn)
+    obstacles = [obstacle for one in drawn for obstacle in one.data["obstacles"]]
+    assert {key for each in obstacles for key in each["shape"]} == {"disc", "polygon", "rectangle"}
+    assert any("observations" in each for each in obstacles)
+    assert any("covariance" in each.get("motion", {}) for each in obstacles)
+
+
+def test_scaling_scales_every_quantity_by_its_unit() -> None:
+    length, duration = 7.0, 0.5
+    drawn = next(
+        one
+        for one in (wild(np.random.default_rng(seed)) for seed in itertools.count())
+        if one.data["bounds"] and one.data["obstacles"] and one.data["vehicle"]["max_curvature"]
+    )
+    made, data = scaled(drawn.data, length, duration), drawn.data
+    assert made["vehicle"]["max_speed"] == pytest.approx(data["vehicle"]["max_speed"] * length / duration)
+    assert made["vehicle"]["max_acceleration"] == pytest.approx(
+        data["vehicle"]["max_acceleration"] * length / duration**2
+    )
+    assert made["vehicle"]["max_curvature"] == pytest.approx(data["vehicle"]["max_curvature"] / length)
+    assert made["start"]["time"] == pytest.approx(data["start"]["time"] * duration)
+    assert made["bounds"]["max"] == pytest.approx([length * x for x in data["bounds"]["max"]])
+    assert made["confidence"] == data["confidence"]
+
+
+def _near() -> Wild:
+    data = scene({"id": "d", "shape": {"disc": 0.5}, "motion": {"position": [8.0, -0.2]}}).to_dict()
+    return Wild(data, 2.0, 0.5)
+
+
+def test_a_certified_plan_is_checked_in_its_own_units() -> None:
+    drawn = _near()
+    outcome = cases._try_wild({"data": drawn.data, "length": drawn.length, "time": drawn.time})
+    assert (outcome.result, outcome.fault, outcome.checked) == ("certified", None, 1)
+
+
+def test_a_plan_that_is_wrongly_certified_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = _near()
+    without = sp.Scenario(**{**drawn.scaled(), "obstacles": []})
+    plan = sp.plan(without)  # straight through the obstacle
+    monkeypatch.setattr(sp, "plan", lambda *_, **__: plan)
+    outcome = cases._try_wild({"data": drawn.data, "length": drawn.length, "time": drawn.time})
+    assert outcome.fault is Fault.REFUSED and "clearance (d)" in outcome.detail
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_what_is_raised_is_a_finding(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Any) -> Outcome:
+        raise IndexError("of nothing")
+
+    monkeypatch.setitem(cases._TRIED, kind, fail)
+    outcome = carry_out(make(kind, 0))
+    assert outcome.fault is Fault.TRACEBACK and "IndexError: of nothing" in outcome.detail
+
+
+def test_a_command_that_raises_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise KeyError("lost")
+
+    monkeypatch.setattr("scp_planner.planning.offline.plan", fail)
+    words = [word.encode().hex() for word in ("plan", "good.yaml")]
+    outcome = cases._try_command({"arguments": words})
+    assert outcome.fault is Fault.TRACEBACK and "KeyError: 'lost'" in outcome.detail
+    monkeypatch.undo()
+    assert cases._try_command({"arguments": words}).result == "exit code 0"
+
+
+def test_calls_that_are_refused_are_counted() -> None:
+    asked = [
+        {"method": "replan", "arguments": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0}},
+        {"method": "observe", "arguments": {"obstacle": "nobody", "time": 0.0, "position": [0.0, 0.0]}},
+    ]
+    assert calls.play(scene(), asked) == 1
+    with pytest.raises(TypeError):
+        calls.play(scene(), [{"method": "observe", "arguments": {"nonsense": 1}}])
+
+
+def test_every_command_can_be_drawn() -> None:
+    drawn = [commands.draw(np.random.default_rng(seed)) for seed in range(300)]
+    assert {words[0].decode() for words in drawn} == {name.split()[0] for name in commands.NEEDS}
+
+
+class _Busy:
+    """What a worker tells that is at something that does not end."""
+
+    def __init__(self, used: float, peak: int, waited: float = 0.0) -> None:
+        self.began, self.used = time.monotonic() - waited, 0.0
+        self._used, self._peak = used, peak
+
+    def processor_time(self) -> float:
+        return self._used
+
+    def peak_memory(self) -> int:
+        return self._peak
+
+
+@pytest.mark.parametrize(
+    ("busy", "fault"),
+    [
+        (_Busy(9.0, 900 * MEGABYTE), None),
+        (_Busy(11.0, 100 * MEGABYTE), Fault.HANG),
+        (_Busy(1.0, 100 * MEGABYTE, waited=1000.0), Fault.HANG),
+        (_Busy(1.0, 1001 * MEGABYTE), Fault.MEMORY),
+    ],
+)
+def test_what_takes_too_much_is_told(busy: Any, fault: Fault | None) -> None:
+    outcome = workers.Worker.excess(busy, 10.0, 1000 * MEGABYTE)
+    assert (None if outcome is None else outcome.fault) is fault
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc to look at processes")
+def test_a_worker_that_takes_too_long_is_ended_and_others_go_on() -> None:
+    jobs = iter([(Kind.SCENARIO, 1), (Kind.WILD, 1)])
+    # No case is tried in no time: each is ended, and so its worker, and the next one gets a new worker.
+    found = list(workers.tried(jobs, 1, 0.0, 1000 * MEGABYTE))
+    assert [(kind, seed) for kind, seed, _ in found] == [(Kind.SCENARIO, 1), (Kind.WILD, 1)]
+
+
+def test_the_command_writes_findings_and_what_it_came_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def tried(jobs: Any, *_: object) -> Any:
+        for kind, seed in jobs:
+            outcome = carry_out(make(kind, seed))
+            if kind is Kind.PLAN and seed == 6:
+                outcome = replace(outcome, fault=Fault.HANG, detail="11 s")
+            yield kind, seed, outcome
+
+    monkeypatch.setattr(command, "tried", tried)
+    asked = ["--only", "plan", "--count", "2", "--output", str(tmp_path)]
+    assert command.main([*asked, "--seed", "6"]) == 1
+    told = json.loads((tmp_path / "plan-6.json").read_text())
+    assert told["case"] == {"kind": "plan", "seed": 6, "data": make(Kind.PLAN, 6).data}
+    assert (tmp_path / "findings.csv").read_text().splitlines()[1] == "plan,6,hang,11 s,plan-6.json"
+    assert "| plan |     2 |" in capsys.readouterr().out
+    assert command.main([*asked, "--seed", "50"]) == 0
