@@ -50,6 +50,7 @@ END_WINDOW = 1e-4  # s; a longer one would be blurred by a jump of the accelerat
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
+END_CHORD = 5e-4  # m, for the headings at the ends, whose error grows with the square of the chords
 REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
 
 
@@ -57,8 +58,9 @@ REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth compa
 class Tolerances:
     """How far a limit may be exceeded; the defaults cover the errors of the differences, given above.
 
-    ``clearance`` is about twice what is overlooked between samples; ``heading`` is the error of extrapolating
-    the first two chords to the first point where curvature changes by 10 /m2.
+    ``clearance`` is about twice what is overlooked between samples; ``heading`` is far more than the error of
+    extrapolating the first two chords to the first point, 1e-5 where curvature changes by 100 /m2, unless samples are
+    farther apart than these chords.
     """
 
     clearance: float = 3e-6  # m
@@ -269,11 +271,15 @@ def _end_speed(position: PositionFunction, end: float, window: float) -> float:
 
 
 def _end_heading(position: PositionFunction, positions: Array, end: float, order: int) -> float:
-    """Heading to the inside at an end, over two chords as short as allowed, however far apart the samples are."""
+    """Heading to the inside at an end, over two short chords, however far apart the samples are."""
     speed = _end_speed(position, end, order * END_WINDOW)
     if speed <= SLOW:
-        return _first_heading(positions[_points_by_length(positions)[:3]])
-    window = order * CHORD_LENGTH / speed
+        distance = np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))
+        first = 1 + int(np.searchsorted(distance, END_CHORD))
+        second = max(first + 1, 1 + int(np.searchsorted(distance, distance[min(first, len(distance)) - 1] + END_CHORD)))
+        second = min(second, len(positions) - 1)
+        return _first_heading(positions[[0, min(first, second - 1), second]])
+    window = order * END_CHORD / speed
     return _first_heading(np.asarray(position(end + window * np.arange(3)), dtype=float))
 
 

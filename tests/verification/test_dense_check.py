@@ -437,3 +437,21 @@ def test_a_jump_of_the_acceleration_just_after_the_start_is_no_wrong_speed() -> 
     assert check_trip(scenario(goal=goal), position, 0.0, 0.5).ok
     start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0005}
     assert refused(check_trip(scenario(start=start, goal=goal), position, 0.0, 0.5)) == {"start_speed"}
+
+
+@pytest.mark.parametrize("from_rest", [True, False])
+def test_headings_at_ends_are_exact_where_the_curvature_changes_fast(from_rest: bool) -> None:
+    """A path that leaves in a bend of 10 /m, whose curvature changes by 60 /m2, at rest or at once at 0.5 m/s."""
+    bend, change = -10.0, 60.0
+
+    def position(times: Array) -> Array:
+        along = 0.5 * times**2 if from_rest else 0.5 * times
+        # Integrals of the direction over the way, by Gauss-Legendre.
+        nodes, weights = np.polynomial.legendre.leggauss(20)
+        inner = 0.5 * along[:, None] * (1.0 + nodes)
+        angle = 0.3 + bend * inner + 0.5 * change * inner**2
+        return 0.5 * along[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
+
+    times = np.linspace(0.0, 0.5, dense_check.SAMPLES + 1)
+    found = dense_check._end_heading(position, position(times), 0.0, 1)
+    assert found == pytest.approx(0.3, abs=2e-5)
