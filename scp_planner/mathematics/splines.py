@@ -7,6 +7,7 @@ The bases themselves come from :class:`scipy.interpolate.BSpline`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import factorial
@@ -74,6 +75,24 @@ class PiecewiseBasis:
             return np.concatenate([self.rows_at(span[k : k + at_once], x[k : k + at_once]) for k in parts])
         powers = x[:, None] ** _exponents(order)
         return np.matmul(powers[:, None, :], self.coefficients[span])[:, 0, :]
+
+    def weights_at(self, span: NDArray[np.intp], x: Array) -> Iterator[tuple[NDArray[np.intp], Array]]:
+        """Give the values of `rows_at` without those that are zero in all of a span, at located parameters.
+
+        Only for B-splines whose knots are simple but for the ends.
+
+        Yields
+        ------
+        index : (n,) array of int
+            Of one basis function at each parameter.
+        value : (n,) array
+            Its value there.
+        """
+        order = self.coefficients.shape[1]
+        powers = x[:, None] ** _exponents(order)
+        for further in range(order):
+            index = span + further
+            yield index, np.einsum("np,np->n", powers, self.coefficients[span, :, index])
 
     @cached_property
     def derivative(self) -> PiecewiseBasis:

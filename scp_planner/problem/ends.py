@@ -96,10 +96,12 @@ def _offset_bounds(space: TripSpace, max_offset: float) -> tuple[Array, Array]:
         return lower, upper
     parameters = np.linspace(0.0, 1.0, FOLD_LOOKS * len(space.path.widths) + 1)
     curvature = space.guide.frame(parameters * space.length).curvature
-    weighs = space.path.rows(parameters) > 0.0
     with np.errstate(divide="ignore"):
         left = np.where(curvature > 0.0, FOLD / np.maximum(curvature, 1e-300), np.inf)
         right = np.where(curvature < 0.0, FOLD / np.maximum(-curvature, 1e-300), np.inf)
-    upper = np.minimum(upper, np.where(weighs, left[:, None], np.inf).min(axis=0))
-    lower = np.maximum(lower, -np.where(weighs, right[:, None], np.inf).min(axis=0))
+    span, x = space.path.locate(parameters)
+    for control, weight in space.path.weights_at(span, x):
+        weighs = weight > 0.0
+        np.minimum.at(upper, control[weighs], left[weighs])
+        np.maximum.at(lower, control[weighs], -right[weighs])
     return lower, upper
