@@ -176,3 +176,11 @@ def test_the_command_writes_findings_and_what_it_came_to(
     assert (tmp_path / "findings.csv").read_text().splitlines()[1] == "plan,6,hang,11 s,plan-6.json"
     assert "| plan |     2 |" in capsys.readouterr().out
     assert command.main([*asked, "--seed", "50"]) == 0
+
+
+def test_commands_do_not_read_what_nobody_writes_to() -> None:
+    drawn = [commands.draw(np.random.default_rng(seed)) for seed in range(600)]
+    for words in drawn:
+        for before, word in itertools.pairwise(words):
+            assert word != b"pipe.json" or before in (b"--output", b"--plans")
+    assert any(b"pipe.json" in words for words in drawn)
