@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from scp_planner import Scenario
@@ -50,3 +51,71 @@ CROSSERS = (
     disc("oncoming", (16.0, 0.6), (-1.6, -0.1), (0.0, 0.02), 0.7),
     disc("fast", (12.0, 9.0), (0.1, -1.9), (0.0, 0.05), 0.5),
 )
+
+
+def rewritten(
+    scenario: Scenario,
+    length: float = 1.0,
+    time: float = 1.0,
+    clock: float = 0.0,
+    shift: tuple[float, float] = (0.0, 0.0),
+    turn: float = 0.0,
+) -> Scenario:
+    """The same scene with lengths and times so many times as large, then moved in time and place, and turned first.
+
+    Only what scenes of tests have is looked at: discs, motions and observations that are seen in all directions alike.
+    """
+    data = scenario.to_dict()
+    c, s = math.cos(turn), math.sin(turn)
+
+    def vector(value: Any, unit: float) -> list[float]:
+        x, y = value
+        return [(c * x - s * y) * unit, (s * x + c * y) * unit] if turn else [x * unit, y * unit]
+
+    def place(value: Any) -> list[float]:
+        x, y = vector(value, length)
+        return [x + shift[0], y + shift[1]]
+
+    def scale(part: dict[str, Any], **units: float) -> None:
+        for key, unit in units.items():
+            if part.get(key) is not None:
+                part[key] = part[key] * unit
+
+    speed, rate = length / time, length / time**2
+    scale(data["vehicle"], radius=length, max_speed=speed, max_acceleration=rate, max_deceleration=rate)
+    scale(data["vehicle"], max_lateral_acceleration=rate, max_curvature=1 / length, max_jerk=rate / time)
+    scale(data["vehicle"], max_curvature_rate=1 / length / time)
+    data["vehicle"]["discs"] = [offset * length for offset in data["vehicle"]["discs"]]
+    for end in (data["start"], data["goal"]):
+        end["position"] = place(end["position"])
+        scale(end, speed=speed, acceleration=rate, radius=length, time=time)
+        if turn and end["heading"] is not None:
+            end["heading"] += turn
+    data["start"]["time"] += clock
+    for key in ("earliest_arrival", "latest_arrival"):
+        if data["goal"][key] is not None:
+            data["goal"][key] = data["goal"][key] * time + clock
+    if data["guide"] is not None:
+        data["guide"] = [place(point) for point in data["guide"]]
+    for obstacle in data["obstacles"]:
+        scale(obstacle, margin=length)
+        scale(obstacle["shape"], disc=length)
+        if "motion" in obstacle:
+            motion = obstacle["motion"]
+            velocity, acceleration = vector(motion["velocity"], speed), vector(motion["acceleration"], rate)
+            x, y = place(motion["position"])
+            motion.update(
+                position=[
+                    x - velocity[0] * clock + 0.5 * acceleration[0] * clock**2,
+                    y - velocity[1] * clock + 0.5 * acceleration[1] * clock**2,
+                ],
+                velocity=[velocity[0] - acceleration[0] * clock, velocity[1] - acceleration[1] * clock],
+                acceleration=acceleration,
+            )
+        else:
+            seen = obstacle["observations"]
+            seen["time"] = [t * time + clock for t in seen["time"]]
+            seen["position"] = [place(point) for point in seen["position"]]
+            if seen["covariance"] is not None:
+                seen["covariance"] = [[entry * length**2 for entry in row] for row in seen["covariance"]]
+    return Scenario(**data)

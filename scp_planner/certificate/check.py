@@ -48,6 +48,7 @@ from scp_planner.mathematics.refinement import highest
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
@@ -62,11 +63,13 @@ logger = logging.getLogger(__name__)
 MAX_HALVINGS = 22
 MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
 INTERVALS = 192  # at the first level, at most, besides those between knots
-FIRST_WIDTH = 0.04  # s, of shorter trips' intervals at the first level
+FIRST_WIDTH = 0.04  # units of time, of shorter trips' intervals at the first level
 FEWEST_INTERVALS = 16
 MANY_ZONES = 32  # more than these are first searched for those that can matter
-A_JUMP = 1e12  # m/s^3, said of the jerk where the acceleration jumps
-REPORT_PRECISION = 1e-3  # m; see certify_trip
+EARLIEST = "earliest arrival"
+INSTANTS = (EARLIEST, LATEST)  # what is said of these are times, not durations
+A_JUMP = 1e12  # units of jerk, said of the jerk where the acceleration jumps
+REPORT_PRECISION = 1e-3  # units of length; see certify_trip
 FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is looked for
 MOST_MOTIONS = 8  # that are remembered
 _BOTH_ENDS = np.array([0.0, 1.0])
@@ -97,19 +100,31 @@ def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone
     -------
     Certificate
     """
-    tell_of_horizon(scenario, plan.trip)
-    return certify_trip(scenario, plan.trip, ZonesOf(scenario) if threat_zones is None else threat_zones)
+    units = NaturalUnits.of(scenario)
+    inside, trip = units.scenario(scenario), plan.trip.inside(units)
+    tell_of_horizon(inside, trip, units)
+    found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
+    return certify_trip(inside, trip, found).outside(units)
 
 
-def tell_of_horizon(scenario: Scenario, trip: Trip) -> None:
-    """Warn of a trip that is longer than the zones of observed obstacles are made for: beyond, nothing is known."""
+def tell_of_horizon(scenario: Scenario, trip: Trip, units: NaturalUnits) -> None:
+    """Warn of a trip that is longer than the zones of observed obstacles are made for: beyond, nothing is known.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    trip : Trip
+        Both in natural units.
+    units : NaturalUnits
+        Of the scene, in which the warning is not.
+    """
     beyond = trip.frame.time + trip.trajectory.travel_time - (scenario.start.time + HORIZON)
     if beyond > 0.0 and any(obstacle.observations is not None for obstacle in scenario.obstacles):
         logger.warning(
-            "the trip ends %.4g s after the zones of observed obstacles do, which hold for %g s: the certificate says"
+            "the trip ends %.4g s after the zones of observed obstacles do, which hold for %.4g s: the certificate says"
             " nothing of what they do later",
-            beyond,
-            HORIZON,
+            beyond * units.time,
+            HORIZON * units.time,
         )
 
 
@@ -125,7 +140,7 @@ def certify_trip(
     batch: ZoneBatch | None = None,
     motions: Motions | None = None,
 ) -> Certificate:
-    """Check a trip against a scenario in continuous time. See :func:`certify`.
+    """Check a trip against a scenario, both in its natural units, in continuous time. See :func:`certify`.
 
     Parameters
     ----------
@@ -385,7 +400,7 @@ class _Check:
         early = []
         if Ends.GOAL in ends and goal.earliest_arrival is not None:
             if times[1] < goal.earliest_arrival - ARRIVAL_TOLERANCE:
-                early.append(Violation("earliest arrival", times[1], goal.earliest_arrival, times[1]))
+                early.append(Violation(EARLIEST, times[1], goal.earliest_arrival, times[1]))
         return early + [
             Violation(name, value, allowed, time)
             for name, value, allowed, time in found

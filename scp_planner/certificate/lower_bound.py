@@ -35,16 +35,19 @@ from scp_planner.mathematics.frames import PlanningFrame, directions_of, turned_
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 
-ROUNDING = 2.0 * END_TOLERANCE  # m and m/s; what is certified keeps its ends to END_TOLERANCE
+ROUNDING = (
+    2.0 * END_TOLERANCE
+)  # of lengths and speeds, in natural units; what is certified keeps its ends to END_TOLERANCE
 SPEED_ROUNDING = 1e-8  # relative
 EDGE = 1e-9  # of a cell
 ALIGNED = 1.0 - 1e-6  # of a step that moves by whole cells
 PRECISION = 1e-3  # relative, to which the bound is found
-LONGEST_STEP = 0.25  # s between instants, before the vehicle is fast
+LONGEST_STEP = 0.25  # units of time between instants, before the vehicle is fast
 CELLS = 700_000  # at most
 FEW_CELLS = 60_000  # for an answer in hundredths of a second
 CORNERS = 48  # of the polygon inside each zone
@@ -59,7 +62,7 @@ GROWTH = (1.02, 1.1, 1.25, 1.6, 2.2, 3.0, 4.0)
 
 @dataclass(frozen=True)
 class _Resolution:
-    """Time between instants at top speed, s, and how many cells the vehicle then moves by along and across the line."""
+    """Time between instants at top speed, and how many cells the vehicle then moves by along and across the line."""
 
     time: float
     columns: int
@@ -131,11 +134,19 @@ def lower_bound(
         show, to a thousandth. Waiting for what fills a bounded workspace shows, and going far round; the price of
         small sidesteps, and of turning, does not.
     """
+    began = perf_counter()
+    units = NaturalUnits.of(scenario)
+    inside = units.scenario(scenario)
+    found = tuple(ZonesOf(inside)) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
+    deadline = np.inf if time_limit is None else began + time_limit
+    return _bound(inside, None if at_most is None else at_most / units.time, found, deadline) * units.time
+
+
+def _bound(scenario: Scenario, at_most: float | None, found: tuple[ThreatZone, ...], deadline: float) -> float:
+    """:func:`lower_bound` in natural units."""
     least = kinematic_bound(scenario)
     if not scenario.obstacles:
         return least
-    found = zones(scenario) if threat_zones is None else threat_zones
-    deadline = np.inf if time_limit is None else perf_counter() + time_limit
     return _Bisection(scenario, found, least, deadline).bound(at_most)
 
 
@@ -216,9 +227,12 @@ def no_trip_within(
         return True
     if not threat_zones:  # straight on, inside a convex workspace
         return False
+    units = NaturalUnits.of(scenario)
+    inside = units.scenario(scenario.model_copy(update={"obstacles": ()}))
+    found = tuple(zone.inside(units) for zone in threat_zones)
+    longest = travel_time / units.time
     try:
-        relaxation = _Relaxation(scenario, tuple(threat_zones), travel_time, FEW_CELLS, deadline)
-        return not relaxation.possible(travel_time)
+        return not _Relaxation(inside, found, longest, FEW_CELLS, deadline).possible(longest)
     except _NotDecided:
         return False
 

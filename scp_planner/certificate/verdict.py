@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Flag, auto
+
+from scp_planner.certificate.check import EARLIEST, INSTANTS
+from scp_planner.scenario.units import NaturalUnits
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,11 @@ class Clearance:
     obstacle: str | None = None
     time: float | None = None
 
+    def outside(self, units: NaturalUnits) -> Clearance:
+        """Return a clearance in the units of its scene in SI units."""
+        time = None if self.time is None else units.absolute(self.time)
+        return Clearance(self.minimum * units.length, self.obstacle, time)
+
 
 @dataclass(frozen=True)
 class LimitUse:
@@ -43,12 +51,19 @@ class LimitUse:
     limit: float | None
     time: float
 
+    def outside(self, units: NaturalUnits, unit: str) -> LimitUse:
+        """Return the use of a limit in the units of its scene in SI units, ``unit`` the quantity's own."""
+        factor = units.factor(unit)
+        return LimitUse(
+            self.worst * factor, None if self.limit is None else self.limit * factor, units.absolute(self.time)
+        )
+
 
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
-END_TOLERANCE = 1e-6  # m, m/s and rad at the ends of the trip
-GOAL_SPEED_TOLERANCE = 1e-3  # m/s
-CLEARANCE_TOLERANCE = 1e-9  # m
-ARRIVAL_TOLERANCE = 1e-3  # s, around the earliest and latest arrival
+END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, in natural units and rad
+GOAL_SPEED_TOLERANCE = 1e-3  # units of speed
+CLEARANCE_TOLERANCE = 1e-9  # units of length
+ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arrival
 LATEST = "latest arrival"
 UNITS = {
     "clearance": "m",
@@ -58,7 +73,7 @@ UNITS = {
     "distance from the goal": "m",
     "start time": "s",
     "travel time": "s",
-    "earliest arrival": "s",
+    EARLIEST: "s",
     LATEST: "s",
     "start heading": "rad",
     "goal heading": "rad",
@@ -92,6 +107,8 @@ class Violation:
         Absolute time, s.
     obstacle : str or None
         Id, for clearance.
+    rounding : float
+        A clearance that is not below nothing by more than this is no contact that can be told, m.
     """
 
     what: str
@@ -99,6 +116,22 @@ class Violation:
     allowed: float
     time: float
     obstacle: str | None = None
+    rounding: float = CLEARANCE_TOLERANCE
+
+    def outside(self, units: NaturalUnits) -> Violation:
+        """Return a violation in the units of its scene in SI units."""
+        time = units.absolute(self.time)
+        if self.what in INSTANTS:
+            value, allowed = units.absolute(self.value), units.absolute(self.allowed)
+            return replace(self, value=value, allowed=allowed, time=time)
+        factor = units.factor(self.unit.strip())
+        return replace(
+            self,
+            value=self.value * factor,
+            allowed=self.allowed * factor,
+            time=time,
+            rounding=self.rounding * units.length,
+        )
 
     @property
     def unit(self) -> str:
@@ -109,7 +142,7 @@ class Violation:
     def __str__(self) -> str:
         whom = f" to {self.obstacle}" if self.obstacle is not None else ""
         found, allowed = f"{self.value:.6g}{self.unit}", f"{self.allowed:.6g}{self.unit}"
-        if self.obstacle is not None and self.value > -CLEARANCE_TOLERANCE:
+        if self.obstacle is not None and self.value > -self.rounding:
             found, allowed = "too near 0 m to tell from contact", "0 m"
         return f"{self.what}{whom} {found} at t = {self.time:.3f} s, allowed {allowed}"
 
@@ -132,6 +165,14 @@ class Certificate:
     clearance: Clearance
     limits: dict[str, LimitUse]
     violations: tuple[Violation, ...] = field(default=())
+
+    def outside(self, units: NaturalUnits) -> Certificate:
+        """Return a certificate in the units of its scene in SI units."""
+        if units.are_those_of_the_user:
+            return self
+        limits = {name: use.outside(units, UNITS[name.partition("[")[0]]) for name, use in self.limits.items()}
+        violations = tuple(violation.outside(units) for violation in self.violations)
+        return Certificate(self.holds, self.clearance.outside(units), limits, violations)
 
     @property
     def late(self) -> bool:

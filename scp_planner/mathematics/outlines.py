@@ -89,6 +89,13 @@ class Outline:
         full = turn @ self.matrix[[0, 1, 1, 2]].reshape(2, 2) @ turn.T
         return Outline(matrix=full[[0, 0, 1], [0, 1, 1]])
 
+    def in_units(self, length: float) -> Outline:
+        """Return the outline where lengths are so many times as large."""
+        if self.vertices is not None:
+            return Outline(vertices=self.vertices * length, turning=self.turning)
+        assert self.matrix is not None
+        return Outline(matrix=self.matrix * length**2, turning=self.turning)
+
     def rounded(self, decimals: int) -> Outline:
         """Return the outline with its vertices or matrix rounded; vertices that become one are one."""
         if self.vertices is not None:

@@ -80,6 +80,17 @@ class PiecewisePolynomials:
         breaks[:, 0] = origin
         return PiecewisePolynomials(breaks, moved)
 
+    def in_units(self, value: float, time: float) -> PiecewisePolynomials:
+        """Return the same functions where values are so many times as large, and times too."""
+        powers = value / np.cumprod(np.r_[1.0, np.full(self.coefficients.shape[2] - 1, time)])
+        return PiecewisePolynomials(self.breakpoints * time, self.coefficients * powers[:, None])
+
+    def plus(self, constant: Sequence[float]) -> PiecewisePolynomials:
+        """Return the functions with a constant (d,) added."""
+        coefficients = self.coefficients.copy()
+        coefficients[:, :, 0] += np.asarray(constant)
+        return PiecewisePolynomials(self.breakpoints, coefficients)
+
     def rounded(self, constant: int, others: int) -> PiecewisePolynomials:
         """Return polynomials with their constants, and their other coefficients, rounded to so many decimals."""
         coefficients = np.round(self.coefficients, others)

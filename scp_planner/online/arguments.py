@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
-from scp_planner.scenario.models import LARGEST_COORDINATE
+from scp_planner.files import LARGEST_COORDINATE
 
 
 def _point(name: str, value: ArrayLike) -> tuple[float, float]:

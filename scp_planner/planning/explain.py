@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
+from scp_planner.certificate.check import EARLIEST
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
-from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, LATEST, Certificate, Violation
+from scp_planner.certificate.verdict import LATEST, Certificate, Violation
 from scp_planner.scenario.models import Scenario
 from scp_planner.scp.record import Run, Status
 from scp_planner.threat_zones.zone import ThreatZone
@@ -20,14 +22,14 @@ TRIFLE = 0.05
 SMALL = 0.1
 """Of a limit, or of the vehicle's radius."""
 
-FEWEST_PENALTIES = 1e-3  # s; less is rounding
+FEWEST_PENALTIES = 1e-3  # units of time; less is rounding
 LOOKED_AHEAD = 2.0
 """Times the kinematic bound: trips up to this long are proved to be impossible, where there is no latest arrival."""
 
 MOST_CULPRITS = 4
 TOUCHING = 0.1  # of the vehicle's radius
 LOOKS = 65  # at times of a trip
-ROUNDING = 1e-6  # m
+ROUNDING = 1e-6  # of the trip's length or time
 
 _ENDS = {
     Status.CONVERGED: "the loop converged",
@@ -41,13 +43,37 @@ _ENDS = {
 }
 
 
+@dataclass(frozen=True)
+class Ending:
+    """How the attempts ended.
+
+    Attributes
+    ----------
+    status : Status
+        Of the run that the best one came from.
+    penalty : float
+        What its violations cost it, s; 0 where that is nothing but rounding.
+    tried : int
+        Number of ways that were tried.
+    """
+
+    status: Status
+    penalty: float
+    tried: int
+
+    @classmethod
+    def of(cls, run: Run, tried: int, time: float = 1.0) -> Ending:
+        """Return the ending of a run in natural units, with ``time`` the unit of time, s."""
+        left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
+        return cls(run.status, left * time if left > FEWEST_PENALTIES else 0.0, tried)
+
+
 def explain(
     scenario: Scenario,
     threat_zones: Sequence[ThreatZone],
     trip: Trip,
-    run: Run,
+    ending: Ending,
     certificate: Certificate,
-    tried: int,
     *,
     prove_until: float = np.inf,
 ) -> str:
@@ -59,12 +85,10 @@ def explain(
     threat_zones : sequence of ThreatZone
     trip : Trip
         The best attempt.
-    run : Run
-        That it came from.
+    ending : Ending
+        Of the run that it came from.
     certificate : Certificate
         What it does not keep.
-    tried : int
-        Number of ways that were tried.
     prove_until : float
         Of the clock of :func:`time.perf_counter`, s: what is not proved by then, that there is no trip at all, is left
         open.
@@ -77,11 +101,12 @@ def explain(
     """
     told = grave_violations(scenario, trip, certificate)
     parts = ["; ".join(map(str, told)), *_causes(scenario, threat_zones, trip, told, prove_until)]
-    left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
-    ways = "1 way round" if tried == 1 else f"{tried} ways round"
-    penalty = f"; penalty left {left:.3g} s" if left > FEWEST_PENALTIES else ""
+    ways = "1 way round" if ending.tried == 1 else f"{ending.tried} ways round"
+    penalty = f"; penalty left {ending.penalty:.3g} s" if ending.penalty > 0.0 else ""
     helps = "; ".join(_relaxation(violation) for violation in told)
-    return ". ".join([*parts, f"Best of {ways}; {_ENDS[run.status]}{penalty}", f"It would be acceptable with {helps}"])
+    return ". ".join(
+        [*parts, f"Best of {ways}; {_ENDS[ending.status]}{penalty}", f"It would be acceptable with {helps}"]
+    )
 
 
 def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -> list[Violation]:
@@ -118,11 +143,11 @@ def _severity(scenario: Scenario, trip: Trip, violation: Violation) -> float:
 
 def _relaxation(violation: Violation) -> str:
     if violation.obstacle is not None:
-        if violation.value > -CLEARANCE_TOLERANCE:
+        if violation.value > -violation.rounding:
             return f"{violation.obstacle} only a little smaller"
         return f"{-violation.value:.3g} m less of {violation.obstacle}"
     excess = violation.value - violation.allowed
-    if violation.what in ("earliest arrival", LATEST):
+    if violation.what in (EARLIEST, LATEST):
         return f"the {violation.what} {abs(excess):.3g} s {'sooner' if excess < 0.0 else 'later'}"
     if violation.what == "workspace bounds":
         return f"workspace bounds {-excess:.3g} m wider"
@@ -153,7 +178,7 @@ def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
         return
     rate = vehicle.max_acceleration if last > first else vehicle.max_deceleration
     needed, way = abs(last**2 - first**2) / (2.0 * rate), trip.trajectory.path.arc_length
-    if needed > way + ROUNDING:
+    if needed > way * (1.0 + ROUNDING):
         yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this way is {way:.3g} m long"
 
 
@@ -201,7 +226,7 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
     least = kinematic_bound(scenario)
     horizon = LOOKED_AHEAD * least if latest is None else latest - start
     until = f"before t = {start + horizon:.4g} s" if latest is None else f"by t = {latest:.4g} s"
-    if horizon < least - ROUNDING:
+    if horizon < least * (1.0 - ROUNDING):
         yield f"No trip arrives before t = {start + least:.4g} s, even with nothing in the way"
         return
     if not no_trip_within(scenario, horizon, zones, deadline):

@@ -15,7 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip, tell_of_horizon
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.planning.explain import explain
+from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along, may_want_another_guide
@@ -24,13 +24,14 @@ from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Run, Status
 from scp_planner.search.starts import DELAY_STEPS, bows
 from scp_planner.search.ways import CLOSE_SMOOTHING, SMOOTHING, WaySearch, WayTree
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver, solver_named
-from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -41,13 +42,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-TOUCHING = 0.02  # m; a converged trip is held up only by zones nearer than this
+TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
-PROOF_TIME = 1.0  # s; what a proof that there is no trip may take
+PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
-ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another way may turn out
+ESTIMATE_SLACK = 0.15  # units of time; how much better than its estimate another way may turn out
 
 
 def plan(
@@ -76,7 +77,7 @@ def plan(
     -------
     Plan
         With status ``certified`` only if the continuous-time certificate holds, and the given constraints are kept to
-        2e-4 in their own unit; else the best attempt, with the reason.
+        a hundred-thousandth of the trip's length; else the best attempt, with the reason.
 
     Raises
     ------
@@ -93,23 +94,35 @@ def plan(
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
     deadline = np.inf if time_limit is None else began + time_limit
-    search = _Planning(scenario, ZonesOf(scenario), settings, deadline, own_solver=solver, constraints=constraints)
+    units = NaturalUnits.of(scenario)
+    settings, inside = for_scene(settings, units), units.scenario(scenario)
+    given = None if constraints is None else Given(constraints, units)
+    search = _Planning(inside, ZonesOf(inside), settings, deadline, own_solver=solver, given=given)
     run, certificate = search.best()
     if constraints is None:  # those are written in stations of the guide
         run, certificate = _over_better_guides(search, run, certificate)
-    status, reason = _verdict(search, run, certificate)
+    trip, found = search.trip(run).outside(units), certificate.outside(units)
+    status, reason = _status(run, certificate), None
+    if status is not PlanStatus.CERTIFIED:
+        now = perf_counter()
+        hopeless = deadline - now > PROOF_TIME and (certificate.late or not run.feasible)
+        ending = Ending.of(run, search.tried, units.time)
+        until = deadline if hopeless else now
+        reason = explain(scenario, zones(scenario), trip, ending, found, prove_until=until)
+    else:
+        tell_of_horizon(inside, search.trip(run), units)
     return Plan(
         scenario=scenario.name,
         status=status,
         reason=reason,
-        trip=search.trip(run),
+        trip=trip,
         method="scp",
         solver=search.solver.name,
         iterations=search.iterations,
         wall_time=perf_counter() - began,
-        clearance=certificate.clearance,
-        limits=certificate.limits,
-        lower_bound=search.lower_bound,
+        clearance=found.clearance,
+        limits=found.limits,
+        lower_bound=search.lower_bound * units.time,
         timings=search.timings,
     )
 
@@ -181,20 +194,28 @@ def _touched(problem: Problem, run: Run) -> tuple[tuple[int, int], ...]:
     return tuple(reversed(found.items()))
 
 
-def _with_given(problem: Problem, constraints: UserConstraints, solver: QpSolver) -> tuple[Problem, QpSolver]:
+@dataclass(frozen=True)
+class Given:
+    """A user's own constraints, and the units of the scene, in which they are not written."""
+
+    constraints: UserConstraints
+    units: NaturalUnits
+
+
+def _with_given(problem: Problem, given: Given, solver: QpSolver) -> tuple[Problem, QpSolver]:
     """A problem with a user's own constraints, and the solver that keeps them."""
     from scp_planner.scp.given import GivenConstraints
     from scp_planner.solvers.cvxpy_solver import CvxpySolver
 
     if not isinstance(solver, CvxpySolver):
         raise ValueError(f"solver: {solver.name!r} cannot take constraints of one's own; cvxpy can")
-    given = GivenConstraints(problem, constraints)
-    return replace(problem, given=given), solver.keeping(given.on)
+    kept = GivenConstraints(problem, given.constraints, given.units)
+    return replace(problem, given=kept), solver.keeping(kept.on)
 
 
 @dataclass
 class _Planning:
-    """The state of one call of :func:`plan`."""
+    """The state of one call of :func:`plan`, all of it in the units of the scene."""
 
     scenario: Scenario
     threat_zones: Sequence[ThreatZone]
@@ -207,7 +228,7 @@ class _Planning:
     tried: int = 0
     along: Path | None = None  # a path that becomes the guide
     own_solver: QpSolver | None = None
-    constraints: UserConstraints | None = None
+    given: Given | None = None
 
     def __post_init__(self) -> None:
         clock = perf_counter()
@@ -218,8 +239,8 @@ class _Planning:
             guide = guide_along(self.along, self.settings)
             everything = build_problem(self.scenario, self.threat_zones, self.settings, breakpoints, guide)
         self.solver, fallback = self._solvers()
-        if self.constraints is not None:
-            everything, self.solver = _with_given(everything, self.constraints, self.solver)
+        if self.given is not None:
+            everything, self.solver = _with_given(everything, self.given, self.solver)
         self.lower_bound = kinematic_bound(self.scenario)
         self.everything = everything
         self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
@@ -231,7 +252,7 @@ class _Planning:
         if self.own_solver is not None:
             return self.own_solver, None
         name = self.settings.solver
-        if self.constraints is not None:
+        if self.given is not None:
             return solver_named(name), None
         return solver_named(name), "clarabel" if name != "clarabel" else "daqp"
 
@@ -378,17 +399,11 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
     return best.run, best.certificate
 
 
-def _verdict(search: _Planning, run: Run, certificate: Certificate) -> tuple[PlanStatus, str | None]:
+def _status(run: Run, certificate: Certificate) -> PlanStatus:
     if certificate.holds:
-        tell_of_horizon(search.scenario, search.trip(run))
-        return PlanStatus.CERTIFIED, None
-    now = perf_counter()
-    hopeless = search.deadline - now > PROOF_TIME and (certificate.late or not run.feasible)
-    prove_until = search.deadline if hopeless else now
-    zones, trip = search.threat_zones, search.trip(run)
-    reason = explain(search.scenario, zones, trip, run, certificate, search.tried, prove_until=prove_until)
+        return PlanStatus.CERTIFIED
     if certificate.late:
-        return PlanStatus.INFEASIBLE, reason
+        return PlanStatus.INFEASIBLE
     if run.status is Status.SOLVER_FAILED and not run.record:
-        return PlanStatus.FAILED, reason
-    return (PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE), reason
+        return PlanStatus.FAILED
+    return PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE

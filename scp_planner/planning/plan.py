@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from math import inf, isfinite
+from math import inf, isclose, isfinite
 from os import PathLike
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Self
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from scp_planner.scenario.models import Scenario
+
+ROUNDING = 1e-9  # relative, of lengths and times that are to be equal
 
 
 class PlanStatus(StrEnum):
@@ -167,7 +169,11 @@ class Plan:
             # A stop ends on its path, not at the goal.
             **(
                 {"stops": True}
-                if space.travel_time(trajectory.path.arc_length, trajectory.beta, self.travel_time) != self.travel_time
+                if not isclose(
+                    space.travel_time(trajectory.path.arc_length, trajectory.beta, self.travel_time),
+                    self.travel_time,
+                    rel_tol=ROUNDING,
+                )
                 else {}
             ),
             "lower_bound": self.lower_bound,

@@ -21,33 +21,36 @@ from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Line, Stretch, limits_at, stretches
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.space import TripSpace
 
-REACTION = 0.1  # s, for which a given acceleration at the start is kept where accelerations are piecewise constant
+REACTION = (
+    0.1  # units of time, for which a given acceleration at the start is kept where accelerations are piecewise constant
+)
 OPTIONAL_MARGIN = 2.5e-4  # relative, of optional limits, besides the margin of all limits
-PROFILE_STEP = 0.02  # m, of the fastest drive along a guide with such limits
-EARLIEST_MARGIN = 5e-4  # s, by which the trip is planned to arrive later than it has to
+PROFILE_STEP = 0.02  # units of length, of the fastest drive along a guide with such limits
+EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to
 
 
 def build_problem(
     scenario: Scenario,
     zones: Sequence[ThreatZone],
-    settings: Settings,
+    given: Settings,
     breakpoints: tuple[float, ...] | None = None,
     guide: Guide | None = None,
 ) -> Problem:
-    """Make a scenario ready for planning.
+    """Make a scenario, in its natural units, ready for planning.
 
     Parameters
     ----------
     scenario : Scenario
     zones : sequence of ThreatZone
         One an obstacle.
-    settings : Settings
+    given : Settings
+        What they leave open is as usual.
     breakpoints : tuple of float, optional
         Of the acceleration, in normalised time: the same ones for many problems share their tables.
     guide : Guide, optional
@@ -57,7 +60,7 @@ def build_problem(
     -------
     Problem
     """
-    start, goal = scenario.start, scenario.goal
+    start, goal, settings = scenario.start, scenario.goal, for_scene(given)
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
         settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
     frame = PlanningFrame.between(start.position, goal.position, start.time)
@@ -111,7 +114,7 @@ def build_problem(
     )
 
 
-def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: Settings) -> tuple[Stretch, ...]:
+def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
     """Return the speed limits by place in the planning frame, less the margins."""
     keep = 1.0 - settings.limit_margin - OPTIONAL_MARGIN
     return tuple(

@@ -14,7 +14,7 @@ from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import CELLS_PER_SPAN
@@ -23,28 +23,26 @@ STEEPEST = 1.05  # rad; where a heading differs by more from the direction to th
 ROOM_TO_TURN = 2.0  # guides are rounded with so many times the least radius of the vehicle
 WIDE_BEND = 4.0  # and corners of polylines with up to so many times that
 GOAL_SHARE = 0.95  # of the goal's radius: the guide ends before its centre, and the path anywhere beside that
-STEEP = (
-    1.3  # m of path to a m of a straight guide; a path with more of it anywhere, 40 degrees, bends better over another
-)
+STEEP = 1.3  # of path to 1 of a straight guide; a path with more of it anywhere, 40 degrees, bends better over another
 LEFT = 0.2  # spans of the offset; a path with larger offsets has left its guide
-AT_LIMIT = 1e-3  # m; a control point that is nearer to its bound is held by it
-LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # m, and of the distance to the goal: where the vehicle has none
+AT_LIMIT = 1e-3  # units of length; a control point that is nearer to its bound is held by it
+LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # units of length, and of the distance to the goal: where the vehicle has none
 
 
-def path_spans(guide: Guide, settings: Settings) -> int:
+def path_spans(guide: Guide, settings: SceneSettings) -> int:
     """Number of spans of the offset's spline: so that the pieces of a curved guide are the cells of the quadrature."""
     if isinstance(guide, CurvedGuide) and guide.pieces % CELLS_PER_SPAN == 0:
         return guide.pieces // CELLS_PER_SPAN
     return _spans(guide.length, settings, straight=guide.straight)
 
 
-def _spans(length: float, settings: Settings, *, straight: bool) -> int:
+def _spans(length: float, settings: SceneSettings, *, straight: bool) -> int:
     """Spans on a length, m; over a curved guide there are as many as its bends need."""
     wanted = round(length / settings.path_span)
     return max(4, min(wanted, settings.max_path_spans) if straight else wanted)
 
 
-def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: Settings) -> Guide:
+def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, settings: SceneSettings) -> Guide:
     """Return the guide of a scenario, in the planning frame.
 
     It is the scenario's polyline, smoothed. Without one it is the straight line to the goal, or where that leaves the
@@ -93,8 +91,9 @@ def _shortened(points: Array, length: float) -> Array:
     return np.concatenate([points[: last + 1], (points[-1] + begin + min(share, 1.0) * leg)[None]])
 
 
-def guide_along(path: Path, settings: Settings) -> CurvedGuide:
+def guide_along(path: Path, given: Settings) -> CurvedGuide:
     """Return the guide that is a path over another guide."""
+    settings = for_scene(given)
     count = CELLS_PER_SPAN * _spans(path.arc_length, settings, straight=path.space.guide.straight)
     stations = path.parameter_at(np.linspace(0.0, path.arc_length, count + 1))
     direction = path.points(stations).direction

@@ -17,7 +17,7 @@ from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.profile import SpeedProfile
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import TimeTable, TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -45,7 +45,7 @@ class Problem:
     Attributes
     ----------
     scenario : Scenario
-    settings : Settings
+    settings : SceneSettings
     frame : PlanningFrame
     space : TripSpace
     ends : EndConditions
@@ -67,7 +67,7 @@ class Problem:
     """
 
     scenario: Scenario
-    settings: Settings
+    settings: SceneSettings
     frame: PlanningFrame
     space: TripSpace
     ends: EndConditions

@@ -28,6 +28,9 @@ CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is
 MOST_OBSTACLES = 20_000
 """In a file."""
 
+LARGEST_RATE = 1e30
+"""m/s or m/s2. Squares and cubes of what is beyond it come near to the largest double."""
+
 _SHAPE = b"shape"
 
 Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
@@ -35,6 +38,8 @@ Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
 Text = Annotated[str, Field(strict=True, min_length=1)]
 Vector = tuple[Number, Number]
+RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RATE)]
+Rate = tuple[RateNumber, RateNumber]
 Matrix = tuple[Vector, Vector]
 
 
@@ -73,7 +78,7 @@ class Start(Part):
     position: Vector = Field(description="[x, y], m")
     heading: Number | None = Field(None, description="rad; null: free")
     speed: NotNegative = Field(description="m/s")
-    acceleration: Number | None = Field(None, description="along the path, m/s2; null: free")
+    acceleration: RateNumber | None = Field(None, description="along the path, m/s2; null: free")
 
 
 class Goal(Part):
@@ -239,8 +244,8 @@ class Motion(Part):
     """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
 
     position: Vector = Field(description="[x, y] at t = 0, m")
-    velocity: Vector = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
-    acceleration: Vector = Field((0.0, 0.0), description="[x, y], m/s2")
+    velocity: Rate = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
+    acceleration: Rate = Field((0.0, 0.0), description="[x, y], m/s2")
 
 
 class Course(Part):
@@ -301,9 +306,9 @@ class Prior(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.prior_says_something,)
 
-    velocity: Vector = Field((0.0, 0.0), description="expected [x, y], m/s")
+    velocity: Rate = Field((0.0, 0.0), description="expected [x, y], m/s")
     velocity_deviation: Positive | None = Field(None, description="of each component, m/s; null: unknown")
-    acceleration: Vector = Field((0.0, 0.0), description="expected [x, y], m/s2")
+    acceleration: Rate = Field((0.0, 0.0), description="expected [x, y], m/s2")
     acceleration_deviation: Positive | None = Field(None, description="of each component, m/s2; null: unknown")
 
 

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate, Violation
 from scp_planner.problem.problem import Problem
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.trips.trajectory import Trajectory
 
-ALLOWED = 2e-4  # largest violation of a given constraint, in its own unit: that of every sampled constraint
+ALLOWED = 2e-4  # units of length; largest violation of a given constraint: that of every sampled constraint
 
 
 class TripVariables:
@@ -33,28 +34,31 @@ class TripVariables:
     ----------
     problem : Problem
     values : cvxpy.Variable
-        The free control points of the offset (m), b = tau^2 beta (m), and the travel time tau (s).
+        The free control points of the offset, b = tau^2 beta, and the travel time tau, in the units of the scene.
+    units : NaturalUnits, optional
+        Of the scene.
     """
 
-    def __init__(self, problem: Problem, values: Any) -> None:
+    def __init__(self, problem: Problem, values: Any, units: NaturalUnits | None = None) -> None:
+        self._units = units = units or NaturalUnits()
         ends, space = problem.ends, problem.space
         free = np.eye(space.path_size)[:, ends.free]
         fixed = ends.theta.copy()
         fixed[ends.free] = 0.0
         count = free.shape[1]
         self._problem = problem
-        self._drive = values[count:-1]
-        self.offset_control_points = free @ values[:count] + fixed
+        self._drive = values[count:-1] * units.length
+        self.offset_control_points = (free * units.length) @ values[:count] + fixed * units.length
         """Control points of the offset, (K1,) m: a bound on them holds at all stations, as the offset is their mean."""
-        self.travel_time = values[-1]
+        self.travel_time = values[-1] * units.time
         """s."""
-        self.arrival_time = values[-1] + problem.scenario.start.time
+        self.arrival_time = self.travel_time + units.absolute(problem.scenario.start.time)
         """Absolute, s."""
 
     @property
     def length(self) -> float:
         """Length of the guide, m."""
-        return float(self._problem.space.length)
+        return float(self._problem.space.length) * self._units.length
 
     @property
     def stations(self) -> Array:
@@ -67,16 +71,18 @@ class TripVariables:
 
     def position(self, stations: ArrayLike) -> Any:
         """Positions of the path at stations, (n,) m to an expression (n, 2) m, in world coordinates."""
-        frame, guide = self._problem.frame, self._problem.space.guide.frame(_at_least_1d(stations))
+        frame, units = self._problem.frame, self._units
+        guide = self._problem.space.guide.frame(_at_least_1d(stations) / units.length)
         offset = self.offset(stations)
         normal = frame.vectors_to_world(guide.normal)
-        columns = [frame.to_world(guide.position)[:, axis] + np.diag(normal[:, axis]) @ offset for axis in (0, 1)]
+        points = frame.to_world(guide.position) * units.length + units.origin
+        columns = [points[:, axis] + np.diag(normal[:, axis]) @ offset for axis in (0, 1)]
         return cp.vstack(columns).T  # type: ignore[attr-defined]
 
     def distance(self, times: ArrayLike) -> Any:
         """Distance driven along the path at normalised times, (n,) to an expression (n,) m."""
         table = self._problem.space.time_table(_at_least_1d(times))
-        return self._problem.space.start_speed * table.sigma * self.travel_time + table.distance @ self._drive
+        return self._start_speed * table.sigma * self.travel_time + table.distance @ self._drive
 
     def speed_times_travel_time(self, times: ArrayLike) -> Any:
         """Speed at normalised times, times the travel time: (n,) to an expression (n,) m.
@@ -84,7 +90,11 @@ class TripVariables:
         The speed itself is not affine. A bound c m/s on it reads ``speed_times_travel_time(t) <= c * travel_time``.
         """
         table = self._problem.space.time_table(_at_least_1d(times))
-        return self._problem.space.start_speed * self.travel_time + table.speed @ self._drive
+        return self._start_speed * self.travel_time + table.speed @ self._drive
+
+    @property
+    def _start_speed(self) -> float:
+        return self._problem.space.start_speed * self._units.speed
 
     def _rows(self, stations: ArrayLike) -> Array:
         return self._problem.space.path.rows(_at_least_1d(stations) / self.length)
@@ -102,6 +112,8 @@ class GivenConstraints:
     problem : Problem
     function : callable
         Called with :class:`TripVariables`; returns CVXPY constraints.
+    units : NaturalUnits, optional
+        Of the scene: the constraints are written in those of the user.
 
     Raises
     ------
@@ -111,7 +123,8 @@ class GivenConstraints:
         If a constraint is not convex by the rules of CVXPY.
     """
 
-    def __init__(self, problem: Problem, function: UserConstraints) -> None:
+    def __init__(self, problem: Problem, function: UserConstraints, units: NaturalUnits | None = None) -> None:
+        self._units = units or NaturalUnits()
         self._problem = problem
         self._function = function
         self._values = cp.Variable(problem.step_size)
@@ -124,14 +137,14 @@ class GivenConstraints:
 
     def on(self, values: Any) -> list[Any]:
         """Return the constraints on a CVXPY variable that holds what :class:`TripVariables` says."""
-        return list(self._function(TripVariables(self._problem, values)))
+        return list(self._function(TripVariables(self._problem, values, self._units)))
 
     def violations(self, trajectory: Trajectory) -> Array:
-        """How far each constraint is from being kept, (n,), in its own unit."""
+        """How far each constraint is from being kept, (n,), in its own unit over the scene's unit of length."""
         tau = trajectory.travel_time
         free = trajectory.theta[self._problem.ends.free]
         self._values.value = np.concatenate([free, tau**2 * trajectory.beta, [tau]])
-        return np.array([float(np.max(constraint.violation())) for constraint in self._constraints])
+        return np.array([float(np.max(each.violation())) for each in self._constraints]) / self._units.length
 
     def worst(self, trajectory: Trajectory) -> float:
         """Return the largest of the violations; 0 without constraints."""

@@ -47,6 +47,17 @@ class Range:
 
 
 @dataclass(frozen=True)
+class Above(Range):
+    """What a number may be that must be more than the least."""
+
+    def __contains__(self, value: float) -> bool:
+        return self.least < value <= self.most
+
+    def __str__(self) -> str:
+        return f"above {self.least:g}, up to {self.most:g} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
 class Choice:
     """What a word may be.
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated
 
-from scp_planner.settings.knobs import Choice, Knobs, Range
+from scp_planner.errors import Fault, SettingsError
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.settings.knobs import Above, Choice, Knobs, Range, knobs
+
+LARGEST = 1e12  # in any unit, of a setting
 
 
 def solver_names() -> tuple[str, ...]:
@@ -19,7 +23,10 @@ def solver_names() -> tuple[str, ...]:
 class Settings(Knobs):
     """Settings of :func:`scp_planner.plan`.
 
-    Every value has a range; see the reference of the settings, or ``scp-planner settings``.
+    Every value has a range; see the reference of the settings, or ``scp-planner settings``. Lengths and times that are
+    ``none`` are decided by the scene: they are ratios to its units of length, a twentieth of the trip, and of time, in
+    which the vehicle drives three units of length at the highest speed that it can reach on the trip. The scene also
+    says how small or large one that is given may be.
 
     Attributes
     ----------
@@ -27,9 +34,9 @@ class Settings(Knobs):
         Solver of the subproblem. All give the same plan; ``daqp`` is the fastest, ``cvxpy`` the one to read and extend.
     path_degree : int
         Degree of the offset's B-spline. Higher: smoother curvature, and wider turns between obstacles.
-    path_span : float
+    path_span : float or None
         Wanted length of a span of the offset's B-spline. Smaller: tighter bends fit, and every step takes longer. They
-        get longer where there would be more than ``max_path_spans``.
+        get longer where there would be more than ``max_path_spans``. None: 1.5 units.
     max_path_spans : int
         Spans over a straight guide, at most. More: narrower gaps fit on long trips, and every step takes longer.
     acceleration_degree : int
@@ -41,38 +48,108 @@ class Settings(Knobs):
     samples : int
         Times at which constraints are sampled; minima between them are refined. More: fewer repeats for what the
         certificate finds between samples, and every step takes longer.
-    clearance_margin : float
+    clearance_margin : float or None
         Planned clearance beyond every zone, which absorbs what is linearised. Larger: plans are certified at once
-        more often, and pass obstacles at a larger distance.
+        more often, and pass obstacles at a larger distance. None: 0.001 units.
     limit_margin : float
         Relative distance kept from every limit of the vehicle. Larger: slower trips, and plans that are certified at
         once more often.
-    box_margin : float
-        Planned distance to the sides of the workspace box.
-    max_offset : float
-        Largest offset of the path from the guide. Larger: wider detours are looked at.
+    box_margin : float or None
+        Planned distance to the sides of the workspace box. None: 0.005 units.
+    max_offset : float or None
+        Largest offset of the path from the guide. Larger: wider detours are looked at. None: 8 units.
     searches : int
         Sweeps of the search for ways round, at most. More: better odds of the best way among many obstacles.
     max_runs : int
         Ways that the loop is started from, at most. More: slower, and better odds of the best way.
     max_iterations : int
         Iterations of one run of the loop, at most.
-    tolerance : float
-        A run has converged when a step promises less than this. Smaller: more iterations for the last bit.
+    tolerance : float or None
+        A run has converged when a step promises less than this. Smaller: more iterations for the last bit. None: 0.0003
+        units of time.
     """
 
     solver: Annotated[str, Choice(solver_names)] = "daqp"
     path_degree: Annotated[int, Range(3, 5)] = 3
-    path_span: Annotated[float, Range(0.1, 1000.0, "m")] = 1.5
+    path_span: Annotated[float | None, Above(0.0, LARGEST, "m")] = None
     max_path_spans: Annotated[int, Range(4, 5000)] = 100
     acceleration_degree: Annotated[int, Range(0, 2)] = 0
     acceleration_spans: Annotated[int, Range(1, 200)] = 20
     samples: Annotated[int, Range(10, 5000)] = 160
-    clearance_margin: Annotated[float, Range(0.0, 10.0, "m")] = 1e-3
+    clearance_margin: Annotated[float | None, Range(0.0, LARGEST, "m")] = None
     limit_margin: Annotated[float, Range(0.0, 0.5)] = 1e-4
-    box_margin: Annotated[float, Range(0.0, 10.0, "m")] = 5e-3
-    max_offset: Annotated[float, Range(0.01, 1000.0, "m")] = 8.0
+    box_margin: Annotated[float | None, Range(0.0, LARGEST, "m")] = None
+    max_offset: Annotated[float | None, Above(0.0, LARGEST, "m")] = None
     searches: Annotated[int, Range(1, 1000)] = 24
     max_runs: Annotated[int, Range(1, 1000)] = 8
     max_iterations: Annotated[int, Range(1, 1000)] = 60
-    tolerance: Annotated[float, Range(1e-8, 1.0, "s")] = 3e-4
+    tolerance: Annotated[float | None, Above(0.0, LARGEST, "s")] = None
+
+
+@dataclass(frozen=True)
+class SceneSettings(Settings):
+    """:class:`Settings` with nothing left open, lengths and times in the units of a scene.
+
+    Attributes
+    ----------
+    path_span : float
+        Units of length.
+    clearance_margin : float
+        Units of length.
+    box_margin : float
+        Units of length.
+    max_offset : float
+        Units of length.
+    tolerance : float
+        Units of time.
+    """
+
+    path_span: Annotated[float, Range(0.1, 1000.0)] = 1.5
+    clearance_margin: Annotated[float, Range(0.0, 10.0)] = 1e-3
+    box_margin: Annotated[float, Range(0.0, 10.0)] = 5e-3
+    max_offset: Annotated[float, Range(0.01, 1000.0)] = 8.0
+    tolerance: Annotated[float, Range(1e-8, 1.0)] = 3e-4
+
+
+def for_scene(settings: Settings, units: NaturalUnits | None = None) -> SceneSettings:
+    """Return the settings for a scene: what they leave open as the scene decides.
+
+    Parameters
+    ----------
+    settings : Settings
+        Those for a scene stay as they are.
+    units : NaturalUnits, optional
+        Of the scene; by default 1 m and 1 s.
+
+    Returns
+    -------
+    SceneSettings
+
+    Raises
+    ------
+    SettingsError
+        With every length and time that is too small or too large for the scene.
+    """
+    if isinstance(settings, SceneSettings):
+        return settings
+    units = units or NaturalUnits()
+    given = {each.name: getattr(settings, each.name) for each in fields(Settings)}
+    factors = {name: units.factor(knob.unit) for name, knob in knobs(Settings).items()}
+    values = {
+        name: value / factors[name] if knobs(Settings)[name].unit else value
+        for name, value in given.items()
+        if value is not None
+    }
+    try:
+        return SceneSettings(**values)
+    except SettingsError as error:
+        faults = [_in_this_scene(fault, given[fault.path], factors[fault.path]) for fault in error.faults]
+        raise SettingsError("settings", faults) from None
+
+
+def _in_this_scene(fault: Fault, value: float, factor: float) -> Fault:
+    allowed = knobs(SceneSettings)[fault.path].allowed
+    assert isinstance(allowed, Range), "only lengths and times depend on the scene"
+    unit = knobs(Settings)[fault.path].unit
+    least, most = allowed.least * factor, allowed.most * factor
+    return Fault(fault.path, value, f"must be {least:.3g} to {most:.3g} {unit} in this scene")

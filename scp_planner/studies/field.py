@@ -36,7 +36,7 @@ from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.search.starts import starts
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
 
@@ -55,7 +55,7 @@ OBSTACLES = (
     ((13.0, -2.7), (0.2, 0.55), (0.02, 0.02), 0.7),
     ((18.0, -6.8), (-0.2, 1.1), (0.05, 0.1), 0.8),
 )
-PLANNER = Settings(path_degree=4, path_span=2.5, acceleration_degree=1, acceleration_spans=8)
+PLANNER = SceneSettings(path_degree=4, path_span=2.5, acceleration_degree=1, acceleration_spans=8)
 """Smooth splines with few control points: with kinks in Q the minimiser would not be a smooth function of the data."""
 
 

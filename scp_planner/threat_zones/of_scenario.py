@@ -37,13 +37,14 @@ from scp_planner.scenario.models import (
     Scenario,
     Shape,
 )
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import KnownDiscs
 from scp_planner.threat_zones.zone import ThreatZone
 
 STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
-SLOWEST_HEADING = 0.1  # m/s; shapes on courses that are anywhere slower are covered by discs
+SLOWEST_HEADING = 0.1  # units of speed; shapes on courses that are anywhere slower are covered by discs
 SLOWNESS_LOOKS = 17  # at each piece of a course
-HORIZON = 120.0  # s; longest trip that estimated zones are made for
+HORIZON = 120.0  # units of time; longest trip that estimated zones are made for
 
 
 def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
@@ -63,11 +64,12 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     ScenarioError
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
-    return tuple(ZonesOf(scenario))
+    units = NaturalUnits.of(scenario)
+    return tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
 
 
 class ZonesOf(Sequence[ThreatZone]):
-    """The zones of a scenario, each made when it is asked for.
+    """The zones of a scenario in its natural units, each made when it is asked for.
 
     Most of a thousand obstacles are far away, and their zones are never asked for: a batch takes discs whose motion is
     a polynomial as the numbers that they are.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from scp_planner.mathematics.ellipse import ellipse_contact, support
 from scp_planner.mathematics.frames import covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.scenario.units import NaturalUnits
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,39 @@ class ThreatZone:
     centers: PiecewisePolynomials
     covariances: PiecewisePolynomials | None = None
     outlines: tuple[Outline, ...] = ()
+
+    def inside(self, units: NaturalUnits) -> ThreatZone:
+        """Return the zone in the units of its scene."""
+        if units.are_those_of_the_user:
+            return self
+        x, y = units.origin
+        local = replace(
+            self,
+            centers=self.centers.shifted(units.clock).plus((-x, -y)),
+            covariances=None if self.covariances is None else self.covariances.shifted(units.clock),
+        )
+        return local._in_units(1.0 / units.length, 1.0 / units.time)
+
+    def outside(self, units: NaturalUnits) -> ThreatZone:
+        """Return a zone in the units of its scene in SI units."""
+        if units.are_those_of_the_user:
+            return self
+        local = self._in_units(units.length, units.time)
+        return replace(
+            local,
+            centers=local.centers.plus(units.origin).shifted(-units.clock),
+            covariances=None if local.covariances is None else local.covariances.shifted(-units.clock),
+        )
+
+    def _in_units(self, length: float, time: float) -> ThreatZone:
+        """The zone where lengths are so many times as large, and times too."""
+        return ThreatZone(
+            self.id,
+            self.radius * length,
+            self.centers.in_units(length, time),
+            None if self.covariances is None else self.covariances.in_units(length**2, time),
+            tuple(outline.in_units(length) for outline in self.outlines),
+        )
 
     def center(self, t: float | Array) -> Array:
         """Estimated centre at times ``t`` (...), s; returns (..., 2) m."""

@@ -82,6 +82,10 @@ class Guide(Protocol):
         """Enclose the curvature and its first two derivatives on [station - width, station + width]."""
         ...
 
+    def in_units(self, length: float) -> Guide:
+        """Return the guide where lengths are so many times as large."""
+        ...
+
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""
         ...
@@ -117,6 +121,10 @@ class StraightGuide:
         """Enclose the curvature and its first two derivatives on intervals of the station: all zero."""
         zero = Interval(np.zeros_like(stations), np.zeros_like(stations))
         return zero, zero, zero
+
+    def in_units(self, length: float) -> StraightGuide:
+        """Return the guide where lengths are so many times as large."""
+        return StraightGuide(self.length * length)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""
@@ -222,6 +230,10 @@ class CurvedGuide:
         rate = Interval.around(2.0 * c + 6.0 * d * x, second.magnitude() * width)
         bend = Interval.around(b + x * (2.0 * c + 3.0 * d * x), rate.magnitude() * width)
         return bend, rate, second
+
+    def in_units(self, length: float) -> CurvedGuide:
+        """Return the guide where lengths are so many times as large."""
+        return CurvedGuide(self.length * length, self.headings)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""

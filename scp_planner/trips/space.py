@@ -207,6 +207,17 @@ class TripSpace:
         self.frame = None if guide.straight else guide.frame(self.tables.node_parameters * self.length)
         self.station_frame = None if guide.straight else guide.frame(self.tables.station_parameters * self.length)
 
+    def in_units(self, length: float, time: float) -> TripSpace:
+        """Return the space of trips where lengths are so many times as large, and times too."""
+        return TripSpace(
+            self.guide.in_units(length),
+            self.start_speed * (length / time),
+            self.path.coefficients.shape[1] - 1,
+            len(self.path.widths),
+            self.acceleration.coefficients.shape[1] - 1,
+            tuple(self.acceleration.breakpoints.tolist()),
+        )
+
     @property
     def path_size(self) -> int:
         """Number K1 of control points of the offset."""

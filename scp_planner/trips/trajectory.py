@@ -172,6 +172,11 @@ class Trajectory:
         """The space that the trip is of."""
         return self.path.space
 
+    def in_units(self, length: float, time: float) -> Trajectory:
+        """Return the trip where lengths are so many times as large, and times too."""
+        space = self.space.in_units(length, time)
+        return Trajectory(Path(space, self.theta * length), self.beta * (length / time**2), self.travel_time * time)
+
     @property
     def final_speed(self) -> float:
         """Speed on arrival, m/s."""
@@ -223,7 +228,7 @@ class Trajectory:
         x = np.full_like(distance, 0.5)
         for _ in range(MAX_BISECTIONS):
             excess = _horner(local, x) + (v0 * tau) * (base + width * x) - distance
-            if np.all(np.abs(excess) <= 1e-13 * max(self.path.arc_length, 1.0)):
+            if np.all(np.abs(excess) <= 1e-13 * self.path.arc_length):
                 break
             low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
             rate = (tau * width) * (_horner(slope, x) + v0)

@@ -26,16 +26,18 @@ from scp_planner.estimation.least_squares import Noise
 from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.plotting import View, views
 from scp_planner.scenario.models import ConfidenceLevel
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
 from scp_planner.settings.online import Newcomers, Safety
+from scp_planner.settings.planning import SceneSettings, for_scene
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
 EVERY = [
     pytest.param(each, knob, id=f"{each.__name__}.{knob.name}") for each in CLASSES for knob in knobs(each).values()
 ]
-ENDS = [
+ENDS = [  # in a scene whose units are 1 m and 1 s
     pytest.param(knob.name, knob.kind(end), id=f"{knob.name}={end:g}")
-    for knob in knobs(sp.Settings).values()
+    for knob in knobs(SceneSettings).values()
     if isinstance(knob.allowed, Range)
     for end in (knob.allowed.least, knob.allowed.most)
 ]
@@ -68,8 +70,8 @@ def test_the_ends_of_every_range_can_be_planned_with(name: str, value: float, mo
         ({"path_degree": 2}, "path_degree = 2: must be a whole number, 3 to 5"),
         ({"path_degree": 3.5}, "path_degree = 3.5: must be a whole number"),
         ({"samples": True}, "samples = true: must be a whole number, 10 to 5000"),
-        ({"tolerance": math.nan}, "tolerance = nan: must be a number, 1e-08 to 1 s"),
-        ({"max_offset": math.inf}, "max_offset = inf: must be a number, 0.01 to 1000 m"),
+        ({"tolerance": math.nan}, "tolerance = nan: must be a number, above 0, up to 1e+12 s, or none"),
+        ({"max_offset": math.inf}, "max_offset = inf: must be a number, above 0, up to 1e+12 m"),
         ({"path_span": "2"}, "path_span = '2': must be a number"),
         ({"solver": "gurobi"}, "solver = 'gurobi': must be one of daqp, clarabel"),
         ({"path_spam": 2.0}, "path_spam = 2.0: there is no such setting; did you mean 'path_span'?"),
@@ -93,6 +95,20 @@ def test_all_faults_are_told_at_once() -> None:
     assert [fault.path for fault in unknown.value.faults] == ["sample", "span"]
 
 
+def test_the_scene_decides_what_is_left_open_and_what_is_too_much() -> None:
+    units = NaturalUnits(length=0.1, time=0.5)
+    assert for_scene(sp.Settings(), units) == SceneSettings()
+    decided = for_scene(sp.Settings(path_span=0.3, tolerance=0.01, samples=80), units)
+    assert decided == SceneSettings(path_span=0.3 / 0.1, tolerance=0.02, samples=80)
+    assert for_scene(decided, units) is decided
+    with pytest.raises(SettingsError) as refused:
+        for_scene(sp.Settings(path_span=0.001, clearance_margin=2.0), units)
+    assert [fault.path for fault in refused.value.faults] == ["path_span", "clearance_margin"]
+    assert "path_span = 0.001: must be 0.01 to 100 m in this scene" in str(refused.value)
+    with pytest.raises(SettingsError, match="in this scene"):
+        sp.plan(scene(), sp.Settings(max_offset=1e-3))
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     assert sp.Settings(samples=np.int64(20), path_span=np.float64(2.0)) == sp.Settings(samples=20, path_span=2.0)
 
@@ -100,7 +116,7 @@ def test_numbers_of_numpy_are_numbers() -> None:
 def test_settings_survive_pickling_and_replacing() -> None:
     settings = sp.Settings(path_span=2.0, solver="osqp")
     assert pickle.loads(pickle.dumps(settings)) == settings
-    assert replace(settings, path_span=1.5) == sp.Settings(solver="osqp")
+    assert replace(settings, path_span=None) == sp.Settings(solver="osqp")
     with pytest.raises(SettingsError):
         replace(settings, path_span=0.0)
 
@@ -118,7 +134,7 @@ def test_settings_are_read_from_text() -> None:
     [
         ("path_span", "path_span: must be NAME=VALUE"),
         ("path_spam=2", "did you mean 'path_span'?"),
-        ("path_span=wide", "path_span = 'wide': must be a number, 0.1 to 1000 m"),
+        ("path_span=wide", "path_span = 'wide': must be a number, above 0, up to 1e+12 m"),
         ("path_span=nan", "path_span = nan: must be a number"),
         ("samples=1.5", "samples = '1.5': must be a whole number"),
     ],

@@ -1,0 +1,309 @@
+"""Natural units: every scene is planned in units of its own, so that vehicles of every size are planned alike.
+
+The unit of length is a twentieth of the trip, that of time such that the vehicle drives three units of length in one
+unit of time at the highest speed that it can reach on it. Inside, everything is a number of these units and has no
+dimension: 1 m and 1 s are units of nothing there, and what stands in the code as a length, a time or a speed is a ratio
+to the trip and to the top speed. The clock begins with the trip, and the start is the origin.
+
+Quantities are only multiplied and divided on the way in and out. So a scene written in other units whose ratios to the
+first ones are powers of two gives the same plan to the bit, and other ratios, places and clocks change rounding only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import dist, sqrt
+from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
+
+from scp_planner.scenario.process_model import (
+    MeanRevertingVelocity,
+    ProcessModel,
+    RandomWalkVelocity,
+    SingerAcceleration,
+)
+
+if TYPE_CHECKING:
+    from scp_planner.scenario.models import (
+        Goal,
+        KnownMotion,
+        Model,
+        Motion,
+        Observations,
+        Obstacle,
+        Prior,
+        Scenario,
+        Shape,
+        SpeedLimit,
+        Start,
+        Vehicle,
+    )
+    from scp_planner.scenario.validation import Part
+
+Point = tuple[float, float]
+AnyPart = TypeVar("AnyPart", bound="Part")
+
+TRIP_LENGTH = 20.0  # units of length
+TOP_SPEED = 3.0  # units of length in a unit of time
+
+
+@dataclass(frozen=True)
+class NaturalUnits:
+    """Units of a scene, and where its origin and its clock stand in those of the user.
+
+    Attributes
+    ----------
+    length : float
+        m in a unit of length.
+    time : float
+        s in a unit of time.
+    origin : (x, y)
+        World coordinates of the start, m.
+    clock : float
+        Absolute time of the start, s.
+    """
+
+    length: float = 1.0
+    time: float = 1.0
+    origin: Point = (0.0, 0.0)
+    clock: float = 0.0
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> NaturalUnits:
+        """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
+        vehicle, start = scenario.vehicle, scenario.start
+        line = scenario.guide or (start.position, scenario.goal.position)
+        trip = sum(dist(first, second) for first, second in pairwise(line))
+        within_reach = sqrt(start.speed**2 + 2.0 * vehicle.max_acceleration * trip)
+        length = trip / TRIP_LENGTH
+        return cls(length, TOP_SPEED * length / min(vehicle.max_speed, within_reach), start.position, start.time)
+
+    @property
+    def are_those_of_the_user(self) -> bool:
+        """Whether nothing changes on the way in or out."""
+        return self == NaturalUnits()
+
+    @property
+    def speed(self) -> float:
+        """m/s in a unit of speed."""
+        return self.length / self.time
+
+    @property
+    def acceleration(self) -> float:
+        """m/s^2 in a unit of acceleration."""
+        return self.length / self.time**2
+
+    @property
+    def jerk(self) -> float:
+        """m/s^3 in a unit of jerk."""
+        return self.length / self.time**3
+
+    def factor(self, unit: str) -> float:
+        """How much of an SI unit, such as m/s2 or 1/(m s), is in the natural one; 1 of what has no dimension.
+
+        Raises
+        ------
+        KeyError
+            If no quantity of a plan has this unit.
+        """
+        length, time = self.length, self.time
+        return {
+            "": 1.0,
+            "rad": 1.0,
+            "m": length,
+            "s": time,
+            "m/s": self.speed,
+            "m/s2": self.acceleration,
+            "m/s3": self.jerk,
+            "1/m": 1.0 / length,
+            "1/(m s)": 1.0 / (length * time),
+            "m2/s3": length**2 / time**3,
+        }[unit]
+
+    def instant(self, time: float) -> float:
+        """Absolute time, s, on the clock of the trip."""
+        return (time - self.clock) / self.time
+
+    def absolute(self, instant: float) -> float:
+        """Time on the clock of the trip as absolute time, s."""
+        return instant * self.time + self.clock
+
+    def place(self, point: Sequence[float]) -> Point:
+        """World coordinates, m, from the start in units of length."""
+        return (point[0] - self.origin[0]) / self.length, (point[1] - self.origin[1]) / self.length
+
+    def world(self, place: Sequence[float]) -> Point:
+        """World coordinates, m, of a place from the start in units of length."""
+        return place[0] * self.length + self.origin[0], place[1] * self.length + self.origin[1]
+
+    def scenario(self, scenario: Scenario) -> Scenario:
+        """Return a scenario in these units."""
+        if self.are_those_of_the_user:
+            return scenario
+        return changed(
+            scenario,
+            vehicle=self._vehicle(scenario.vehicle),
+            start=self._start(scenario.start),
+            goal=self._goal(scenario.goal),
+            guide=self._line(scenario.guide),
+            bounds=None
+            if scenario.bounds is None
+            else changed(scenario.bounds, min=self.place(scenario.bounds.min), max=self.place(scenario.bounds.max)),
+            corridor=None if scenario.corridor is None else tuple(map(self._line, scenario.corridor)),
+            speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
+            obstacles=tuple(map(self.obstacle, scenario.obstacles)),
+        )
+
+    def obstacle(self, obstacle: Obstacle) -> Obstacle:
+        """Return an obstacle in these units."""
+        return changed(
+            obstacle,
+            shape=self.shape(obstacle.shape),
+            motion=None if obstacle.motion is None else self._motion(obstacle.motion),
+            observations=None if obstacle.observations is None else self._observations(obstacle.observations),
+            model=self.model(obstacle.model),
+            margin=obstacle.margin / self.length,
+        )
+
+    def shape(self, shape: Shape) -> Shape:
+        """Return a shape in these units."""
+        return changed(shape, **{key: _over(getattr(shape, key), self.length) for key in _SHAPE_SIZES & _names(shape)})
+
+    def model(self, model: Model) -> Model:
+        """Return what is known of a motion in these units."""
+        if model.prior is None and model.process is None:
+            return model
+        prior = None if model.prior is None else self._prior(model.prior)
+        return changed(model, prior=prior, process=None if model.process is None else self.process(model.process))
+
+    def process(self, model: ProcessModel) -> ProcessModel:
+        """Return a motion with process noise in these units."""
+        process: RandomWalkVelocity | MeanRevertingVelocity | SingerAcceleration = model.process
+        sizes = {"diffusion": self.factor("m2/s3"), "time_constant": self.time, "deviation": self.acceleration}
+        tails = model.tails
+        return changed(
+            model,
+            process=changed(
+                process, **{key: getattr(process, key) / sizes[key] for key in sizes.keys() & _names(process)}
+            ),
+            velocity_deviation=model.velocity_deviation / self.speed,
+            noise_deviation=model.noise_deviation / self.length,
+            tails=None if tails is None else changed(tails, lead_time=_over(tails.lead_time, self.time)),
+        )
+
+    def covariance(self, covariance: Any) -> Any:
+        """Return covariances of positions, tuples of m^2, in these units; None as it is."""
+        return None if covariance is None else _over(covariance, self.length**2)
+
+    def _vehicle(self, vehicle: Vehicle) -> Vehicle:
+        return changed(
+            vehicle,
+            radius=vehicle.radius / self.length,
+            max_speed=vehicle.max_speed / self.speed,
+            max_acceleration=vehicle.max_acceleration / self.acceleration,
+            max_deceleration=vehicle.max_deceleration / self.acceleration,
+            max_lateral_acceleration=_over(vehicle.max_lateral_acceleration, self.acceleration),
+            max_curvature=_over(vehicle.max_curvature, 1.0 / self.length),
+            max_jerk=_over(vehicle.max_jerk, self.jerk),
+            max_curvature_rate=_over(vehicle.max_curvature_rate, self.factor("1/(m s)")),
+            discs=_over(vehicle.discs, self.length),
+        )
+
+    def _start(self, start: Start) -> Start:
+        return changed(
+            start,
+            time=self.instant(start.time),
+            position=self.place(start.position),
+            speed=start.speed / self.speed,
+            acceleration=_over(start.acceleration, self.acceleration),
+        )
+
+    def _goal(self, goal: Goal) -> Goal:
+        return changed(
+            goal,
+            position=self.place(goal.position),
+            speed=_over(goal.speed, self.speed),
+            radius=goal.radius / self.length,
+            earliest_arrival=None if goal.earliest_arrival is None else self.instant(goal.earliest_arrival),
+            latest_arrival=None if goal.latest_arrival is None else self.instant(goal.latest_arrival),
+        )
+
+    def _speed_limit(self, limit: SpeedLimit) -> SpeedLimit:
+        return changed(
+            limit,
+            from_=limit.from_ / self.length,
+            to=_over(limit.to, self.length),
+            speed=limit.speed / self.speed,
+            line=self._line(limit.line),
+        )
+
+    @overload
+    def _line(self, line: tuple[Point, ...]) -> tuple[Point, ...]: ...
+
+    @overload
+    def _line(self, line: None) -> None: ...
+
+    @overload
+    def _line(self, line: tuple[Point, ...] | None) -> tuple[Point, ...] | None: ...
+
+    def _line(self, line: tuple[Point, ...] | None) -> tuple[Point, ...] | None:
+        return None if line is None else tuple(map(self.place, line))
+
+    def _motion(self, motion: KnownMotion) -> KnownMotion:
+        if "time" in _names(motion):
+            return self._seen(motion)
+        since = self.clock
+        known = cast("Motion", motion)
+        (x, y), (u, v), (a, b) = known.position, known.velocity, known.acceleration
+        now = x + since * (u + 0.5 * since * a), y + since * (v + 0.5 * since * b)
+        return changed(
+            motion,
+            position=self.place(now),
+            velocity=((u + since * a) / self.speed, (v + since * b) / self.speed),
+            acceleration=(a / self.acceleration, b / self.acceleration),
+        )
+
+    def _observations(self, seen: Observations) -> Observations:
+        return self._seen(seen)
+
+    def _seen(self, seen: AnyPart) -> AnyPart:
+        """Positions at times, with their covariances."""
+        record = cast(Any, seen)
+        return changed(
+            seen,
+            time=tuple(map(self.instant, record.time)),
+            position=self._line(record.position),
+            covariance=self.covariance(record.covariance),
+        )
+
+    def _prior(self, prior: Prior) -> Prior:
+        return changed(
+            prior,
+            velocity=_over(prior.velocity, self.speed),
+            velocity_deviation=_over(prior.velocity_deviation, self.speed),
+            acceleration=_over(prior.acceleration, self.acceleration),
+            acceleration_deviation=_over(prior.acceleration_deviation, self.acceleration),
+        )
+
+
+_SHAPE_SIZES = frozenset({"disc", "rectangle", "polygon", "ellipse"})
+
+
+def changed(part: AnyPart, **values: Any) -> AnyPart:
+    """Return a part of a scenario with other values, which are known to be allowed: so they are not checked again."""
+    return part.model_copy(update=values)
+
+
+def _names(part: Any) -> frozenset[str]:
+    fields: Mapping[str, object] = type(part).model_fields
+    return frozenset(fields)
+
+
+def _over(value: Any, unit: float) -> Any:
+    """Divide a number, or the numbers in tuples of tuples, by a unit; None as it is."""
+    if value is None:
+        return None
+    if isinstance(value, tuple):
+        return tuple(_over(each, unit) for each in value)
+    return value / unit

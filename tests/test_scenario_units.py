@@ -1,0 +1,212 @@
+"""Natural units: a scene in other units, elsewhere, later or turned is planned alike, to the bit where it can be."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.certificate.verdict import UNITS
+from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.units import TOP_SPEED, TRIP_LENGTH, NaturalUnits
+from scp_planner.threat_zones.zone import ThreatZone
+from tests.scenes import CROSSERS, disc, rewritten, scene
+
+POWERS = (2.0**-20, 2.0**-7, 2.0**3, 2.0**20)
+FACTORS = ((0.01, 0.1), (0.075, 0.45), (600.0, 200.0), (1.0, 7.3))
+
+
+def seen(name: str = "seen", noise: float = 0.05) -> dict[str, Any]:
+    """An obstacle that has been observed for two seconds."""
+    rng = np.random.default_rng(7)
+    times = np.linspace(-2.0, 0.0, 21)
+    positions = np.array([9.0, 3.0]) + times[:, None] * [0.2, -0.9] + noise * rng.normal(size=(21, 2))
+    return {
+        "id": name,
+        "shape": {"disc": 0.4},
+        "observations": {
+            "time": times.tolist(),
+            "position": positions.tolist(),
+            "covariance": [[noise**2, 0.0], [0.0, noise**2]],
+        },
+        "model": {"order": 1},
+        "margin": 0.05,
+    }
+
+
+def everything() -> sp.Scenario:
+    """A scene with a quantity of every kind that :func:`rewritten` knows."""
+    return scene(
+        *CROSSERS,
+        seen(),
+        vehicle={"max_jerk": 9.0, "max_curvature_rate": 2.0, "discs": [0.0, 0.4]},
+        start={"time": 3.0, "acceleration": 0.5},
+        goal={"radius": 0.5, "speed": 1.0, "earliest_arrival": 9.0, "latest_arrival": 40.0, "heading": 0.1},
+    )
+
+
+def test_a_trip_is_twenty_long_at_a_top_speed_of_three() -> None:
+    inside = (units := NaturalUnits.of(far := rewritten(scene(), 37.0, 5.0, shift=(3.0, -4.0)))).scenario(far)
+    assert math.dist(inside.start.position, inside.goal.position) == pytest.approx(TRIP_LENGTH)
+    assert inside.vehicle.max_speed == pytest.approx(TOP_SPEED)
+    assert (units.length, units.time) == pytest.approx((37.0, 5.0))
+    assert (inside.start.position, inside.start.time) == ((0.0, 0.0), 0.0)
+
+
+def test_a_vehicle_that_never_gets_fast_has_slower_units() -> None:
+    slow = NaturalUnits.of(scene(vehicle={"max_speed": 1e3}, start={"speed": 2.0}))
+    assert slow.time == pytest.approx(TOP_SPEED / math.sqrt(2.0**2 + 2.0 * 1.5 * 20.0))
+
+
+def test_a_guide_gives_the_length_of_the_trip() -> None:
+    assert NaturalUnits.of(scene(guide=[[0, 0], [30, 40], [20, 0]])).length == pytest.approx(
+        (50.0 + math.hypot(10.0, 40.0)) / TRIP_LENGTH
+    )
+
+
+def test_the_scene_of_reference_has_the_units_of_the_user() -> None:
+    assert NaturalUnits.of(scene()) == NaturalUnits()
+    assert NaturalUnits().scenario(reference := scene(*CROSSERS)) is reference
+
+
+@pytest.mark.parametrize("length", POWERS)
+@pytest.mark.parametrize("time", POWERS)
+def test_powers_of_two_do_not_change_a_bit_of_the_scene(length: float, time: float) -> None:
+    other = rewritten(everything(), length, time)
+    units = NaturalUnits.of(everything())
+    assert NaturalUnits.of(other) == NaturalUnits(
+        units.length * length, units.time * time, units.origin, units.clock * time
+    )
+    assert NaturalUnits.of(other).scenario(other) == units.scenario(everything())
+
+
+def test_every_quantity_is_divided_by_the_unit_of_its_dimension() -> None:
+    """Shapes, priors, processes, places and boxes, which the other scenes do not have."""
+    units = NaturalUnits(length=2.0, time=5.0, origin=(1.0, -1.0), clock=10.0)
+    process = ProcessModel.model_validate(
+        {
+            "process": {"kind": "mean_reverting", "diffusion": 0.8, "time_constant": 5.0},
+            "velocity_deviation": 2.0,
+            "noise_deviation": 0.5,
+            "tails": {"degrees_of_freedom": 5.0, "lead_time": [1.0, 2.0], "inflation": [1.0, 1.5]},
+        }
+    )
+    motion = {"position": [5.0, 3.0], "velocity": [1.0, 0.0], "acceleration": [0.0, 0.4]}
+    given = scene(
+        {"id": "p", "shape": {"polygon": [[0, 0], [4, 0], [0, 2]]}, "motion": motion},
+        {"id": "e", "shape": {"ellipse": [4, 2]}, "motion": {"time": [0.0, 20.0], "position": [[9, 9], [9, 12]]}},
+        {**seen("r"), "shape": {"rectangle": [4, 2]}, "model": {"order": 1, "process": process}},
+        {**seen("q"), "model": {"prior": {"velocity_deviation": 2.0, "acceleration_deviation": 4.0}}},
+        bounds={"min": [-9.0, -9.0], "max": [31.0, 9.0]},
+        corridor=[[[-9, -9], [31, -9], [31, 9], [-9, 9]]],
+        speed_limits=[{"from": 2.0, "to": 6.0, "speed": 1.0, "line": [[0, 0], [20, 0]]}],
+        start={"time": 10.0},
+    )
+    inside = units.scenario(given)
+    p, e, r, q = inside.obstacles
+    assert p.shape.model_dump() == {"polygon": ((0, 0), (2, 0), (0, 1))}
+    # position + velocity t + acceleration t^2 / 2 at t = 10 s
+    assert p.motion.model_dump() == {  # type: ignore[union-attr]
+        "position": (7.0, 12.0),
+        "velocity": (2.5, 10.0),
+        "acceleration": (0.0, 5.0),
+    }
+    assert e.motion.model_dump()["time"] == (-2.0, 2.0)  # type: ignore[union-attr]
+    assert e.motion.position == ((4.0, 5.0), (4.0, 6.5))  # type: ignore[union-attr]
+    assert e.shape.ellipse == (2.0, 1.0) and r.shape.rectangle == (2.0, 1.0)  # type: ignore[union-attr]
+    scaled = r.model.process
+    assert scaled is not None and scaled.tails is not None
+    assert scaled.process.model_dump() == {"kind": "mean_reverting", "diffusion": 25.0, "time_constant": 1.0}
+    assert (scaled.velocity_deviation, scaled.noise_deviation) == (5.0, 0.25)
+    assert scaled.tails.lead_time == (0.2, 0.4)
+    assert q.model.prior is not None
+    assert (q.model.prior.velocity_deviation, q.model.prior.acceleration_deviation) == (5.0, 50.0)
+    assert inside.bounds is not None and (inside.bounds.min, inside.bounds.max) == ((-5.0, -4.0), (15.0, 5.0))
+    assert inside.corridor == (((-5.0, -4.0), (15.0, -4.0), (15.0, 5.0), (-5.0, 5.0)),)
+    (limit,) = inside.speed_limits
+    assert (limit.from_, limit.to, limit.speed, limit.line) == (1.0, 3.0, 2.5, ((-0.5, 0.5), (9.5, 0.5)))
+
+
+def test_what_goes_in_and_out_is_the_same() -> None:
+    units = NaturalUnits(length=0.37, time=12.0, origin=(5.0, -2.0), clock=1e3)
+    plan = sp.plan(scenario := scene(*CROSSERS, seen()))
+    times = np.linspace(plan.start_time, plan.arrival_time, 9)
+    again = plan.trip.inside(units).outside(units)
+    points, _ = again.at(times)
+    np.testing.assert_allclose(again.frame.to_world(points.path.position), plan.position(times), atol=1e-9)
+    np.testing.assert_allclose(points.speed, plan.speed(times), atol=1e-9)
+    for zone in sp.zones(scenario):
+        back = zone.inside(units).outside(units)
+        np.testing.assert_allclose(back.center(times), zone.center(times), atol=1e-9)
+        np.testing.assert_allclose(back.covariance(times), zone.covariance(times), atol=1e-9)
+        inner = zone.inside(units)
+        assert isinstance(inner, ThreatZone)
+        away = zone.signed_distance(times, plan.position(times))
+        places = (plan.position(times) - units.origin) / units.length
+        inside = inner.signed_distance((times - units.clock) / units.time, places)
+        np.testing.assert_allclose(inside * units.length, away, atol=1e-9)
+
+
+def numbers(plan: sp.Plan, length: float, time: float) -> list[float]:
+    """All of a plan in the units of a scene that was written in others."""
+    found = [plan.travel_time / time, plan.lower_bound / time, plan.clearance.minimum / length]
+    units = NaturalUnits(length, time)
+    found += [use.worst / units.factor(UNITS[name]) for name, use in plan.limits.items()]
+    found += (plan.trip.trajectory.theta / length).tolist()
+    found += (plan.trip.trajectory.beta / units.acceleration).tolist()
+    return found
+
+
+@pytest.mark.parametrize(("length", "time"), [(2.0**-20, 2.0**20), (2.0**13, 2.0**-9), (2.0**20, 2.0**20)])
+def test_powers_of_two_do_not_change_a_bit_of_the_plan(length: float, time: float) -> None:
+    scenario = scene(*CROSSERS, seen())
+    plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
+    assert plan.certified and other.certified
+    assert numbers(other, length, time) == numbers(plan, 1.0, 1.0)
+    assert other.iterations == plan.iterations
+
+
+@pytest.mark.parametrize(("length", "time"), FACTORS)
+def test_other_units_change_rounding_only(length: float, time: float) -> None:
+    scenario = scene(*CROSSERS, seen())
+    plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
+    assert other.certified
+    np.testing.assert_allclose(numbers(other, length, time), numbers(plan, 1.0, 1.0), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"clock": 1e9}, {"shift": (1e7, -2e6)}, {"turn": 2.0}, {"clock": 1e9, "shift": (1e7, 0.0), "length": 75.0}],
+    ids=str,
+)
+def test_the_clock_the_place_and_the_direction_change_rounding_only(change: dict[str, Any]) -> None:
+    still = [{**each, "motion": {**each["motion"], "acceleration": (0.0, 0.0)}} for each in CROSSERS]
+    scenario = scene(*still)
+    plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, **change))
+    assert other.certified, other.reason
+    # 1e9 s and 1e7 m are known to about 1e-7 and 1e-9 of themselves, and speeds of 1 m/s turn one into the other.
+    assert other.travel_time == pytest.approx(plan.travel_time, rel=1e-6)
+
+
+@pytest.mark.parametrize(("length", "time"), [(0.01, 0.1), (600.0, 200.0)])
+def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: float) -> None:
+    """Certificates, bounds, zones and reasons of a plan that is none."""
+    wall = [disc(f"wall {k}", (10.0, 1.2 * k), radius=0.7) for k in range(-9, 10)]
+    scenario = scene(*wall, bounds={"min": [-5.0, -9.0], "max": [25.0, 9.0]})
+    data = rewritten(scenario.model_copy(update={"bounds": None}), length, time).to_dict()
+    data["bounds"] = {"min": [-5.0 * length, -9.0 * length], "max": [25.0 * length, 9.0 * length]}
+    other = sp.Scenario(**data)
+    settings = sp.Settings(max_runs=2)
+    plan, again = sp.plan(scenario, settings), sp.plan(other, settings)
+    assert not plan.certified and not again.certified
+    mine, its = sp.certify(scenario, plan), sp.certify(other, again)
+    assert [each.what for each in its.violations] == [each.what for each in mine.violations]
+    assert its.violations[0].value == pytest.approx(mine.violations[0].value * length, rel=1e-6)
+    assert its.violations[0].time == pytest.approx(mine.violations[0].time * time, rel=1e-6)
+    assert again.reason is not None and plan.reason is not None
+    assert str(its.violations[0]) in again.reason
+    assert "No trip at all arrives before" in plan.reason and "No trip at all arrives before" in again.reason
+    assert sp.lower_bound(other) == pytest.approx(sp.lower_bound(scenario) * time, rel=1e-9)
