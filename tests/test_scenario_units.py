@@ -210,3 +210,35 @@ def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: floa
     assert str(its.violations[0]) in again.reason
     assert "No trip at all arrives before" in plan.reason and "No trip at all arrives before" in again.reason
     assert sp.lower_bound(other) == pytest.approx(sp.lower_bound(scenario) * time, rel=1e-9)
+
+
+@pytest.mark.parametrize(("length", "time"), [(2.0**-10, 2.0**6), (2.0**9, 2.0**11)])
+def test_powers_of_two_do_not_change_a_bit_of_a_drive(length: float, time: float) -> None:
+    still = {**disc("post", (6.0, 0.4), radius=0.4), "margin": 0.1}
+    here = scene(still, CROSSERS[0], goal={"position": (9.0, 0.0)})
+    runs = [sp.simulate(each, seed=3) for each in (here, rewritten(here, length, time))]
+    mine, its = runs
+    assert mine.arrived and not mine.contact
+    assert its.travel_time == mine.travel_time * time
+    assert np.array_equal(its.position, mine.position * length)
+    assert [record.outcome for record in its.records] == [record.outcome for record in mine.records]
+    assert [plan.iterations for plan in its.plans] == [plan.iterations for plan in mine.plans]
+
+
+def test_planners_of_other_sizes_say_what_their_certificates_say() -> None:
+    """At one moment of a drive, in the units of the user: the scenario, the zones, the notes and the plan."""
+    length, time = 75.0, 25.0
+    far = rewritten(scene(seen()), length, time)
+    planner = sp.Planner(far)
+    assert planner.online.period == pytest.approx(0.1 * time)
+    first = planner.replan(0.0, (0.0, 0.0), 0.0, 1.0 * length / time)
+    planner.observe("seen", 0.1 * time, (9.02 * length, 2.9 * length))
+    planner.observe("seen", 0.15 * time, (90.0 * length, 2.9 * length))
+    now = 0.2 * time
+    plan = planner.replan(now, first.position(now), float(first.heading(now)), float(first.speed(now)))
+    assert plan.safe and plan.arrival_time == pytest.approx(first.arrival_time, rel=0.05)
+    assert sp.certify(planner.scenario, plan).holds is plan.certified
+    assert planner.notes[0].startswith(f"seen at t = {0.15 * time:.3f} s")
+    (zone,) = planner.zones
+    assert zone.center(now) == pytest.approx(np.array([9.04, 2.82]) * length, abs=0.2 * length)
+    assert not planner.at_goal(plan.position(now)) and planner.at_goal((20.0 * length, 0.0))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import islice
 from os import PathLike
@@ -27,20 +27,23 @@ from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, tightened
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.record import NEAR
 from scp_planner.search.starts import starts
 from scp_planner.settings.knobs import word_of
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import solver_named
-from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-CURVE_PRICE = 50.0  # s per m, or per unit of excess: the merit of convergence curves, the same for all methods
+CURVE_PRICE = (
+    50.0  # units of time for one of length, or of excess: the merit of convergence curves, the same for all methods
+)
 CLEARLY_FASTER = 1e-3  # relative difference of travel times that counts
 
 
@@ -90,7 +93,7 @@ class Trial:
     least_clearance : float
         To the zones, m; certified if the trip is.
     worst_violation : float
-        Of the sampled constraints: m or relative.
+        Of the sampled constraints: units of length of the scene, or relative.
     iterations, evaluations : int
         An evaluation is one of a trip and its violations: with gradient or linearisation except for Monte Carlo.
     wall_time : float
@@ -196,8 +199,10 @@ def compare(
 def _trials(
     scenario: Scenario, starts_each: int, methods: Sequence[Method], settings: Settings, seed: int
 ) -> Iterator[Trial]:
-    threat_zones = zones(scenario)
-    problem = build_problem(scenario, threat_zones, settings)
+    units = NaturalUnits.of(scenario)
+    inside = units.scenario(scenario)
+    threat_zones = tuple(ZonesOf(inside))
+    problem = replace(build_problem(inside, threat_zones, for_scene(settings, units)), units=units)
     found = islice(starts(problem, settings.searches), starts_each)
     for number, (_, start) in enumerate(found):
         for method in methods:
@@ -290,19 +295,21 @@ def _trial(
     wall_time: float,
     moments: list[Moment],
 ) -> Trial:
+    units = problem.units
+    found = certificate.outside(units)
     return Trial(
         problem.scenario.name,
         number,
         method,
         status,
         certificate.holds,
-        evaluation.trajectory.travel_time,
-        certificate.clearance.minimum,
+        evaluation.trajectory.travel_time * units.time,
+        found.clearance.minimum,
         evaluation.worst_violation,
         iterations,
         evaluations,
         wall_time,
-        "; ".join(str(violation) for violation in certificate.violations),
+        "; ".join(str(violation) for violation in found.violations),
         _curve(problem, moments),
     )
 
@@ -313,7 +320,7 @@ def _curve(problem: Problem, moments: list[Moment]) -> Curve:
     return Curve(
         np.array([moment.evaluations for moment in moments]),
         np.array([moment.seconds for moment in moments]),
-        np.minimum.accumulate(np.array(merits)),
+        np.minimum.accumulate(np.array(merits)) * problem.units.time,
     )
 
 

@@ -57,20 +57,20 @@ from scp_planner.trips.trip import Trip
 
 logger = logging.getLogger(__name__)
 
-RIGIDITY = 1e-3  # 1/(m s): keeps the scaling of the offsets regular beside the curvature of the arc length
+RIGIDITY = 1e-3  # in natural units: keeps the scaling of the offsets regular beside the curvature of the arc length
 ESCALATION = 5.0
 STUCK = 3.0  # widths of the hinge; what is violated by more gets dearer
 HOPELESS = 30.0  # widths of the hinge; violations above this at the last price are not settled
 NEAR_WIDTHS = 5.0  # widths of the hinge; below this clearance, but at least NEAR_LEAST, samples are refined
-NEAR_LEAST = 0.3  # m
-ACTIVE = 1e-4  # s per unit; constraints with a larger multiplier are settled
-SETTLED = 1e-4  # m or relative; distance to active constraints at which settling ends
-TARGET = 1e-5  # m or relative; what is left to an active constraint by settling
-OUTSIDE = 1e6  # s; value of trips that never arrive
+NEAR_LEAST = 0.3  # units of length
+ACTIVE = 1e-4  # units of time to one; constraints with a larger multiplier are settled
+SETTLED = 1e-4  # units of length or relative; distance to active constraints at which settling ends
+TARGET = 1e-5  # units of length or relative; what is left to an active constraint by settling
+OUTSIDE = 1e6  # units of time; value of trips that never arrive
 TIGHTENINGS = 3
 CAREFUL = 10.0  # times the first prices, in the second attempt
-CAREFUL_WIDTH = 0.05  # m; widest hinge of the second attempt
-REPAIRABLE = 0.01  # m or relative; larger violations are not tightened away
+CAREFUL_WIDTH = 0.05  # units of length; widest hinge of the second attempt
+REPAIRABLE = 0.01  # units of length or relative; larger violations are not tightened away
 ARMIJO = 1e-4
 CERTIFIED_LIMITS = {"lateral_acceleration": LATERAL, "curvature": CURVATURE, "speed": SPEED}
 
@@ -104,11 +104,11 @@ class DescentSettings:
     ----------
     variant : Variant
     widths : tuple of float
-        Of the hinge for zones, m, one a stage.
+        Of the hinge for zones, units of length of the scene, one a stage.
     limit_width : float
-        Width of the hinge for limits, relative, for each metre of the width for zones.
+        Width of the hinge for limits, relative, for each unit of the width for zones.
     zone_price, limit_price : float
-        First prices, s per m and s per unit of excess.
+        First prices, units of time for one of length and for one of excess.
     last_price : float
         Prices grow up to this.
     evaluations : int or None

@@ -14,21 +14,23 @@ import numpy as np
 
 from scp_planner.baseline.descent import CheckedDescent, Descent, DescentSettings, checked_descent
 from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.starts import starts
-from scp_planner.settings.planning import Settings
-from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.settings.planning import SceneSettings, Settings, for_scene
+from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other start is tried
-ESTIMATE_SLACK = 0.15  # s; how much better than its estimate another start may turn out
+ESTIMATE_SLACK = 0.15  # units of time; how much better than its estimate another start may turn out
 
 
 def penalty_descent(
@@ -69,10 +71,13 @@ def penalty_descent(
     began = perf_counter()
     settings, descent = settings or Settings(), descent or DescentSettings()
     deadline = np.inf if time_limit is None else began + time_limit
-    search = _Search(scenario, zones(scenario), settings, descent, seed, deadline)
-    best = search.best(None if start is None else _as_start(search.problem, start))
-    trip = Trip(search.problem.frame, best.run.trajectory)
-    status, reason = _verdict(scenario, trip, best)
+    units = NaturalUnits.of(scenario)
+    inside = units.scenario(scenario)
+    search = _Search(inside, tuple(ZonesOf(inside)), for_scene(settings, units), descent, seed, deadline)
+    best = search.best(None if start is None else _as_start(search.problem, start, units))
+    trip = Trip(search.problem.frame, best.run.trajectory).outside(units)
+    certificate = best.certificate.outside(units)
+    status, reason = _verdict(scenario, trip, best, certificate)
     return Plan(
         scenario=scenario.name,
         status=status,
@@ -82,20 +87,20 @@ def penalty_descent(
         solver=descent.variant.value,
         iterations=search.iterations,
         wall_time=perf_counter() - began,
-        clearance=best.certificate.clearance,
-        limits=best.certificate.limits,
-        lower_bound=search.least,
+        clearance=certificate.clearance,
+        limits=certificate.limits,
+        lower_bound=search.least * units.time,
         timings=search.timings,
     )
 
 
 @dataclass
 class _Search:
-    """The state of one call of :func:`penalty_descent`."""
+    """The state of one call of :func:`penalty_descent`, all of it in the units of the scene."""
 
     scenario: Scenario
     threat_zones: tuple[ThreatZone, ...]
-    settings: Settings
+    settings: SceneSettings
     descent: DescentSettings
     seed: int
     deadline: float
@@ -150,8 +155,9 @@ class _Search:
             clock = perf_counter()
 
 
-def _as_start(problem: Problem, start: Plan | Trajectory) -> Trajectory:
+def _as_start(problem: Problem, start: Plan | Trajectory, units: NaturalUnits) -> Trajectory:
     trajectory = start.trip.trajectory if isinstance(start, Plan) else start
+    trajectory = trajectory.in_units(1.0 / units.length, 1.0 / units.time)
     mine, given = problem.space, trajectory.space
     if (mine.path_size, mine.acceleration_size) != (given.path_size, given.acceleration_size):
         raise ValueError(
@@ -165,9 +171,11 @@ def _as_start(problem: Problem, start: Plan | Trajectory) -> Trajectory:
     return Trajectory.of(mine, theta, trajectory.beta)
 
 
-def _verdict(scenario: Scenario, trip: Trip, best: CheckedDescent) -> tuple[PlanStatus, str | None]:
-    if best.certificate.holds:
+def _verdict(
+    scenario: Scenario, trip: Trip, best: CheckedDescent, certificate: Certificate
+) -> tuple[PlanStatus, str | None]:
+    if certificate.holds:
         return PlanStatus.CERTIFIED, None
-    told = grave_violations(scenario, trip, best.certificate)
+    told = grave_violations(scenario, trip, certificate)
     reason = f"{best.run.status.value}: " + "; ".join(str(violation) for violation in told)
     return (PlanStatus.FEASIBLE if best.run.feasible else PlanStatus.INFEASIBLE), reason

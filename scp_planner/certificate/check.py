@@ -22,7 +22,7 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -37,6 +37,7 @@ from scp_planner.certificate.verdict import (
     GOAL_SPEED_TOLERANCE,
     LATEST,
     RELATIVE_TOLERANCE,
+    UNITS,
     Certificate,
     Clearance,
     Ends,
@@ -85,6 +86,11 @@ class HasTrip(Protocol):
         ...
 
 
+def uses_outside(limits: Mapping[str, LimitUse], units: NaturalUnits) -> dict[str, LimitUse]:
+    """Return uses of limits, by name, in the units of their scene in SI units."""
+    return {name: use.outside(units, UNITS[name.partition("[")[0]]) for name, use in limits.items()}
+
+
 def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone] | None = None) -> Certificate:
     """Check a plan against a scenario in continuous time, whoever made it.
 
@@ -100,7 +106,7 @@ def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone
     -------
     Certificate
     """
-    units = NaturalUnits.of(scenario)
+    units = NaturalUnits.to_check(scenario)
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     tell_of_horizon(inside, trip, units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Flag, auto
 
-from scp_planner.certificate.check import EARLIEST, INSTANTS
+from scp_planner.certificate.check import EARLIEST, INSTANTS, uses_outside
 from scp_planner.scenario.units import NaturalUnits
 
 
@@ -170,9 +170,8 @@ class Certificate:
         """Return a certificate in the units of its scene in SI units."""
         if units.are_those_of_the_user:
             return self
-        limits = {name: use.outside(units, UNITS[name.partition("[")[0]]) for name, use in self.limits.items()}
         violations = tuple(violation.outside(units) for violation in self.violations)
-        return Certificate(self.holds, self.clearance.outside(units), limits, violations)
+        return Certificate(self.holds, self.clearance.outside(units), uses_outside(self.limits, units), violations)
 
     @property
     def late(self) -> bool:

@@ -46,7 +46,7 @@ DEMO_DATA = ("scenario.yaml", "plan.json", "run.json")
 DEMO_PAGES = ("plan.html", "run.html")
 DEMO_FIGURES = ("plan.png", "space_time.png", "run.gif")
 DEMO_FILES = (*DEMO_DATA, *DEMO_PAGES, *DEMO_FIGURES)
-SLOWEST_RATE = 1e-3  # Hz
+SLOWEST_RATE = 1e-9  # Hz
 
 
 def demo(
@@ -149,9 +149,17 @@ def simulate(
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the run: .png, .pdf or .svg.")] = None,
     view: pictures.PictureView = pictures.View.MAP,
     noise: Annotated[
-        float, typer.Option("--noise", metavar="S", help="Standard deviation of observed coordinates, m.")
-    ] = 0.1,
-    rate: Annotated[float, typer.Option("--rate", metavar="HZ", help="Observations and replans per second.")] = 10.0,
+        float | None,
+        typer.Option(
+            "--noise", metavar="S", help="Standard deviation of observed coordinates, m; default: 1/200 of the trip."
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate", metavar="HZ", help="Observations and replans per second; default: 70 or so in the fastest trip."
+        ),
+    ] = None,
     seed: NoiseSeed = 0,
     solver: SolverName = None,
     assignments: Assignments = None,
@@ -213,17 +221,18 @@ def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
 
 def _drive(
     scenario: Scenario,
-    noise: float,
-    rate: float,
+    noise: float | None,
+    rate: float | None,
     seed: int,
     quiet: bool,
     solver: str | None = None,
     assignments: list[str] | None = None,
 ) -> Run:
     from scp_planner.online.planner import SETTINGS
+    from scp_planner.scenario.units import NaturalUnits
     from scp_planner.settings.knobs import knobs, parse_assignments
     from scp_planner.settings.online import OnlineSettings
-    from scp_planner.settings.planning import Settings
+    from scp_planner.settings.planning import Settings, with_given
     from scp_planner.simulation.loop import FORGET_AFTER, Follower, simulate
 
     given = parse_assignments(assignments or (), Settings, OnlineSettings)
@@ -231,7 +240,8 @@ def _drive(
         raise bad_option("--set", "period", "--rate gives the period")
     planning = {name: value for name, value in given.items() if name in knobs(Settings)}
     driving = {name: value for name, value in given.items() if name not in planning}
-    online = replace(OnlineSettings(forget_after=FORGET_AFTER), **driving)
+    units = NaturalUnits.of(scenario)
+    online = replace(OnlineSettings(forget_after=FORGET_AFTER * units.time), **driving)
     with progress_bar(None, "s", quiet, bar_format="driving: {n:.1f} s, {elapsed}") as bar:
 
         def advance(time: float) -> None:
@@ -242,7 +252,7 @@ def _drive(
             noise,
             rate,
             seed,
-            settings=replace(SETTINGS, **planning),
+            settings=with_given(SETTINGS, planning, units),
             online=online,
             follower=Follower(online.tracking_error, online.reaction_time),
             solver=solver,

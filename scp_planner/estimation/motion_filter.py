@@ -45,7 +45,7 @@ CENTER_TOLERANCE = 1e-3
 COVARIANCE_TOLERANCE = 1e-3
 """Relative; how much piecewise polynomials may exceed a covariance that is not polynomial."""
 
-_PAST = 1e-9  # s; times this little before the last observation are taken for it
+_PAST = 1e-9  # units of time; times this little before the last observation are taken for it
 _MOST_HALVINGS = 12
 _CHECKS = 21  # points of a piece at which its error is measured
 

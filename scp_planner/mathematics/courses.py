@@ -9,7 +9,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 
-LEAD = 1.0  # s; the first and the last piece go on for ever
+LEAD = 1.0  # units of time; the first and the last piece go on for ever
 
 
 def course_polynomials(times: Sequence[float], positions: Sequence[Sequence[float]]) -> PiecewisePolynomials:

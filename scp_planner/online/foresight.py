@@ -13,7 +13,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
 
 LONGER = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
-"""s of further observation after which foreseen zones are computed; in between, they are interpolated."""
+"""Units of time of further observation after which foreseen zones are computed; in between, they are interpolated."""
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from scp_planner.trips.trip import Trip
 
 LOOK_TRUST = TrustRegion(theta=0.7, beta=2.0, rho=0.2)
 LOOK_GAIN, LOOK_GAIN_TIME = 0.02, 0.1
-"""Another way round must be faster by this share, and by this time in s, for the vehicle to change over to it."""
+"""Another way round must be faster by this share, and by so many units of time, for the vehicle to change over."""
 LOOK_SOONER = 2
 """Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
 FIRST_LOOK_TIME, LOOK_TIME_DECAY = 0.02, 0.8
-"""s of wall time, that a look is expected to take before one has been timed; and how soon it is forgotten."""
+"""Seconds of wall time, that a look is expected to take before one has been timed; and how soon it is forgotten."""
 LOOK_RUNS = 2
 """Ways that are looked at in turn while there is a plan."""
 FEWEST_LOOK_STEPS = 2
@@ -22,7 +22,7 @@ FEWEST_LOOK_STEPS = 2
 SPARED = 1
 """Steps fewer of a look are taken in a replan while there is a plan to drive."""
 HOPELESS = 0.05
-"""Relative excess over a limit, or m outside of the workspace, from which on no way is begun."""
+"""Relative excess over a limit, or units of length outside of the workspace, from which on no way is begun."""
 
 
 @dataclass

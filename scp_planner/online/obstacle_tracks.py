@@ -15,7 +15,8 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect, bisect_left
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from scp_planner.scenario.models import (
     Shape,
     Vector,
 )
+from scp_planner.settings.knobs import Range
 from scp_planner.settings.online import GATE_PROBABILITY, Newcomers
 from scp_planner.threat_zones.of_scenario import HORIZON, estimated_body, known_zone
 from scp_planner.threat_zones.zone import ThreatZone
@@ -50,16 +52,35 @@ MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
 
 
+@dataclass(frozen=True)
+class SceneNewcomers(Newcomers):
+    """:class:`Newcomers` with nothing left open, in the units of a scene.
+
+    Attributes
+    ----------
+    velocity_deviation : float
+        Units of speed.
+    acceleration_deviation : float
+        Units of acceleration.
+    noise_deviation : float
+        Units of length.
+    """
+
+    velocity_deviation: Annotated[float, Range(1e-6, 1000.0)] = 1.5
+    acceleration_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.5
+    noise_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.1
+
+
 class ObstacleTracks:
-    """The obstacles that a planner knows of.
+    """The obstacles that a planner knows of, in the natural units of its scene.
 
     Parameters
     ----------
     confidence : Confidence
         Level of the zones.
     margin : float
-        Added to all zones, m.
-    newcomers : Newcomers
+        Added to all zones, units of length.
+    newcomers : SceneNewcomers
     gate_probability : float
         See GATE_PROBABILITY; 0 for no gate.
     """
@@ -68,12 +89,12 @@ class ObstacleTracks:
         self,
         confidence: Confidence,
         margin: float = 0.0,
-        newcomers: Newcomers | None = None,
+        newcomers: SceneNewcomers | None = None,
         gate_probability: float = GATE_PROBABILITY,
     ) -> None:
         self.confidence = confidence
         self.margin = margin
-        self.newcomers = newcomers or Newcomers()
+        self.newcomers = newcomers or SceneNewcomers()
         self.gate_probability = gate_probability
         self.tracks: dict[str, Track] = {}
 

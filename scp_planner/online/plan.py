@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from scp_planner.certificate.check import uses_outside
 from scp_planner.planning.plan import Plan
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.trips.trip import Trip
 
 
@@ -42,6 +44,19 @@ class OnlinePlan(Plan):
     stop: Trip | None = None
     branch_time: float = math.inf
     arrived: bool = False
+
+    def outside(self, units: NaturalUnits) -> OnlinePlan:
+        """Return a plan in the units of its scene in SI units."""
+        if units.are_those_of_the_user:
+            return self
+        return replace(
+            self,
+            trip=self.trip.outside(units),
+            clearance=self.clearance.outside(units),
+            limits=uses_outside(self.limits, units),
+            stop=None if self.stop is None else self.stop.outside(units),
+            branch_time=units.absolute(self.branch_time),
+        )
 
     @property
     def safe(self) -> bool:

@@ -58,6 +58,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Shape, Start
 from scp_planner.scenario.places import anchored
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import FIRST_TRUST, ScpLoop
@@ -66,7 +67,7 @@ from scp_planner.scp.record import Status as RunStatus
 from scp_planner.search.starts import bows
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.settings.online import OnlineSettings, Safety
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import corridor_zones
@@ -76,22 +77,25 @@ from scp_planner.trips.trip import Trip
 
 logger = logging.getLogger(__name__)
 
-SETTINGS = Settings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
+SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
 """Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
 between samples."""
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
 NEAR_GOAL = 0.4
-"""s. With less of the trip left than this, the last plan is driven to its end if its certificate holds."""
+"""Units of time. With less of the trip left, the last plan is driven to its end if its certificate holds."""
 ARRIVED = 1e-3
-"""m."""
+"""Units of length."""
 VIOLATION_COST = 5.0
-"""s/m. What the entry into a foreseen zone counts, in comparing ways."""
+"""Units of time to one of length. What the entry into a foreseen zone counts, in comparing ways."""
 UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 NEARLY_CLEAR = 5e-3
-"""m. Another way that enters foreseen zones by less than this, which change with each observation, may be driven."""
+"""Units of length. Another way that enters foreseen zones, which change with each observation, by less than this may be
+driven."""
 SLOWER = 5e-3
-"""s. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+"""Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+CLOSE = 1e-6
+"""Units of length. A vertex of a guide that is nearer than this is passed."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -131,8 +135,8 @@ class Planner:
     ----------
     plan : OnlinePlan or None
         The last answer.
-    zones : tuple of ThreatZone
-        That it was made with: with the planner's margin.
+    online : OnlineSettings
+        With the period that the scene decides, if that was left open.
     notes : deque of str
         What was odd about observations, the newest last.
     solver : QpSolver
@@ -156,19 +160,23 @@ class Planner:
         if scenario.vehicle.max_jerk is not None:
             text = "must be null online: the vehicle has to be able to brake at once"
             raise ScenarioError(scenario.name, [Fault("vehicle.max_jerk", scenario.vehicle.max_jerk, text)])
-        settings = settings or SETTINGS
+        self._units = units = NaturalUnits.of(scenario)
+        scenario = units.scenario(scenario)
+        settings = SETTINGS if settings is None else for_scene(settings, units)
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None
         self.settings = replace(settings, acceleration_degree=0)
-        self.online = online or OnlineSettings()
+        self._online = (online or OnlineSettings()).for_scene(units)
+        self.online = replace(online or OnlineSettings(), period=self._online.period * units.time)
         self.plan: OnlinePlan | None = None
-        self.zones: tuple[ThreatZone, ...] = ()
+        self._last: OnlinePlan | None = None
+        self._zones: tuple[ThreatZone, ...] = ()
         self.notes: deque[str] = deque(maxlen=100)
         self.obstacles = ObstacleTracks(
             scenario.confidence,
-            self.online.margin(scenario.vehicle.max_speed),
-            self.online.newcomers,
-            self.online.gate_probability,
+            self._online.margin(scenario.vehicle.max_speed),
+            self._online.newcomers,
+            self._online.gate_probability,
         )
         for obstacle in scenario.obstacles:
             self.obstacles.add(obstacle)
@@ -176,13 +184,16 @@ class Planner:
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
         self.solver: QpSolver = solver or solver_named(settings.solver)
-        self._vetting = Vetting(self.online.period, self.online.safety is Safety.STOP, self.online.tracking_error)
+        self._vetting = Vetting(
+            self._online.period, self._online.safety is Safety.STOP, self._online.tracking_error, units
+        )
         self._breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
         stopping = scenario.vehicle.max_speed / scenario.vehicle.max_deceleration
-        self._foresight = self.online.period + self.online.reaction_time + stopping + 0.5 * COMMITMENT
-        if self.online.foresight is not None:
-            self._foresight = self.online.foresight
+        self._foresight = self._online.period + self._online.reaction_time + stopping + 0.5 * COMMITMENT
+        if self._online.foresight is not None:
+            self._foresight = self._online.foresight
         self._state: State | None = None
+        self._clock: float | None = None
         self._cycle = 0
         self._look_time = FIRST_LOOK_TIME
         self._look: _Look | None = None
@@ -190,6 +201,11 @@ class Planner:
         self._good_enough = True
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
         self._work = Lock()
+
+    @property
+    def zones(self) -> tuple[ThreatZone, ...]:
+        """The zones that the last plan was made with: with the planner's margin."""
+        return tuple(zone.outside(self._units) for zone in self._zones)
 
     # what is seen
 
@@ -216,7 +232,9 @@ class Planner:
             raise ValueError(f"observe: there is no obstacle {obstacle!r}; add_obstacle adds one")
         place = _point("position", position)
         check_number("time", time)
-        self._inbox.append((obstacle, float(time), place, None if covariance is None else _covariance(covariance)))
+        units = self._units
+        noise = None if covariance is None else _covariance(covariance) / units.length**2
+        self._inbox.append((obstacle, units.instant(float(time)), units.place(place), noise))
         # A replan that is at work takes it in itself.
         if self._work.acquire(blocking=False):
             try:
@@ -233,7 +251,7 @@ class Planner:
                 continue
             fault = self.obstacles.observe(name, time, position, covariance)
             if fault is not None:
-                self.notes.append(f"{name} at t = {time:.3f} s: {fault}")
+                self.notes.append(f"{name} at t = {self._units.absolute(time):.3f} s: {fault}")
         return any_new
 
     def add_obstacle(
@@ -268,13 +286,13 @@ class Planner:
         if not isinstance(obstacle, str):
             whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle.model_validate(obstacle)
             self._check_new(whole.id)
-            self.obstacles.add(whole)
+            self.obstacles.add(self._units.obstacle(whole))
             return
         still = {"position": [0.0, 0.0]}
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
-        checked = Obstacle.model_validate(parts)
+        checked = self._units.obstacle(Obstacle.model_validate(parts))
         self._check_new(obstacle)
-        noise = None if covariance is None else _covariance(covariance)
+        noise = None if covariance is None else _covariance(covariance) / self._units.length**2
         self.obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
 
     def _check_new(self, name: str) -> None:
@@ -304,9 +322,10 @@ class Planner:
 
         `scp_planner.certify` of this and of a plan that begins now says what the planner says.
         """
-        if self._state is None:
-            return self.given
-        return self._scenario_at(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
+        made = self.given
+        if self._state is not None:
+            made = self._scenario_at(self._state).model_copy(update={"obstacles": self.obstacles.as_obstacles()})
+        return self._units.inverse.scenario(made)
 
     # what to do
 
@@ -348,14 +367,16 @@ class Planner:
         """
         began = perf_counter()
         state = self._checked_state(time, position, heading, speed, acceleration, deadline)
-        end = math.inf if deadline is None else began + deadline - self.online.reserve
+        end = math.inf if deadline is None else began + deadline - self._online.reserve
         with self._work:
             now = _Replan(self._moment(state), began, end, clock=began)
             now.lap("zones")
             plan = self._answer(now)
-        self.plan, self._state, self.zones = plan, state, now.moment.zones
+        self._last, self._state, self._zones = plan, state, now.moment.zones
+        self._clock = float(time)
         self._cycle += 1
-        return plan
+        self.plan = plan.outside(self._units)
+        return self.plan
 
     def _checked_state(
         self,
@@ -367,8 +388,8 @@ class Planner:
         deadline: float | None,
     ) -> State:
         check_number("time", time)
-        if self._state is not None and time < self._state.time:
-            raise ValueError(f"time: {time!r} is before {self._state.time!r}, the time of the last replan")
+        if self._clock is not None and time < self._clock:
+            raise ValueError(f"time: {time!r} is before {self._clock!r}, the time of the last replan")
         place = _point("position", position)
         check_number("speed", speed)
         for name, value in (("heading", heading), ("acceleration", acceleration)):
@@ -377,7 +398,13 @@ class Planner:
         if deadline is not None and not (isinstance(deadline, int | float | np.number) and deadline > 0.0):
             raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
         # The sensor of a vehicle that stands may show a speed below nothing.
-        return State(float(time), place, None if heading is None else float(heading), max(float(speed), 0.0))
+        units = self._units
+        return State(
+            units.instant(float(time)),
+            units.place(place),
+            None if heading is None else float(heading),
+            max(float(speed), 0.0) / units.speed,
+        )
 
     def _scenario_at(self, state: State) -> Scenario:
         start = Start.model_construct(
@@ -395,21 +422,22 @@ class Planner:
 
     def _forget(self, time: float) -> None:
         for track in list(self.obstacles.tracks.values()):
-            if track.times and track.fixed is None and time - track.times[-1] > self.online.forget_after:
+            if track.times and track.fixed is None and time - track.times[-1] > self._online.forget_after:
                 self.notes.append(f"{track.id}: forgotten, not seen for {self.online.forget_after:g} s")
                 del self.obstacles.tracks[track.id]
 
     def at_goal(self, position: ArrayLike) -> bool:
-        """Whether a position, (2,) m, is the goal: within its radius, or a millimetre, and the tracking error."""
+        """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""
+        return self._is_there(self._units.place(_point("position", position)))
+
+    def _is_there(self, place: tuple[float, float]) -> bool:
         goal = self.given.goal
-        return math.dist(_point("position", position), goal.position) <= (
-            max(goal.radius, ARRIVED) + self.online.tracking_error
-        )
+        return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._online.tracking_error
 
     def _answer(self, now: _Replan) -> OnlinePlan:
-        last = self.plan if self.plan is not None and self.plan.outcome is not Outcome.BRAKING else None
+        last = self._last if self._last is not None and self._last.outcome is not Outcome.BRAKING else None
         state = now.moment.state
-        if self.at_goal(state.position):
+        if self._is_there(state.position):
             # Within the goal's radius the vehicle may still be coming to rest, or on its way to where it arrives.
             kept = None
             if last is not None and last.arrival_time > state.time and state.speed > STANDING:
@@ -429,7 +457,7 @@ class Planner:
         self._improved = self._cycle
         problem = self._problem(now)
         loop = ScpLoop(problem, self.solver)
-        ahead = None if self.plan is None else remaining_trip(problem, self.plan.trip, state)
+        ahead = None if self._last is None else remaining_trip(problem, self._last.trip, state)
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
         if best is None:
@@ -447,7 +475,7 @@ class Planner:
     @property
     def _improve_every(self) -> int:
         """Replans between improvements: fewer after one that is not good enough yet."""
-        every = self.online.improve_every
+        every = self._online.improve_every
         return every if self._good_enough else max(every // UNFINISHED_SOONER, 1)
 
     def _keep(self, now: _Replan, kept: Vetted) -> OnlinePlan:
@@ -462,7 +490,7 @@ class Planner:
 
     def _foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
         """The zones that trips are planned among, of those on a clock that shows a time now."""
-        if self.online.safety is Safety.TRIP:
+        if self._online.safety is Safety.TRIP:
             return batch
         return foreseen(batch, self._foresight, self.obstacles.learning(), clock)
 
@@ -476,8 +504,8 @@ class Planner:
         best: Vetted | None = None
         why, refused = "first plan", ""
         if ahead is not None:
-            most = self.online.iterations
-            if self.plan is not None and self._vetting.is_on(now.moment, self.plan.trip):
+            most = self._online.iterations
+            if self._last is not None and self._vetting.is_on(now.moment, self._last.trip):
                 most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
             run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
             now.lap("scp")
@@ -488,15 +516,15 @@ class Planner:
                 refused = found.why
         if best is None and self._look_is_due(now, best):
             best, said = self._look_round(now, loop, None)
-            why = "first plan" if self.plan is None else "another way round"
+            why = "first plan" if self._last is None else "another way round"
             refused = refused or said
         return best, why if best is not None else refused
 
     def _look_is_due(self, now: _Replan, best: Vetted | None) -> bool:
         """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
-        if self.plan is None:
+        if self._last is None:
             return True  # a plan is worth waiting for only where there is none at all
-        every = self.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
+        every = self._online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
         if best is not None and self._look is None and self._cycle - self._looked < every:
             return False
         # The search for ways cannot be broken off.
@@ -507,13 +535,13 @@ class Planner:
 
     def _look_round(self, now: _Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
-        began, problem, first = perf_counter(), loop.problem, self.plan is None
+        began, problem, first = perf_counter(), loop.problem, self._last is None
         cutoff = math.inf
         if best is not None:
             tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
             cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
         if self._look is None:
-            runs = self.online.first_runs if best is None else LOOK_RUNS
+            runs = self._online.first_runs if best is None else LOOK_RUNS
             self._look = _Look(self._starts(problem, cutoff), runs)
         self._looked = self._cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
@@ -533,11 +561,11 @@ class Planner:
 
         For a first plan all ways are tried, and the fastest is returned.
         """
-        problem, first = loop.problem, self.plan is None
-        most = self.settings.max_iterations if first else self.online.look_iterations
-        left = most * self.online.first_runs
+        problem, first = loop.problem, self._last is None
+        most = self.settings.max_iterations if first else self._online.look_iterations
+        left = most * self._online.first_runs
         if not first:
-            left = max(self.online.look_steps - (0 if any_will_do else SPARED), 1)
+            left = max(self._online.look_steps - (0 if any_will_do else SPARED), 1)
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:
@@ -605,7 +633,7 @@ class Planner:
         """Certify a trip, with the newest observations."""
         if self._inbox:
             now.moment = self._moment(now.moment.state)
-        branch = math.inf if self.plan is None else self.plan.branch_time
+        branch = math.inf if self._last is None else self._last.branch_time
         vetted = self._vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
         now.lap("certificate")
         return vetted
@@ -667,13 +695,13 @@ class Planner:
                 least = certificate.clearance.minimum, trip, certificate
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
-        harm = "; ".join(str(violation) for violation in certificate.violations)
+        harm = "; ".join(str(violation.outside(self._units)) for violation in certificate.violations)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"
         return self._plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
     def _stops(self, moment: Moment, problem: Problem, ahead: Trajectory | None) -> Iterator[Trip]:
-        if self.plan is not None and self.plan.stop is not None and self._vetting.is_on(moment, self.plan.stop):
-            yield self.plan.stop
+        if self._last is not None and self._last.stop is not None and self._vetting.is_on(moment, self._last.stop):
+            yield self._last.stop
         if ahead is not None:
             along = stop_now(ahead.path, problem.space.start_speed, problem.limits.deceleration)
             if fits(along):

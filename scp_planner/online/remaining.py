@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.online.planner import CLOSE
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -31,22 +32,22 @@ def _guide_from(
     leg = int(np.argmin(away))
     # The next vertex is left out if the vehicle is about to pass it: a guide does not turn back.
     ahead = [tuple(point) for point in points[leg + 1 :].tolist()]
-    while len(ahead) > 1 and math.dist(ahead[0], position) < 2.0 * away[leg] + 1e-6:
+    while len(ahead) > 1 and math.dist(ahead[0], position) < 2.0 * away[leg] + CLOSE:
         ahead.pop(0)
     return (position, *ahead)
 
 
 PATH_SAMPLES = 49
 BENDING = 1e-4
-"""m2. Weight of bending against offsets in the fit: only what the samples leave open."""
+"""Square units of length. Weight of bending against offsets in the fit: only what the samples leave open."""
 WAY_BACK = 2.0
-"""m of path on which the vehicle is led back to the old path..."""
+"""Units of length of path on which the vehicle is led back to the old path..."""
 WAY_BACK_TIMES = 8.0
 """...or this many times its distance from it, if that is more."""
 CATCHING_UP = 0.3
 """Share of the limits of acceleration that is used to get back to the planned speed."""
 GUIDE_STEP = 0.25
-"""m, between the points of a curved guide that nearest ones are looked for among."""
+"""Units of length, between the points of a curved guide that nearest ones are looked for among."""
 
 
 @dataclass(frozen=True)

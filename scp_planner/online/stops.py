@@ -25,12 +25,12 @@ from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 STANDING = 1e-3
-"""m/s. A vehicle slower than this stands."""
+"""Units of speed. A vehicle slower than this stands."""
 SAMPLES = 25
 NEAR = 0.5
-"""m. Clearances beyond this need not be exact."""
+"""Units of length. Clearances beyond this need not be exact."""
 HOLD = 1.0
-"""s that a plan to stand lasts; it goes on standing after that."""
+"""Units of time that a plan to stand lasts; it goes on standing after that."""
 
 
 def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Trajectory | None:

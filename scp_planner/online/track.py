@@ -18,7 +18,7 @@ MOST_LATE = 64
 """Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
 again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
 LEARNT = 1.0
-"""s. From this span of observations on, a newcomer's motion is estimated without the prior for newcomers."""
+"""Units of time. From this span of observations on, a newcomer's motion is estimated without the prior for them."""
 
 
 @dataclass

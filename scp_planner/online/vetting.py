@@ -23,6 +23,7 @@ from scp_planner.online.remaining import State
 from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -32,21 +33,22 @@ from scp_planner.trips.trip import Trip
 
 STOPS = 8
 COMMITMENT = 1.75
-"""s. A stop may leave a trip so much later than at the next replan. So many stops are looked at..."""
+"""Units of time. A stop may leave a trip so much later than at the next replan. So many stops are looked at..."""
 STOPS_TRIED = 2
 """...and so many certified, at most."""
 PLENTY = 0.5
-"""m. Stops with more room than this are as good as each other."""
+"""Units of length. Stops with more room than this are as good as each other."""
 NEAR = 0.1
-"""m. Sampled clearances beyond this need not be exact."""
+"""Units of length. Sampled clearances beyond this need not be exact."""
 LOOKS = 48
 """Samples of the last trip."""
 DEEP = 0.1
-"""m. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept for a while."""
+"""Units of length. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept
+for a while."""
 NOTHING = 1e-6
-"""m."""
+"""Units of length."""
 TINY = 1e-9
-"""s."""
+"""Units of time."""
 _SHARES = np.linspace(0.0, 1.0, LOOKS)
 
 
@@ -184,9 +186,14 @@ class Vetting:
         Whether a trip that can be stopped will do; else it must be certified to the goal.
     tracking_error : float
         m.
+    units : NaturalUnits, optional
+        Of the scene: what is told of it is told in those of the user.
     """
 
-    def __init__(self, period: float, stops_will_do: bool, tracking_error: float) -> None:
+    def __init__(
+        self, period: float, stops_will_do: bool, tracking_error: float, units: NaturalUnits | None = None
+    ) -> None:
+        self.units = units or NaturalUnits()
         self.period = period
         self.stops_will_do = stops_will_do
         self.tracking_error = tracking_error
@@ -226,7 +233,7 @@ class Vetting:
             certificate = now.certify(trip, motions=self.motions)
             if certificate.holds:
                 return Vetted(trip, certificate, None, violation, iterations)
-            why = _violations(certificate)
+            why = _violations(certificate.outside(self.units))
             if not self.stops_will_do:
                 return Refusal(why)
         found = self._stop(now, trip, branch)
@@ -262,7 +269,7 @@ class Vetting:
             certificate = now.certify(made.trip, since=since, until=made.stands, ends=Ends.START, motions=self.motions)
             if certificate.holds:
                 return made, certificate
-            why = _violations(certificate)
+            why = _violations(certificate.outside(self.units))
         return Refusal(why)
 
     def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> Iterator[int]:

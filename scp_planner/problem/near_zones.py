@@ -9,7 +9,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
 
 GUIDE_LOOKS = 33
-BEYOND = 1.0  # m, beyond the largest offset
+BEYOND = 1.0  # units of length, beyond the largest offset
 LONGEST_TRIP = 4.0  # times the lower bound; obstacles that only a longer trip could meet are left out at first
 
 

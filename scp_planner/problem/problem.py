@@ -17,6 +17,7 @@ from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.profile import SpeedProfile
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import AS_GIVEN, NaturalUnits
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import TimeTable, TripSpace
@@ -64,6 +65,8 @@ class Problem:
         A user's own.
     profile : SpeedProfile or None
         The fastest drive along the guide, where places limit the speed.
+    units : NaturalUnits
+        In which it is written, for what is told of it.
     """
 
     scenario: Scenario
@@ -79,6 +82,7 @@ class Problem:
     optional: tuple[OptionalLimit, ...] = ()
     given: Given | None = None
     profile: SpeedProfile | None = None
+    units: NaturalUnits = AS_GIVEN
 
     @cached_property
     def jumps(self) -> TimeTable:

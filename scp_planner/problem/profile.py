@@ -8,7 +8,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 
-SAME_SWITCH = 0.03  # s; the acceleration of a profile changes once in so much time
+SAME_SWITCH = 0.03  # units of time; the acceleration of a profile changes once in so much time
 
 
 @dataclass(frozen=True)

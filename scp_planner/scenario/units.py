@@ -12,7 +12,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import dist, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
@@ -79,10 +79,21 @@ class NaturalUnits:
         length = trip / TRIP_LENGTH
         return cls(length, TOP_SPEED * length / min(vehicle.max_speed, within_reach), start.position, start.time)
 
+    @classmethod
+    def to_check(cls, scenario: Scenario) -> NaturalUnits:
+        """Return units to check any plan in: tolerances that are no smaller than what matters to a vehicle of its size.
+
+        A vehicle that has nearly arrived has only a short trip left.
+        """
+        units, radius = cls.of(scenario), scenario.vehicle.radius
+        if radius <= units.length:
+            return units
+        return replace(units, length=radius, time=units.time * (radius / units.length))
+
     @property
     def are_those_of_the_user(self) -> bool:
         """Whether nothing changes on the way in or out."""
-        return self == NaturalUnits()
+        return self == AS_GIVEN
 
     @property
     def speed(self) -> float:
@@ -98,6 +109,13 @@ class NaturalUnits:
     def jerk(self) -> float:
         """m/s^3 in a unit of jerk."""
         return self.length / self.time**3
+
+    @property
+    def inverse(self) -> NaturalUnits:
+        """The units of the user as seen from inside: what they make of a scene in natural units is that of the user."""
+        x, y = self.origin
+        back = -x / self.length, -y / self.length
+        return NaturalUnits(1.0 / self.length, 1.0 / self.time, back, -self.clock / self.time)
 
     def factor(self, unit: str) -> float:
         """How much of an SI unit, such as m/s2 or 1/(m s), is in the natural one; 1 of what has no dimension.
@@ -307,3 +325,7 @@ def _over(value: Any, unit: float) -> Any:
     if isinstance(value, tuple):
         return tuple(_over(each, unit) for each in value)
     return value / unit
+
+
+AS_GIVEN = NaturalUnits()
+"""1 m and 1 s, the origin and the clock as they are."""

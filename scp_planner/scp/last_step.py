@@ -21,7 +21,7 @@ from scp_planner.solvers.interface import QuadraticProgram, Solution
 from scp_planner.trips.trajectory import Trajectory
 
 DAMPING = 0.2  # least curvature along the step that is believed, relative to the model's
-TINY = 1e-14  # s; of a step's curvature term, below which nothing is learnt from it
+TINY = 1e-14  # units of time; of a step's curvature term, below which nothing is learnt from it
 
 
 @dataclass(frozen=True)

@@ -29,21 +29,21 @@ from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, 
 from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
-FIRST_PENALTY = 5.0  # s per m, or per unit of relative excess
+FIRST_PENALTY = 5.0  # units of time to one of length, or to one of relative excess
 ESCALATION = 25.0
 LAST_PENALTY = 1000.0
 FIRST_TRUST = TrustRegion(theta=1.0, beta=3.0, rho=0.3)
 LARGEST_TRUST = TrustRegion(theta=3.0, beta=5.0, rho=0.5)
-SMALLEST_TRUST = 1e-5  # m
+SMALLEST_TRUST = 1e-5  # units of length
 INSIDE = 0.99  # relative to the trust region: steps shorter than this are learnt from
 ACCEPT = 0.05  # least ratio of actual to predicted decrease of an accepted step
 SHRINK_BELOW, GROW_ABOVE = 0.25, 0.7
 SHRINK, GROW = 0.3, 1.7
 SMALLEST_SHRINK = 0.1
 WATCH = 0.5  # largest violation of a trip that is taken on trial
-WATCH_LOSS = 1.0  # s of merit that it may cost
+WATCH_LOSS = 1.0  # units of time of merit that it may cost
 HOPE = 4.0  # times the next step's gain that a run may still become faster
-SAME_WAY = 0.2  # m; trips that are never farther apart than this end as one
+SAME_WAY = 0.2  # units of length; trips that are never farther apart than this end as one
 PATIENCE = 3  # iterations without coming nearer to feasibility, after which penalties are raised
 PROGRESS = 0.8  # of the violation: what counts as nearer
 MENDED = 2e-3  # a step from a larger violation than this may lead to a place from where others lead on
@@ -53,7 +53,10 @@ GRAVE = 5e-3  # violations below this are no reason to lose patience
 RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
 ANYWHERE = TrustRegion(theta=1e3, beta=1e2, rho=0.9)
 PROJECTIONS = 3  # onto a user's own constraints; the length of the path is linearised in each
-ACCELERATION_NEARNESS, TIME_NEARNESS = 0.1, 10.0  # per (m/s^2)^2 and per relative step squared, against 1 per m^2
+ACCELERATION_NEARNESS, TIME_NEARNESS = (
+    0.1,
+    10.0,
+)  # on accelerations and on relative steps of the time, squared, against offsets
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.solvers.interface import QuadraticProgram, Solution, StepOrigin
 from scp_planner.trips.trajectory import Trajectory
 
-PROXIMAL_OFFSET = 1e-2  # s/m^2 on steps of the offset's control points
-PROXIMAL_ACCELERATION = 1e-3  # s/(m/s^2)^2
-PROXIMAL_TIME = 1e-3  # s, on the relative step of the travel time
+PROXIMAL_OFFSET = 1e-2  # on steps of the offset's control points
+PROXIMAL_ACCELERATION = 1e-3  # on those of its accelerations
+PROXIMAL_TIME = 1e-3  # on the relative step of the travel time
 SLACK_CURVATURE = 1e-3
 MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arrival
 

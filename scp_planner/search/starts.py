@@ -26,7 +26,7 @@ def bows(problem: Problem) -> Iterator[Trajectory]:
             yield Trajectory.of(space, theta, beta)
 
 
-DELAY_STEPS = (0.05, 0.2, 0.8)  # s; coarser ones are tried only where there is no way with short delays
+DELAY_STEPS = (0.05, 0.2, 0.8)  # units of time; coarser ones are tried only where there is no way with short delays
 
 
 def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]]:

@@ -26,27 +26,27 @@ from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
 
 Cell = np.float32
-"""Costs of cells in s: half the memory, and to a microsecond."""
+"""Costs of cells: half the memory, and to a millionth of a unit of time."""
 Cells = NDArray[np.float32]
 
-STATION_STEP = 1.0  # m
+STATION_STEP = 1.0  # units of length
 MOST_COLUMNS = 4000  # stations are farther apart on trips that would need more
 BETWEEN = 2  # cells of the same column, between stations, that are joined in it
-OFFSET_STEP = 0.25  # m
-REACH = 4.0  # m to each side
+OFFSET_STEP = 0.25  # units of length
+REACH = 4.0  # units of length to each side
 DELAYS = 64
-DELAY_STEP = 0.05  # s
+DELAY_STEP = 0.05  # units of time
 DELAY_MOVES = (0, 1, 2, 4, 8)  # of the delay, from one station to the next
 OFFSET_MOVES = 2  # of the offset, from one station to the next
-CLEARANCE = 0.0  # m, kept from every obstacle by the search
-SIDEWAYS_COST = 0.002  # s for each step of the offset, besides the longer way
+CLEARANCE = 0.0  # units of length, kept from every obstacle by the search
+SIDEWAYS_COST = 0.002  # units of time for each step of the offset, besides the longer way
 BLOCKED = 1e9
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 FOLD = 0.8  # of the guide's radius of curvature; offsets beyond it are no way
-SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
-CLOSE_SMOOTHING = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
+SMOOTHING = 1.0  # square units of length: weight of bending against offsets, in fitting a path to a way
+CLOSE_SMOOTHING = 0.1  # the same; smooth paths start faster runs, close ones do not cut the corners of walls
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
-DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
+DRIVE_SMOOTHING = 1e-2  # units of time to the fourth power
 
 
 _NONE: Index = np.zeros(0, dtype=np.intp)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated
 
-from scp_planner.settings.knobs import Choice, Knobs, Range
+from scp_planner.online.obstacle_tracks import SceneNewcomers
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.settings.knobs import Above, Choice, Knobs, Range
+from scp_planner.settings.planning import LARGEST, decided
 
 GATE_PROBABILITY = 1e-7
 """An observation that is less probable than this, by what was seen before, is taken for a fault of the sensor..."""
@@ -19,17 +22,20 @@ class Newcomers(Knobs):
 
     Attributes
     ----------
-    velocity_deviation : float
-        Standard deviation of each component of the velocity. Larger: wider zones at first.
-    acceleration_deviation : float
-        Standard deviation of each component of the acceleration. Larger: zones that grow faster at first.
-    noise_deviation : float
-        Of an observed coordinate, where it is to be estimated and there are too few observations for that.
+    velocity_deviation : float or None
+        Standard deviation of each component of the velocity. Larger: wider zones at first. None: half of the vehicle's
+        top speed.
+    acceleration_deviation : float or None
+        Standard deviation of each component of the acceleration. Larger: zones that grow faster at first. None: 0.5
+        units.
+    noise_deviation : float or None
+        Of an observed coordinate, where it is to be estimated and there are too few observations for that. None: 0.1
+        units.
     """
 
-    velocity_deviation: Annotated[float, Range(1e-6, 1000.0, "m/s")] = 1.5
-    acceleration_deviation: Annotated[float, Range(1e-6, 1000.0, "m/s2")] = 0.5
-    noise_deviation: Annotated[float, Range(1e-6, 1000.0, "m")] = 0.1
+    velocity_deviation: Annotated[float | None, Above(0.0, LARGEST, "m/s")] = None
+    acceleration_deviation: Annotated[float | None, Above(0.0, LARGEST, "m/s2")] = None
+    noise_deviation: Annotated[float | None, Above(0.0, LARGEST, "m")] = None
 
 
 class Safety(StrEnum):
@@ -49,10 +55,12 @@ def _safeties() -> tuple[str, ...]:
 class OnlineSettings(Knobs):
     """Settings of :class:`scp_planner.Planner`.
 
+    Units are those of the scene, see :class:`scp_planner.Settings`.
+
     Attributes
     ----------
-    period : float
-        Longest time between two replans. A plan is safe until the next one, so longer: more caution.
+    period : float or None
+        Longest time between two replans. A plan is safe until the next one, so longer: more caution. None: 0.1 units.
     tracking_error : float
         Largest distance between the vehicle and where its plan has it. Zones are larger by this.
     reaction_time : float
@@ -80,7 +88,8 @@ class OnlineSettings(Knobs):
     first_runs : int
         Ways that a first plan is started from, at most.
     reserve : float
-        Wall time before the deadline that is kept for what is left to do when nothing better has been found.
+        Time on the computer's clock before the deadline that is kept for what is left to do when nothing better has
+        been found.
     newcomers : Newcomers
         What is taken for granted of obstacles that have only just been seen.
     gate_probability : float
@@ -89,9 +98,9 @@ class OnlineSettings(Knobs):
         An obstacle that has not been seen for so long has gone.
     """
 
-    period: Annotated[float, Range(1e-3, 1000.0, "s")] = 0.1
-    tracking_error: Annotated[float, Range(0.0, 10.0, "m")] = 0.0
-    reaction_time: Annotated[float, Range(0.0, 10.0, "s")] = 0.0
+    period: Annotated[float | None, Above(0.0, LARGEST, "s")] = None
+    tracking_error: Annotated[float, Range(0.0, LARGEST, "m")] = 0.0
+    reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
     safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
@@ -105,6 +114,47 @@ class OnlineSettings(Knobs):
     gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
+    def for_scene(self, units: NaturalUnits) -> SceneOnlineSettings:
+        """Return the settings for a scene: what they leave open as the scene decides.
+
+        Parameters
+        ----------
+        units : NaturalUnits
+            Of the scene.
+
+        Returns
+        -------
+        SceneOnlineSettings
+
+        Raises
+        ------
+        SettingsError
+            With every length and time that is too small or too large for the scene.
+        """
+        newcomers = decided(self.newcomers, Newcomers, SceneNewcomers, units)
+        return decided(replace(self, newcomers=newcomers), OnlineSettings, SceneOnlineSettings, units)
+
     def margin(self, max_speed: float) -> float:
         """What is added to zones, m: tracking error, and what the vehicle drives in its reaction time."""
         return self.tracking_error + self.reaction_time * max_speed
+
+
+@dataclass(frozen=True)
+class SceneOnlineSettings(OnlineSettings):
+    """:class:`OnlineSettings` with nothing left open, in the units of a scene but for ``reserve``.
+
+    Attributes
+    ----------
+    period : float
+        Units of time.
+    tracking_error : float
+        Units of length.
+    reaction_time : float
+        Units of time.
+    newcomers : SceneNewcomers
+    """
+
+    period: Annotated[float, Range(1e-3, 1000.0)] = 0.1
+    tracking_error: Annotated[float, Range(0.0, 10.0)] = 0.0
+    reaction_time: Annotated[float, Range(0.0, 10.0)] = 0.0
+    newcomers: SceneNewcomers = field(default_factory=SceneNewcomers)

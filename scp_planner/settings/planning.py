@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, TypeVar
 
 from scp_planner.errors import Fault, SettingsError
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.settings.knobs import Above, Choice, Knobs, Range, knobs
+from scp_planner.settings.knobs import Above, Choice, Knob, Knobs, Range, knobs
 
 LARGEST = 1e12  # in any unit, of a setting
 
@@ -111,6 +112,12 @@ class SceneSettings(Settings):
     tolerance: Annotated[float, Range(1e-8, 1.0)] = 3e-4
 
 
+WALL_TIMES = frozenset({"reserve"})
+"""Settings that are times of the computer's clock, of which the scene decides nothing."""
+
+AnyKnobs = TypeVar("AnyKnobs", bound=Knobs)
+
+
 def for_scene(settings: Settings, units: NaturalUnits | None = None) -> SceneSettings:
     """Return the settings for a scene: what they leave open as the scene decides.
 
@@ -130,26 +137,74 @@ def for_scene(settings: Settings, units: NaturalUnits | None = None) -> SceneSet
     SettingsError
         With every length and time that is too small or too large for the scene.
     """
-    if isinstance(settings, SceneSettings):
+    return decided(settings, Settings, SceneSettings, units or NaturalUnits())
+
+
+def with_given(settings: SceneSettings, given: Mapping[str, Any], units: NaturalUnits) -> SceneSettings:
+    """Return settings for a scene with some that a user gives, lengths in m and times in s, in their place.
+
+    Parameters
+    ----------
+    settings : SceneSettings
+    given : mapping of str to value
+        By name.
+    units : NaturalUnits
+        Of the scene.
+
+    Returns
+    -------
+    SceneSettings
+
+    Raises
+    ------
+    SettingsError
+        As in :func:`for_scene`.
+    """
+    usual = for_scene(Settings(**given), units)
+    return replace(settings, **{name: getattr(usual, name) for name, value in given.items() if value is not None})
+
+
+def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: NaturalUnits) -> AnyKnobs:
+    """Return settings of one kind as those for a scene.
+
+    Parameters
+    ----------
+    settings : Knobs
+        Those for a scene stay as they are.
+    kind, scene : type
+        The one that users know, and the one derived from it in which nothing is left open.
+    units : NaturalUnits
+        Of the scene.
+
+    Returns
+    -------
+    An instance of ``scene``.
+
+    Raises
+    ------
+    SettingsError
+        With every length and time that is too small or too large for the scene.
+    """
+    if isinstance(settings, scene):
         return settings
-    units = units or NaturalUnits()
-    given = {each.name: getattr(settings, each.name) for each in fields(Settings)}
-    factors = {name: units.factor(knob.unit) for name, knob in knobs(Settings).items()}
-    values = {
-        name: value / factors[name] if knobs(Settings)[name].unit else value
-        for name, value in given.items()
-        if value is not None
-    }
+    factors = {name: 1.0 if name in WALL_TIMES else units.factor(knob.unit) for name, knob in knobs(kind).items()}
+    given = {name: value for name in factors if (value := getattr(settings, name)) is not None}
+    values = {name: value / factors[name] if knobs(kind)[name].unit else value for name, value in given.items()}
     try:
-        return SceneSettings(**values)
+        return scene(**values)
     except SettingsError as error:
-        faults = [_in_this_scene(fault, given[fault.path], factors[fault.path]) for fault in error.faults]
+        faults = [
+            Fault(
+                fault.path,
+                given[fault.path],
+                _in_this_scene(knobs(scene)[fault.path], knobs(kind)[fault.path], factors),
+            )
+            for fault in error.faults
+        ]
         raise SettingsError("settings", faults) from None
 
 
-def _in_this_scene(fault: Fault, value: float, factor: float) -> Fault:
-    allowed = knobs(SceneSettings)[fault.path].allowed
+def _in_this_scene(knob: Knob, users: Knob, factors: dict[str, float]) -> str:
+    allowed, factor = knob.allowed, factors[knob.name]
     assert isinstance(allowed, Range), "only lengths and times depend on the scene"
-    unit = knobs(Settings)[fault.path].unit
-    least, most = allowed.least * factor, allowed.most * factor
-    return Fault(fault.path, value, f"must be {least:.3g} to {most:.3g} {unit} in this scene")
+    return f"must be {allowed.least * factor:.3g} to {allowed.most * factor:.3g} {users.unit} in this scene"

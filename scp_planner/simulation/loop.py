@@ -25,11 +25,12 @@ from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import STANDING
 from scp_planner.scenario.models import Disc, Model, Observations, Obstacle, Scenario, Shape
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
 from scp_planner.simulation.cycle import Cycle, ZoneRecord
 from scp_planner.simulation.run import STRANGER, Run
-from scp_planner.simulation.sensors import Observation, Sensor
+from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
 from scp_planner.simulation.worlds import Script, VehicleState, World, as_course, drawn_course, motion_course
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.of_scenario import covering_radius
@@ -38,18 +39,26 @@ from scp_planner.trips.trip import discs_at
 logger = logging.getLogger(__name__)
 
 STEPS = 5  # of the simulation in one cycle
+NOISE = 0.1
+"""Units of length of the scene."""
+RATE = 10.0
+"""In a unit of time."""
 HISTORY = 10.0
-"""s of observations before the start: what a sensor has seen when the vehicle sets off."""
+"""Units of time of observations before the start: what a sensor has seen when the vehicle sets off."""
 TIME_LIMIT = 60.0
-"""s after which a run ends, or four times the trip without obstacles if that is longer."""
+"""Units of time after which a run ends, or four times the trip without obstacles if that is longer."""
 FORGET_AFTER = 2.0
-"""s after which an obstacle that is not seen has gone, unless other settings are given."""
+"""Units of time after which an obstacle that is not seen has gone, unless other settings are given."""
 WAY_BACK_TIME = 0.5
-"""s in which a vehicle that is off its plan gets most of the way back."""
-NO_TIME = 1e-6
-"""s."""
+"""Units of time in which a vehicle that is off its plan gets most of the way back."""
+NO_TIME, NO_TIME_AT_ALL = 1e-6, 1e-9
+"""Units of time."""
+DECIMALS = 9  # of a unit of time, that tell the times of steps and looks apart
+NEAR = 0.5  # units of length; obstacles that are no discs are looked at closely if nearer
+NOWHERE = 1e-12
+"""Units of length."""
 MOVING = 0.01
-"""m/s. Contact at a lower speed is contact of a vehicle that stands."""
+"""Units of speed. Contact at a lower speed is contact of a vehicle that stands."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +79,8 @@ class Follower:
 
 def simulate(
     scenario: Scenario,
-    noise: float = 0.1,
-    rate: float = 10.0,
+    noise: float | None = None,
+    rate: float | None = None,
     seed: int = 0,
     *,
     world: World | Mapping[str, Any] | None = None,
@@ -80,7 +89,7 @@ def simulate(
     settings: Settings | None = None,
     online: OnlineSettings | None = None,
     solver: str | QpSolver | None = None,
-    history: float = HISTORY,
+    history: float | None = None,
     deadline: float | None = None,
     time_limit: float | None = None,
     shapes: Mapping[str, Shape] | None = None,
@@ -94,10 +103,11 @@ def simulate(
     scenario : Scenario
         Obstacles with a ``motion`` really move like that, and are observed with noise; of those with observations, the
         truth is drawn from what the observations leave open.
-    noise : float
-        Standard deviation of each coordinate of an observed position, m.
-    rate : float
-        Looks and replans per second, Hz.
+    noise : float, optional
+        Standard deviation of each coordinate of an observed position, m. By default 0.1 units of length of the scene,
+        see :class:`scp_planner.Settings`.
+    rate : float, optional
+        Looks and replans per second, Hz. By default 10 in a unit of time of the scene.
     seed : int
     world : World or mapping, optional
         What obstacles really do instead: an object with ``step``, or, by id, a function of times, a `Track`, or the
@@ -110,8 +120,8 @@ def simulate(
     online : OnlineSettings, optional
         Its ``period`` becomes that of the loop; unless it is given, its margin becomes that of the follower.
     solver : str or QpSolver, optional
-    history : float
-        s of observations before the start.
+    history : float, optional
+        s of observations before the start. By default 10 units of time.
     deadline : float, optional
         Of each replan, s of wall time.
     time_limit : float, optional
@@ -132,6 +142,10 @@ def simulate(
     ValueError
         If a value is not allowed.
     """
+    units = NaturalUnits.of(scenario)
+    noise = NOISE * units.length if noise is None else noise
+    rate = RATE / units.time if rate is None else rate
+    history = HISTORY * units.time if history is None else history
     for name, value, positive in (("noise", noise, False), ("rate", rate, True), ("history", history, False)):
         if not (math.isfinite(value) and (value > 0.0 if positive else value >= 0.0)):
             raise ValueError(f"{name}: {value!r} must be finite and {'greater than' if positive else 'at least'} 0")
@@ -140,7 +154,9 @@ def simulate(
     follower = follower or Follower()
     if online is None:
         online = OnlineSettings(
-            tracking_error=follower.tracking_error, reaction_time=follower.reaction_time, forget_after=FORGET_AFTER
+            tracking_error=follower.tracking_error,
+            reaction_time=follower.reaction_time,
+            forget_after=FORGET_AFTER * units.time,
         )
     loop = _Loop(
         scenario,
@@ -148,7 +164,8 @@ def simulate(
         _world_of(scenario, world, int(seed)),
         tuple(sensors) if sensors is not None else (Sensor(rate=rate, noise=noise),),
         follower,
-        replace(online, period=1.0 / rate),
+        online,
+        1.0 / rate,
         history,
         deadline,
         dict(shapes or {}),
@@ -157,7 +174,7 @@ def simulate(
     loop.prepare(settings, solver)
     if time_limit is None:
         trip = math.dist(scenario.start.position, scenario.goal.position) / scenario.vehicle.max_speed
-        time_limit = max(TIME_LIMIT, 4.0 * trip)
+        time_limit = max(TIME_LIMIT * units.time, 4.0 * trip)
     return loop.run(time_limit, progress)
 
 
@@ -192,13 +209,15 @@ class _Loop:
         sensors: tuple[Sensor, ...],
         follower: Follower,
         online: OnlineSettings,
+        period: float,
         history: float,
         deadline: float | None,
         shapes: dict[str, Shape],
         model: Model | None,
     ) -> None:
         self.scenario, self.seed, self.world, self.sensors = scenario, seed, world, sensors
-        self.follower, self.online, self.deadline = follower, online, deadline
+        self.follower, self.online, self.deadline = follower, replace(online, period=period), deadline
+        self.period, self.units = period, NaturalUnits.of(scenario)
         self.known = {obstacle.id: obstacle for obstacle in scenario.obstacles}
         self.shapes, self.model = shapes, model
         self.noise_rngs = [np.random.default_rng([seed, 1, k]) for k in range(len(sensors))]
@@ -256,8 +275,12 @@ class _Loop:
 
     def _watch(self, until: float) -> list[Observation]:
         """Let time pass without driving; return what is heard of by its end, in order of arrival."""
-        times = np.unique(np.concatenate([*(s.looks(self.clock - 1e-9, until, until) for s in self.sensors), [until]]))
-        for time in times:
+        times = np.unique(
+            np.concatenate(
+                [*(s.looks(self.clock - NO_TIME_AT_ALL * self.units.time, until, until) for s in self.sensors), [until]]
+            )
+        )
+        for time in np.maximum(times, self.clock):
             self._move_world(float(time))
             self._look(float(time))
         return self._heard(until)
@@ -274,16 +297,17 @@ class _Loop:
         self.clock = time
 
     def _look(self, time: float) -> None:
-        start = self.scenario.start.time
+        start, instant = self.scenario.start.time, NO_TIME * self.units.time
+        least = LEAST_NOISE * self.units.length
         for sensor, rng in zip(self.sensors, self.noise_rngs, strict=True):
-            if len(sensor.looks(time - 1e-6, time + 1e-6, start)):
-                self.pending.extend(sensor.look(time, self.position, self.heading, self.centers, rng))
+            if len(sensor.looks(time - instant, time + instant, start)):
+                seen = sensor.look(time, self.position, self.heading, self.centers, rng, least)
+                self.pending.extend(seen)
 
     def _heard(self, time: float) -> list[Observation]:
-        heard = sorted(
-            (one for one in self.pending if one.arrival <= time + 1e-9), key=lambda one: (one.arrival, one.time)
-        )
-        self.pending = deque(one for one in self.pending if one.arrival > time + 1e-9)
+        time += NO_TIME_AT_ALL * self.units.time
+        heard = sorted((one for one in self.pending if one.arrival <= time), key=lambda one: (one.arrival, one.time))
+        self.pending = deque(one for one in self.pending if one.arrival > time)
         return heard
 
     def _tell(self, one: Observation) -> None:
@@ -302,13 +326,13 @@ class _Loop:
 
     def run(self, time_limit: float, progress: Callable[[float], None] | None = None) -> Run:
         """Drive until arrival, or until the time is up."""
-        start, period = self.scenario.start.time, self.online.period
+        start, period = self.scenario.start.time, self.period
         records: list[Cycle] = []
         plans: list[OnlinePlan] = []
         arrived, cycle, now = False, 0, start
         heard: list[Observation] = []
         self._write_down(now)
-        while not arrived and now < start + time_limit - 1e-9:
+        while not arrived and now < start + time_limit - NO_TIME_AT_ALL * self.units.time:
             began = perf_counter()
             plan = self.planner.replan(now, self.position, self.heading, self.speed, deadline=self.deadline)
             wall_time = perf_counter() - began
@@ -334,11 +358,14 @@ class _Loop:
         """Drive for one cycle; return whether the vehicle has arrived."""
         switch = now + self.follower.reaction_time if self.driven is not None else now
         drift = self._drift()
-        looks = [sensor.looks(now + 1e-9, following, self.scenario.start.time) for sensor in self.sensors]
-        times = np.unique(np.round(np.concatenate([np.linspace(now, following, STEPS + 1)[1:], *looks]), 9))
+        unit, start = self.units.time, self.scenario.start.time
+        little = NO_TIME_AT_ALL * unit
+        looks = [sensor.looks(now + little, following, start) for sensor in self.sensors]
+        steps = np.concatenate([np.linspace(now, following, STEPS + 1)[1:], *looks])
+        times = np.unique(np.round(steps / unit, DECIMALS)) * unit
         for time in times:
             before = self.times[-1]
-            if time >= switch - 1e-9 and self.driven is not plan:
+            if time >= switch - little and self.driven is not plan:
                 self._follow(plan, before)
             assert self.driven is not None
             if self._arrives(self.driven, time):
@@ -358,16 +385,16 @@ class _Loop:
             return np.zeros(2)
         # Half of the largest error in a cycle, in any direction
         angle, size = self.drift_rng.uniform(0.0, 2.0 * math.pi), math.sqrt(self.drift_rng.uniform())
-        pace = 0.5 * self.follower.tracking_error / self.online.period
+        pace = 0.5 * self.follower.tracking_error / self.period
         return pace * size * np.array([math.cos(angle), math.sin(angle)])
 
     def _move(self, plan: OnlinePlan, time: float, dt: float, drift: Array) -> None:
         if np.any(self.offset) or np.any(drift):
-            self.offset = (self.offset + drift * dt) * math.exp(-dt / WAY_BACK_TIME)
+            self.offset = (self.offset + drift * dt) * math.exp(-dt / (WAY_BACK_TIME * self.units.time))
             size, most = float(np.hypot(*self.offset)), self.follower.tracking_error
             if size > most > 0.0:
                 self.offset *= most / size
-            elif most == 0.0 and size < 1e-12:
+            elif most == 0.0 and size < NOWHERE * self.units.length:
                 self.offset = np.zeros(2)
         self.position = plan.position(time) + self.offset
         self.heading = float(plan.heading(time))
@@ -377,8 +404,8 @@ class _Loop:
 
     def _arrives(self, plan: OnlinePlan, time: float) -> bool:
         if plan.outcome is Outcome.BRAKING:
-            return self.speed <= STANDING and self.planner.at_goal(self.position)
-        return plan.arrival_time <= time + NO_TIME
+            return self.speed <= STANDING * self.units.speed and self.planner.at_goal(self.position)
+        return plan.arrival_time <= time + NO_TIME * self.units.time
 
     def _write_down(self, time: float) -> None:
         if not self.times:
@@ -422,7 +449,7 @@ class _Loop:
     def _exact(self, shape: Shape, center: Array, own: Array, bound: Array) -> Array:
         """Distances to a shape that is no disc, at the ends of the steps where they matter."""
         distance = bound.copy()
-        near = np.flatnonzero(bound < self.scenario.vehicle.radius + 0.5)
+        near = np.flatnonzero(bound < self.scenario.vehicle.radius + NEAR * self.units.length)
         velocity = np.diff(center, axis=0)
         for k in near:
             heading = math.atan2(velocity[k, 1], velocity[k, 0])
@@ -462,7 +489,7 @@ class _Loop:
     def _finished(self, arrived: bool, records: list[Cycle], plans: list[OnlinePlan]) -> Run:
         clearance = self._clearances(0, len(self.times) - 1)
         speeds = np.array(self.speeds)
-        moving = np.maximum(speeds[1:], speeds[:-1]) > MOVING
+        moving = np.maximum(speeds[1:], speeds[:-1]) > MOVING * self.units.speed
         return Run(
             scenario=self.scenario,
             seed=self.seed,

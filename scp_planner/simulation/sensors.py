@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.arrays import Array
 
 LEAST_NOISE = 1e-4
-"""m. A noise of nothing is told to the planner as this: no covariance may be singular."""
+"""Units of length of the scene. A noise of nothing is told to the planner as this: no covariance may be singular."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,12 @@ class Sensor:
         heading: float,
         targets: Mapping[str, Array],
         rng: np.random.Generator,
+        least_noise: float = LEAST_NOISE,
     ) -> list[Observation]:
-        """What it sees at a time, from a position (2,) m and a heading, of obstacles at (2,) m each."""
+        """What it sees at a time, from a position (2,) m and a heading, of obstacles at (2,) m each.
+
+        The noise is told as ``least_noise``, m, if it is less.
+        """
         seen = []
         for name, target in targets.items():
             # Drawn for every obstacle, so that what is seen of one does not depend on the others being in view.
@@ -128,7 +132,7 @@ class Sensor:
                         time,
                         time + self.latency,
                         (float(place[0]), float(place[1])),
-                        max(self.noise, LEAST_NOISE),
+                        max(self.noise, least_noise),
                     )
                 )
         return seen

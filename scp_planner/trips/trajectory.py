@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import isclose
 from typing import Self
 
 import numpy as np
@@ -29,6 +30,7 @@ from scp_planner.trips.space import TimeTable, TripSpace
 MAX_BISECTIONS = 60
 MOST_STRETCHES = 8  # of accelerations with which a trip does not arrive
 STILL = 1e-150  # m/s; slower it does not get there: small enough for nothing, and no quotient by it overflows
+SAME_TIME = 1e-9  # relative: rounding
 
 
 def _horner(coefficients: Array, x: Array) -> Array:
@@ -174,8 +176,11 @@ class Trajectory:
 
     def in_units(self, length: float, time: float) -> Trajectory:
         """Return the trip where lengths are so many times as large, and times too."""
-        space = self.space.in_units(length, time)
-        return Trajectory(Path(space, self.theta * length), self.beta * (length / time**2), self.travel_time * time)
+        path = Path(self.space.in_units(length, time), self.theta * length)
+        beta, travel_time = self.beta * (length / time**2), self.travel_time * time
+        # To the bit what the closed form gives, if it is that: a stop on the way takes another time.
+        closed = path.space.travel_time(path.arc_length, beta, travel_time)
+        return Trajectory(path, beta, closed if isclose(closed, travel_time, rel_tol=SAME_TIME) else travel_time)
 
     @property
     def final_speed(self) -> float:

@@ -27,6 +27,8 @@ from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.settings.online import OnlineSettings, Safety
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
 
 pytestmark = pytest.mark.numerics
@@ -280,6 +282,12 @@ def test_a_faster_way_is_found_when_it_opens() -> None:
 # what is observed
 
 
+def zones_of(planner: Planner) -> list[ThreatZone]:
+    """The zones of a planner's scenario, made in the units of the whole trip: they decide how long zones hold for."""
+    units = planner._units
+    return [zone.outside(units) for zone in ZonesOf(units.scenario(planner.scenario))]
+
+
 def test_zones_are_those_of_all_that_was_observed() -> None:
     """With the same level as a scenario that holds the same observations."""
     scenario = scene(
@@ -296,7 +304,7 @@ def test_zones_are_those_of_all_that_was_observed() -> None:
         planner.observe("a", time, np.array([12.0, -6.0 + 0.8 * time]) + 0.1 * rng.standard_normal(2))
         planner.observe("b", time, np.array([15.0, 5.0]) - 0.5 * time + 0.1 * rng.standard_normal(2))
         follow(planner, time)
-    made = sp.zones(planner.scenario)
+    made = zones_of(planner)
     assert [zone.id for zone in planner.zones] == [zone.id for zone in made] == ["a", "b", "known"]
     times = np.linspace(0.7, 8.0, 20)
     points = rng.normal(0.0, 8.0, (20, 2))
@@ -443,7 +451,7 @@ def test_newcomer_is_kept_clear_of_from_its_first_observation() -> None:
         plan = follow(planner, time)
         assert plan.safe
         (zone,) = planner.zones
-        (same,) = sp.zones(planner.scenario)
+        (same,) = zones_of(planner)
         assert zone.covariance(time + 2.0) == pytest.approx(same.covariance(time + 2.0), rel=1e-6)
         sizes.append(math.sqrt(float(zone.covariance(time + 1.0)[0, 0])))
     # Within a second nothing is known but that it moves like others; the more is seen, the less it may do.
@@ -585,9 +593,9 @@ def test_misuse_is_refused_and_changes_nothing(call: Callable[[Planner], object]
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"period": 0.0}, "period = 0.0: must be a number, 0.001 to 1000 s"),
-        ({"tracking_error": -0.1}, "tracking_error = -0.1: must be a number, 0 to 10 m"),
-        ({"reaction_time": math.nan}, "reaction_time = nan: must be a number, 0 to 10 s"),
+        ({"period": 0.0}, r"period = 0.0: must be a number, above 0, up to 1e\+12 s, or none"),
+        ({"tracking_error": -0.1}, r"tracking_error = -0.1: must be a number, 0 to 1e\+12 m"),
+        ({"reaction_time": math.nan}, r"reaction_time = nan: must be a number, 0 to 1e\+12 s"),
         ({"foresight": -1.0}, "foresight = -1.0: must be a number, at least 0 s, or none"),
         ({"iterations": 0}, "iterations = 0: must be a whole number, 1 to 1000"),
         ({"look_every": 2.5}, "look_every = 2.5: must be a whole number, 1 to"),
@@ -611,7 +619,10 @@ def test_what_is_left_of_a_trip_is_on_it(guide: list[list[float]] | None) -> Non
     """Over straight and curved guides: the rest passes where the trip did, at the same times."""
     goal = (20.0, 0.0 if guide is None else 4.0)
     scenario = scene(disc("post", (10.0, 1.0), radius=0.6), goal={"position": goal}, guide=guide)
-    plan = begin(Planner(scenario), scenario)
+    driving = Planner(scenario)
+    begin(driving, scenario)
+    plan = driving._last  # in the units of the scene
+    assert plan is not None
     for time in (0.1, 1.5, 3.0, 5.0):
         state = State(time, tuple(plan.position(time).tolist()), float(plan.heading(time)), float(plan.speed(time)))
         planner = Planner(scenario)

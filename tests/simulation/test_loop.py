@@ -217,7 +217,7 @@ def test_vehicle_drifts_within_its_tracking_error() -> None:
 
 
 def test_new_plans_are_followed_after_the_reaction_time() -> None:
-    run = simulate(scene(*CROSSERS[:1], **SHORT), follower=Follower(reaction_time=0.06), seed=1)
+    run = simulate(scene(*CROSSERS[:1], **SHORT), follower=Follower(reaction_time=0.06), rate=10.0, seed=1)
     assert run.arrived
     for number in range(1, len(run.records) - 1):
         before, plan, time = run.plans[number - 1], run.plans[number], run.records[number].time

@@ -20,7 +20,7 @@ from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
 
-NEAR = 1.0  # m; zones further away are not looked at closely
+NEAR = 1.0  # units of length; zones further away are not looked at closely
 STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
 
 

@@ -23,7 +23,7 @@ from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
 IN_SPAN = np.array([1e-6, 0.2, 0.4, 0.6, 0.8, 1.0 - 1e-6])  # places in each span of the offset
-SLOWEST = 1e-3  # m/s; the derivative of a speed that is a root is taken no nearer to 0
+SLOWEST = 1e-3  # units of speed; the derivative of a speed that is a root is taken no nearer to 0
 DIFFERENCE = 1e-6  # of the guide, to either side
 IMAGINARY = 1e-30  # step of the derivatives
 
