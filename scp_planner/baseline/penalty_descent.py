@@ -12,7 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.baseline.descent import CheckedDescent, Descent, DescentSettings, checked_descent
+from scp_planner.baseline.descent import CheckedDescent, Descent, DescentSettings, DescentStatus, checked_descent
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import grave_violations
@@ -91,6 +91,7 @@ def penalty_descent(
         limits=certificate.limits,
         lower_bound=search.least * units.time,
         timings=search.timings,
+        converged=best.run.status is DescentStatus.CONVERGED,
     )
 
 

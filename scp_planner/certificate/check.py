@@ -22,7 +22,7 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -33,11 +33,11 @@ from scp_planner.certificate.enclosures import _Enclosure, _Pieces
 from scp_planner.certificate.verdict import (
     ARRIVAL_TOLERANCE,
     CLEARANCE_TOLERANCE,
+    EARLIEST,
     END_TOLERANCE,
     GOAL_SPEED_TOLERANCE,
     LATEST,
     RELATIVE_TOLERANCE,
-    UNITS,
     Certificate,
     Clearance,
     Ends,
@@ -67,8 +67,6 @@ INTERVALS = 192  # at the first level, at most, besides those between knots
 FIRST_WIDTH = 0.04  # units of time, of shorter trips' intervals at the first level
 FEWEST_INTERVALS = 16
 MANY_ZONES = 32  # more than these are first searched for those that can matter
-EARLIEST = "earliest arrival"
-INSTANTS = (EARLIEST, LATEST)  # what is said of these are times, not durations
 A_JUMP = 1e12  # units of jerk, said of the jerk where the acceleration jumps
 REPORT_PRECISION = 1e-3  # units of length; see certify_trip
 FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is looked for
@@ -84,11 +82,6 @@ class HasTrip(Protocol):
     def trip(self) -> Trip:
         """The trip, in world coordinates and absolute time."""
         ...
-
-
-def uses_outside(limits: Mapping[str, LimitUse], units: NaturalUnits) -> dict[str, LimitUse]:
-    """Return uses of limits, by name, in the units of their scene in SI units."""
-    return {name: use.outside(units, UNITS[name.partition("[")[0]]) for name, use in limits.items()}
 
 
 def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone] | None = None) -> Certificate:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Flag, auto
 
-from scp_planner.certificate.check import EARLIEST, INSTANTS, uses_outside
 from scp_planner.scenario.units import NaturalUnits
 
 
@@ -65,6 +65,8 @@ GOAL_SPEED_TOLERANCE = 1e-3  # units of speed
 CLEARANCE_TOLERANCE = 1e-9  # units of length
 ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arrival
 LATEST = "latest arrival"
+EARLIEST = "earliest arrival"
+INSTANTS = (EARLIEST, LATEST)  # what is said of these are times, not durations
 UNITS = {
     "clearance": "m",
     "workspace bounds": "m",
@@ -185,3 +187,8 @@ class Ends(Flag):
     START = auto()
     GOAL = auto()
     BOTH = START | GOAL
+
+
+def uses_outside(limits: Mapping[str, LimitUse], units: NaturalUnits) -> dict[str, LimitUse]:
+    """Return uses of limits, by name, in the units of their scene in SI units."""
+    return {name: use.outside(units, UNITS[name.partition("[")[0]]) for name, use in limits.items()}

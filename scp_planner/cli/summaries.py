@@ -23,6 +23,7 @@ def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "travel_time": plan.travel_time,
         "lower_bound": plan.lower_bound,
         "relative_gap": plan.gap,
+        "converged": plan.converged,
         "least_clearance": plan.clearance.minimum,
         "nearest_obstacle": plan.clearance.obstacle,
         "time_of_least_clearance": plan.clearance.time,

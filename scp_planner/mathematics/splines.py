@@ -206,3 +206,14 @@ def _shift_matrix(order: int, shift: float) -> Array:
                 factorial(column) / (factorial(row) * factorial(column - row)) * shift ** (column - row)
             )
     return matrix
+
+
+@lru_cache(maxsize=64)
+def greville_sites(breakpoints: tuple[float, ...], degree: int) -> Array:
+    """Sites in normalised time that the control points of a clamped spline belong to."""
+    breaks = np.array(breakpoints)
+    if degree == 0:
+        return 0.5 * (breaks[1:] + breaks[:-1])
+    knots = np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
+    count = len(knots) - degree - 1
+    return np.array([knots[k + 1 : k + degree + 1].mean() for k in range(count)])

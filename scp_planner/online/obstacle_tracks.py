@@ -15,8 +15,7 @@ from __future__ import annotations
 import logging
 import math
 from bisect import bisect, bisect_left
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
@@ -42,33 +41,13 @@ from scp_planner.scenario.models import (
     Shape,
     Vector,
 )
-from scp_planner.settings.knobs import Range
-from scp_planner.settings.online import GATE_PROBABILITY, Newcomers
+from scp_planner.settings.online import GATE_PROBABILITY, SceneNewcomers
 from scp_planner.threat_zones.of_scenario import HORIZON, estimated_body, known_zone
 from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
-
-
-@dataclass(frozen=True)
-class SceneNewcomers(Newcomers):
-    """:class:`Newcomers` with nothing left open, in the units of a scene.
-
-    Attributes
-    ----------
-    velocity_deviation : float
-        Units of speed.
-    acceleration_deviation : float
-        Units of acceleration.
-    noise_deviation : float
-        Units of length.
-    """
-
-    velocity_deviation: Annotated[float, Range(1e-6, 1000.0)] = 1.5
-    acceleration_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.5
-    noise_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.1
 
 
 class ObstacleTracks:

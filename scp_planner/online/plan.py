@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from scp_planner.certificate.check import uses_outside
+from scp_planner.certificate.verdict import uses_outside
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.trips.trip import Trip

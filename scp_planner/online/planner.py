@@ -94,8 +94,6 @@ NEARLY_CLEAR = 5e-3
 driven."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
-CLOSE = 1e-6
-"""Units of length. A vertex of a guide that is nearer than this is passed."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.online.planner import CLOSE
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -37,6 +36,8 @@ def _guide_from(
     return (position, *ahead)
 
 
+CLOSE = 1e-6
+"""Units of length. A vertex of a guide that is nearer than this is passed."""
 PATH_SAMPLES = 49
 BENDING = 1e-4
 """Square units of length. Weight of bending against offsets in the fit: only what the samples leave open."""

@@ -8,9 +8,8 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.certificate.check import EARLIEST
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
-from scp_planner.certificate.verdict import LATEST, Certificate, Violation
+from scp_planner.certificate.verdict import EARLIEST, LATEST, Certificate, Violation
 from scp_planner.scenario.models import Scenario
 from scp_planner.scp.record import Run, Status
 from scp_planner.threat_zones.zone import ThreatZone

@@ -15,6 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip, tell_of_horizon
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
@@ -25,6 +26,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Run, Status
 from scp_planner.search.starts import DELAY_STEPS, bows
@@ -33,6 +35,7 @@ from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.guide import Guide
 from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
@@ -42,9 +45,12 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+CONTINUATIONS = 4  # how often a run that is at its limit of iterations goes on
 TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
+FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
+WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
@@ -101,6 +107,7 @@ def plan(
     run, certificate = search.best()
     if constraints is None:  # those are written in stations of the guide
         run, certificate = _over_better_guides(search, run, certificate)
+        run, certificate = _with_finer_spans(search, run, certificate)
     trip, found = search.trip(run).outside(units), certificate.outside(units)
     status, reason = _status(run, certificate), None
     if status is not PlanStatus.CERTIFIED:
@@ -124,6 +131,7 @@ def plan(
         limits=found.limits,
         lower_bound=search.lower_bound * units.time,
         timings=search.timings,
+        converged=run.status is Status.CONVERGED,
     )
 
 
@@ -227,13 +235,14 @@ class _Planning:
     iterations: int = 0
     tried: int = 0
     along: Path | None = None  # a path that becomes the guide
+    guide: Guide | None = None  # the guide itself
     own_solver: QpSolver | None = None
     given: Given | None = None
 
     def __post_init__(self) -> None:
         clock = perf_counter()
         if self.along is None:
-            everything = build_problem(self.scenario, self.threat_zones, self.settings)
+            everything = build_problem(self.scenario, self.threat_zones, self.settings, guide=self.guide)
         else:
             breakpoints = tuple(self.along.space.acceleration.breakpoints.tolist())
             guide = guide_along(self.along, self.settings)
@@ -343,8 +352,29 @@ class _Planning:
         """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""
         # The new guide may be a little longer than the path that it is: the same accelerations may end before it does.
         problem = self.problem
-        start = arriving(problem.space, problem.ends.theta, beta, problem.limits.acceleration, near)
+        return self.from_start(
+            arriving(problem.space, problem.ends.theta, beta, problem.limits.acceleration, near), cutoff
+        )
+
+    def from_start(self, start: Trajectory, cutoff: float) -> _Attempt:
+        """Run the loop from a trip of the problem's space."""
         return self._attempt(start, cutoff)
+
+    def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> Run:
+        """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
+        most = self.settings.max_iterations
+        run = loop.run(start, most, cutoff, self.deadline, rival=rival)
+        self.iterations += len(run.record)
+        for _ in range(CONTINUATIONS):
+            if run.status is not Status.ITERATION_LIMIT or perf_counter() > self.deadline:
+                break
+            logger.info("at the limit of %d iterations after %.4f units; going on", most, _promise(run)[1])
+            further = loop.run(run.evaluation.trajectory, most, cutoff, self.deadline, rival=rival)
+            self.iterations += len(further.record)
+            if not _promise(further) < _promise(run):
+                break
+            run = further
+        return run
 
     def _attempt(self, start: Trajectory, cutoff: float, rival: _Attempt | None = None) -> _Attempt:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
@@ -352,9 +382,8 @@ class _Planning:
         for repeat in range(TIGHTENINGS + 1):
             clock = perf_counter()
             against = None if rival is None else rival.run.evaluation
-            run = loop.run(start, self.settings.max_iterations, cutoff, self.deadline, rival=against)
+            run = self._run(loop, start, cutoff, against)
             self.timings["scp"] += perf_counter() - clock
-            self.iterations += len(run.record)
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
             if run.status is Status.SAME_WAY or (np.isfinite(cutoff) and slower):
                 return _Attempt(run, None)
@@ -394,6 +423,34 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
         gain = best.travel_time - attempt.travel_time if best.holds else np.inf
         best, problem = attempt, again.problem
         if gain < WORTH_A_GUIDE * best.travel_time:
+            break
+    assert best.certificate is not None
+    return best.run, best.certificate
+
+
+def _with_finer_spans(search: _Planning, run: Run, certificate: Certificate) -> tuple[Run, Certificate]:
+    """Where speed limits of places or of the jerk ask for many switches, take more spans while that gains much."""
+    best, spans = _Attempt(run, certificate), search.settings.acceleration_spans
+    if search.problem.profile is None and search.scenario.vehicle.max_jerk is None:
+        return run, certificate
+    for _ in range(FINER):
+        spans *= 3
+        if spans > MOST_SPANS or perf_counter() > search.deadline:
+            break
+        trip = best.run.evaluation.trajectory
+        finer = replace(search.settings, acceleration_spans=spans)
+        again = replace(search, settings=finer, along=None, guide=trip.space.guide)
+        space = again.problem.space
+        degree = space.acceleration.coefficients.shape[1] - 1
+        sites = greville_sites(tuple(space.acceleration.breakpoints.tolist()), degree)
+        start = Trajectory.of(space, trip.theta, trip.drive_at(sites).acceleration, trip.travel_time)
+        attempt = again.from_start(start, best.travel_time if best.holds else np.inf)
+        search.iterations = again.iterations
+        if not attempt.better_than(best):
+            break
+        gain = best.travel_time - attempt.travel_time if best.holds else np.inf
+        best = attempt
+        if gain < WORTH_MORE_SPANS * best.travel_time:
             break
     assert best.certificate is not None
     return best.run, best.certificate

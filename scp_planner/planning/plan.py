@@ -69,6 +69,9 @@ class Plan:
         was asked for more.
     timings : dict of str to float
         Wall time of each stage, s; not saved.
+    converged : bool or None
+        Whether the run that the trip came from found nothing left to gain: else it was at a limit of work. It says
+        nothing of other ways round; ``gap`` does. None: not known.
     """
 
     scenario: str
@@ -83,6 +86,7 @@ class Plan:
     limits: dict[str, LimitUse]
     lower_bound: float = 0.0
     timings: dict[str, float] = field(default_factory=dict)
+    converged: bool | None = None
 
     @property
     def certified(self) -> bool:
@@ -177,6 +181,7 @@ class Plan:
                 else {}
             ),
             "lower_bound": self.lower_bound,
+            **({} if self.converged is None else {"converged": self.converged}),
             "method": self.method,
             "solver": self.solver,
             "iterations": self.iterations,
@@ -359,6 +364,7 @@ class Plan:
                 for part in (limits.part(key),)
             },
             lower_bound=reader.number("lower_bound") if "lower_bound" in data else 0.0,
+            converged=reader.flag("converged") if data.get("converged") is not None else None,
         )
 
     def with_status(self, status: PlanStatus, reason: str | None) -> Plan:

@@ -16,7 +16,7 @@ from scp_planner.problem.limits.discs import DiscBox, DiscClearance
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.rates import CurvatureRateLimit, JerkLimit
 from scp_planner.problem.limits.speed import SpeedLimits
-from scp_planner.problem.problem import MOST_PROFILE_STEPS, Problem
+from scp_planner.problem.problem import Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
@@ -32,6 +32,10 @@ REACTION = (
 )
 OPTIONAL_MARGIN = 2.5e-4  # relative, of optional limits, besides the margin of all limits
 PROFILE_STEP = 0.02  # units of length, of the fastest drive along a guide with such limits
+MOST_PROFILE_STEPS = 200_000  # they are longer on trips that would need more
+SOON = 1e-3  # of the trip's time; equidistant breakpoints are not moved so near to its ends
+SAME_SWITCH = 1e-9  # of the trip's time
+SHARE_DECIMALS = 12  # of the trip's time, to which breakpoints are rounded
 EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to
 
 
@@ -73,6 +77,7 @@ def build_problem(
         time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
         if profile is not None:
             time, switches = float(profile.times[-1]), profile.switches
+        switches = _with_ramps(switches, scenario)
         breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
         if start.acceleration is not None and settings.acceleration_degree == 0:
             breakpoints = tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
@@ -160,11 +165,28 @@ def _optional_limits(
     return tuple(found)
 
 
-def acceleration_breakpoints(spans: int, switches: tuple[float, ...]) -> tuple[float, ...]:
-    """Equal spans of normalised time, the nearest inner breakpoint moved onto each switching time."""
+def _with_ramps(switches: tuple[float, ...], scenario: Scenario) -> tuple[float, ...]:
+    """The times at which an acceleration that may not jump begins and ends to change, in place of switching times."""
+    vehicle = scenario.vehicle
+    if vehicle.max_jerk is None:
+        return switches
+    half = 0.5 * max(vehicle.max_acceleration, vehicle.max_deceleration) / vehicle.max_jerk
+    return tuple(switch + side for switch in switches for side in (-half, half))
+
+
+def acceleration_breakpoints(spans: int, switches: Sequence[float]) -> tuple[float, ...]:
+    """Return breakpoints at equal spans of normalised time and at each switching time, however near that is to others.
+
+    The nearest equidistant one inside is moved onto a switching time; one that finds none left is a further one.
+    """
     breaks = np.linspace(0.0, 1.0, spans + 1)
+    moved, further = set[int](), list[float]()
     for switch in switches:
         nearest = int(np.argmin(np.abs(breaks - switch)))
-        if 0 < nearest < spans and 1e-3 < switch < 1 - 1e-3:
+        if 0 < nearest < spans and nearest not in moved and SOON < switch < 1.0 - SOON:
             breaks[nearest] = switch
-    return tuple(float(value) for value in np.unique(np.round(breaks, 12)))
+            moved.add(nearest)
+        elif 0.0 < switch < 1.0:
+            further.append(switch)
+    apart = [switch for switch in further if np.abs(breaks - switch).min() > SAME_SWITCH]
+    return tuple(float(value) for value in np.unique(np.round(np.concatenate([breaks, apart]), SHARE_DECIMALS)))

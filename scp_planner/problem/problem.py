@@ -23,6 +23,8 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import TimeTable, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
+USUAL_ACCELERATION = 2.0  # units of acceleration: a stop from top speed on a ninth of the trip
+
 
 class Given(Protocol):
     """A user's own constraints on the trips of one problem, whatever they are written in."""
@@ -34,9 +36,6 @@ class Given(Protocol):
     def judged(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
         """Return a certificate that holds only if the constraints are kept too."""
         ...
-
-
-MOST_PROFILE_STEPS = 200_000  # they are longer on trips that would need more
 
 
 @dataclass(frozen=True)
@@ -104,6 +103,12 @@ class Problem:
         if self.ends.start_acceleration is not None:
             bounds[0] = self.ends.start_acceleration
         return bounds
+
+    @cached_property
+    def agility(self) -> float:
+        """The largest limit of the acceleration, relative to a usual one: steps of accelerations are measured by it."""
+        vehicle = self.scenario.vehicle
+        return max(vehicle.max_acceleration, vehicle.max_deceleration) / USUAL_ACCELERATION
 
     @property
     def step_size(self) -> int:

@@ -11,7 +11,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import dist, sqrt
@@ -23,6 +23,7 @@ from scp_planner.scenario.process_model import (
     RandomWalkVelocity,
     SingerAcceleration,
 )
+from scp_planner.units import Point, Units, over
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import (
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     )
     from scp_planner.scenario.validation import Part
 
-Point = tuple[float, float]
 AnyPart = TypeVar("AnyPart", bound="Part")
 
 TRIP_LENGTH = 20.0  # units of length
@@ -49,25 +49,8 @@ TOP_SPEED = 3.0  # units of length in a unit of time
 
 
 @dataclass(frozen=True)
-class NaturalUnits:
-    """Units of a scene, and where its origin and its clock stand in those of the user.
-
-    Attributes
-    ----------
-    length : float
-        m in a unit of length.
-    time : float
-        s in a unit of time.
-    origin : (x, y)
-        World coordinates of the start, m.
-    clock : float
-        Absolute time of the start, s.
-    """
-
-    length: float = 1.0
-    time: float = 1.0
-    origin: Point = (0.0, 0.0)
-    clock: float = 0.0
+class NaturalUnits(Units):
+    """Units of a scene, and where its origin and its clock stand in those of the user."""
 
     @classmethod
     def of(cls, scenario: Scenario) -> NaturalUnits:
@@ -75,9 +58,8 @@ class NaturalUnits:
         vehicle, start = scenario.vehicle, scenario.start
         line = scenario.guide or (start.position, scenario.goal.position)
         trip = sum(dist(first, second) for first, second in pairwise(line))
-        within_reach = sqrt(start.speed**2 + 2.0 * vehicle.max_acceleration * trip)
-        length = trip / TRIP_LENGTH
-        return cls(length, TOP_SPEED * length / min(vehicle.max_speed, within_reach), start.position, start.time)
+        length, top = trip / TRIP_LENGTH, max(min(vehicle.max_speed, _within_reach(scenario, trip)), start.speed)
+        return cls(length, TOP_SPEED * length / top, start.position, start.time)
 
     @classmethod
     def to_check(cls, scenario: Scenario) -> NaturalUnits:
@@ -91,69 +73,11 @@ class NaturalUnits:
         return replace(units, length=radius, time=units.time * (radius / units.length))
 
     @property
-    def are_those_of_the_user(self) -> bool:
-        """Whether nothing changes on the way in or out."""
-        return self == AS_GIVEN
-
-    @property
-    def speed(self) -> float:
-        """m/s in a unit of speed."""
-        return self.length / self.time
-
-    @property
-    def acceleration(self) -> float:
-        """m/s^2 in a unit of acceleration."""
-        return self.length / self.time**2
-
-    @property
-    def jerk(self) -> float:
-        """m/s^3 in a unit of jerk."""
-        return self.length / self.time**3
-
-    @property
     def inverse(self) -> NaturalUnits:
         """The units of the user as seen from inside: what they make of a scene in natural units is that of the user."""
         x, y = self.origin
         back = -x / self.length, -y / self.length
         return NaturalUnits(1.0 / self.length, 1.0 / self.time, back, -self.clock / self.time)
-
-    def factor(self, unit: str) -> float:
-        """How much of an SI unit, such as m/s2 or 1/(m s), is in the natural one; 1 of what has no dimension.
-
-        Raises
-        ------
-        KeyError
-            If no quantity of a plan has this unit.
-        """
-        length, time = self.length, self.time
-        return {
-            "": 1.0,
-            "rad": 1.0,
-            "m": length,
-            "s": time,
-            "m/s": self.speed,
-            "m/s2": self.acceleration,
-            "m/s3": self.jerk,
-            "1/m": 1.0 / length,
-            "1/(m s)": 1.0 / (length * time),
-            "m2/s3": length**2 / time**3,
-        }[unit]
-
-    def instant(self, time: float) -> float:
-        """Absolute time, s, on the clock of the trip."""
-        return (time - self.clock) / self.time
-
-    def absolute(self, instant: float) -> float:
-        """Time on the clock of the trip as absolute time, s."""
-        return instant * self.time + self.clock
-
-    def place(self, point: Sequence[float]) -> Point:
-        """World coordinates, m, from the start in units of length."""
-        return (point[0] - self.origin[0]) / self.length, (point[1] - self.origin[1]) / self.length
-
-    def world(self, place: Sequence[float]) -> Point:
-        """World coordinates, m, of a place from the start in units of length."""
-        return place[0] * self.length + self.origin[0], place[1] * self.length + self.origin[1]
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """Return a scenario in these units."""
@@ -186,7 +110,7 @@ class NaturalUnits:
 
     def shape(self, shape: Shape) -> Shape:
         """Return a shape in these units."""
-        return changed(shape, **{key: _over(getattr(shape, key), self.length) for key in _SHAPE_SIZES & _names(shape)})
+        return changed(shape, **{key: over(getattr(shape, key), self.length) for key in _SHAPE_SIZES & _names(shape)})
 
     def model(self, model: Model) -> Model:
         """Return what is known of a motion in these units."""
@@ -207,12 +131,8 @@ class NaturalUnits:
             ),
             velocity_deviation=model.velocity_deviation / self.speed,
             noise_deviation=model.noise_deviation / self.length,
-            tails=None if tails is None else changed(tails, lead_time=_over(tails.lead_time, self.time)),
+            tails=None if tails is None else changed(tails, lead_time=over(tails.lead_time, self.time)),
         )
-
-    def covariance(self, covariance: Any) -> Any:
-        """Return covariances of positions, tuples of m^2, in these units; None as it is."""
-        return None if covariance is None else _over(covariance, self.length**2)
 
     def _vehicle(self, vehicle: Vehicle) -> Vehicle:
         return changed(
@@ -221,11 +141,11 @@ class NaturalUnits:
             max_speed=vehicle.max_speed / self.speed,
             max_acceleration=vehicle.max_acceleration / self.acceleration,
             max_deceleration=vehicle.max_deceleration / self.acceleration,
-            max_lateral_acceleration=_over(vehicle.max_lateral_acceleration, self.acceleration),
-            max_curvature=_over(vehicle.max_curvature, 1.0 / self.length),
-            max_jerk=_over(vehicle.max_jerk, self.jerk),
-            max_curvature_rate=_over(vehicle.max_curvature_rate, self.factor("1/(m s)")),
-            discs=_over(vehicle.discs, self.length),
+            max_lateral_acceleration=over(vehicle.max_lateral_acceleration, self.acceleration),
+            max_curvature=over(vehicle.max_curvature, 1.0 / self.length),
+            max_jerk=over(vehicle.max_jerk, self.jerk),
+            max_curvature_rate=over(vehicle.max_curvature_rate, self.factor("1/(m s)")),
+            discs=over(vehicle.discs, self.length),
         )
 
     def _start(self, start: Start) -> Start:
@@ -234,14 +154,14 @@ class NaturalUnits:
             time=self.instant(start.time),
             position=self.place(start.position),
             speed=start.speed / self.speed,
-            acceleration=_over(start.acceleration, self.acceleration),
+            acceleration=over(start.acceleration, self.acceleration),
         )
 
     def _goal(self, goal: Goal) -> Goal:
         return changed(
             goal,
             position=self.place(goal.position),
-            speed=_over(goal.speed, self.speed),
+            speed=over(goal.speed, self.speed),
             radius=goal.radius / self.length,
             earliest_arrival=None if goal.earliest_arrival is None else self.instant(goal.earliest_arrival),
             latest_arrival=None if goal.latest_arrival is None else self.instant(goal.latest_arrival),
@@ -251,7 +171,7 @@ class NaturalUnits:
         return changed(
             limit,
             from_=limit.from_ / self.length,
-            to=_over(limit.to, self.length),
+            to=over(limit.to, self.length),
             speed=limit.speed / self.speed,
             line=self._line(limit.line),
         )
@@ -298,11 +218,20 @@ class NaturalUnits:
     def _prior(self, prior: Prior) -> Prior:
         return changed(
             prior,
-            velocity=_over(prior.velocity, self.speed),
-            velocity_deviation=_over(prior.velocity_deviation, self.speed),
-            acceleration=_over(prior.acceleration, self.acceleration),
-            acceleration_deviation=_over(prior.acceleration_deviation, self.acceleration),
+            velocity=over(prior.velocity, self.speed),
+            velocity_deviation=over(prior.velocity_deviation, self.speed),
+            acceleration=over(prior.acceleration, self.acceleration),
+            acceleration_deviation=over(prior.acceleration_deviation, self.acceleration),
         )
+
+
+def _within_reach(scenario: Scenario, trip: float) -> float:
+    """Highest speed that can be reached on a trip of a length, m/s, and left again for that at the goal."""
+    start, end = scenario.start.speed, scenario.goal.speed
+    a, d = scenario.vehicle.max_acceleration, scenario.vehicle.max_deceleration
+    if end is None:
+        return sqrt(start**2 + 2.0 * a * trip)
+    return sqrt((2.0 * a * d * trip + d * start**2 + a * end**2) / (a + d))
 
 
 _SHAPE_SIZES = frozenset({"disc", "rectangle", "polygon", "ellipse"})
@@ -316,15 +245,6 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
 def _names(part: Any) -> frozenset[str]:
     fields: Mapping[str, object] = type(part).model_fields
     return frozenset(fields)
-
-
-def _over(value: Any, unit: float) -> Any:
-    """Divide a number, or the numbers in tuples of tuples, by a unit; None as it is."""
-    if value is None:
-        return None
-    if isinstance(value, tuple):
-        return tuple(_over(each, unit) for each in value)
-    return value / unit
 
 
 AS_GIVEN = NaturalUnits()

@@ -28,7 +28,7 @@ CURVATURE_REACH = 0.5  # the same for curvature
 
 @dataclass(frozen=True)
 class TrustRegion:
-    """Largest steps: of the offset's control points (m), the acceleration's (m/s^2), and the relative travel time."""
+    """Largest steps: of control points of offset and, times the agility, acceleration; of the time, relative."""
 
     theta: float
     beta: float
@@ -132,7 +132,7 @@ def _reach(problem: Problem, rows: Rows, trusts: Sequence[TrustRegion]) -> Array
     boxes = np.empty((len(trusts), rows.matrix.shape[1]))
     for box, trust in zip(boxes, trusts, strict=True):
         box[:count] = trust.theta * problem.space.tables.leverage[free]
-        box[count:-1] = trust.beta
+        box[count:-1] = trust.beta * problem.agility
         box[-1] = trust.rho
     if len(trusts) == 1:
         reach: Array = np.abs(rows.matrix) @ boxes[0]

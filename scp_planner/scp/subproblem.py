@@ -145,7 +145,7 @@ def build_subproblem(
     hessian[:theta, :theta] = _arc_length_hessian(problem, trajectory)[free, free]
     diagonal = np.empty(total)
     diagonal[:theta] = PROXIMAL_OFFSET
-    diagonal[theta : size - 1] = PROXIMAL_ACCELERATION
+    diagonal[theta : size - 1] = PROXIMAL_ACCELERATION / problem.agility**2
     diagonal[size - 1] = PROXIMAL_TIME
     diagonal[size:] = SLACK_CURVATURE
     hessian.flat[:: total + 1] += diagonal
@@ -161,8 +161,8 @@ def build_subproblem(
     radius = trust.theta * problem.space.tables.leverage[free]
     upper[:theta] = np.minimum(radius, problem.ends.upper[free] - offsets)
     lower[:theta] = np.maximum(-radius, problem.ends.lower[free] - offsets)
-    upper[theta : size - 1] = trust.beta
-    lower[theta : size - 1] = -trust.beta
+    upper[theta : size - 1] = trust.beta * problem.agility
+    lower[theta : size - 1] = -trust.beta * problem.agility
     upper[size - 1] = trust.rho
     lower[size - 1] = -trust.rho
     upper[size:] = 1e6

@@ -392,7 +392,7 @@ class WaySearch:
         size = space.acceleration_size
         speeds = tau * space.tables.speed_control[1:]
         program = QuadraticProgram(
-            matrix.T @ matrix + DRIVE_SMOOTHING * np.eye(size),
+            matrix.T @ matrix + DRIVE_SMOOTHING / self.problem.agility**2 * np.eye(size),
             -matrix.T @ wanted,
             self.problem.lowest_accelerations,
             self.problem.highest_accelerations,

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated
 
-from scp_planner.online.obstacle_tracks import SceneNewcomers
-from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Above, Choice, Knobs, Range
 from scp_planner.settings.planning import LARGEST, decided
+from scp_planner.units import Units
 
 GATE_PROBABILITY = 1e-7
 """An observation that is less probable than this, by what was seen before, is taken for a fault of the sensor..."""
@@ -36,6 +35,25 @@ class Newcomers(Knobs):
     velocity_deviation: Annotated[float | None, Above(0.0, LARGEST, "m/s")] = None
     acceleration_deviation: Annotated[float | None, Above(0.0, LARGEST, "m/s2")] = None
     noise_deviation: Annotated[float | None, Above(0.0, LARGEST, "m")] = None
+
+
+@dataclass(frozen=True)
+class SceneNewcomers(Newcomers):
+    """:class:`Newcomers` with nothing left open, in the units of a scene.
+
+    Attributes
+    ----------
+    velocity_deviation : float
+        Units of speed.
+    acceleration_deviation : float
+        Units of acceleration.
+    noise_deviation : float
+        Units of length.
+    """
+
+    velocity_deviation: Annotated[float, Range(1e-6, 1000.0)] = 1.5
+    acceleration_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.5
+    noise_deviation: Annotated[float, Range(1e-6, 1000.0)] = 0.1
 
 
 class Safety(StrEnum):
@@ -114,12 +132,12 @@ class OnlineSettings(Knobs):
     gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
-    def for_scene(self, units: NaturalUnits) -> SceneOnlineSettings:
+    def for_scene(self, units: Units) -> SceneOnlineSettings:
         """Return the settings for a scene: what they leave open as the scene decides.
 
         Parameters
         ----------
-        units : NaturalUnits
+        units : Units
             Of the scene.
 
         Returns

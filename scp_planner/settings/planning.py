@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, TypeVar
 
 from scp_planner.errors import Fault, SettingsError
-from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Above, Choice, Knob, Knobs, Range, knobs
+from scp_planner.units import Units
 
 LARGEST = 1e12  # in any unit, of a setting
 
@@ -118,14 +118,14 @@ WALL_TIMES = frozenset({"reserve"})
 AnyKnobs = TypeVar("AnyKnobs", bound=Knobs)
 
 
-def for_scene(settings: Settings, units: NaturalUnits | None = None) -> SceneSettings:
+def for_scene(settings: Settings, units: Units | None = None) -> SceneSettings:
     """Return the settings for a scene: what they leave open as the scene decides.
 
     Parameters
     ----------
     settings : Settings
         Those for a scene stay as they are.
-    units : NaturalUnits, optional
+    units : Units, optional
         Of the scene; by default 1 m and 1 s.
 
     Returns
@@ -137,10 +137,10 @@ def for_scene(settings: Settings, units: NaturalUnits | None = None) -> SceneSet
     SettingsError
         With every length and time that is too small or too large for the scene.
     """
-    return decided(settings, Settings, SceneSettings, units or NaturalUnits())
+    return decided(settings, Settings, SceneSettings, units or Units())
 
 
-def with_given(settings: SceneSettings, given: Mapping[str, Any], units: NaturalUnits) -> SceneSettings:
+def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Units) -> SceneSettings:
     """Return settings for a scene with some that a user gives, lengths in m and times in s, in their place.
 
     Parameters
@@ -148,7 +148,7 @@ def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Natural
     settings : SceneSettings
     given : mapping of str to value
         By name.
-    units : NaturalUnits
+    units : Units
         Of the scene.
 
     Returns
@@ -164,7 +164,7 @@ def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Natural
     return replace(settings, **{name: getattr(usual, name) for name, value in given.items() if value is not None})
 
 
-def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: NaturalUnits) -> AnyKnobs:
+def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: Units) -> AnyKnobs:
     """Return settings of one kind as those for a scene.
 
     Parameters
@@ -173,7 +173,7 @@ def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: Na
         Those for a scene stay as they are.
     kind, scene : type
         The one that users know, and the one derived from it in which nothing is left open.
-    units : NaturalUnits
+    units : Units
         Of the scene.
 
     Returns

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.scenario.units import NaturalUnits
 from scp_planner.trips.trajectory import Trajectory, TripPoints
+from scp_planner.units import Units
 
 
 def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[Array]:
@@ -46,14 +46,14 @@ class Trip:
         if not 0.0 <= self.trajectory.travel_time < inf:
             raise ValueError(f"trajectory: the trip never arrives; its travel time is {self.trajectory.travel_time} s")
 
-    def inside(self, units: NaturalUnits) -> Trip:
+    def inside(self, units: Units) -> Trip:
         """Return the trip in the units of its scene."""
         if units.are_those_of_the_user:
             return self
         frame = PlanningFrame(units.place(self.frame.origin), self.frame.heading, units.instant(self.frame.time))
         return Trip(frame, self.trajectory.in_units(1.0 / units.length, 1.0 / units.time))
 
-    def outside(self, units: NaturalUnits) -> Trip:
+    def outside(self, units: Units) -> Trip:
         """Return a trip in the units of its scene in SI units."""
         if units.are_those_of_the_user:
             return self

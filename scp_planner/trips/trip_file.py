@@ -77,6 +77,13 @@ class Reader:
             )
         return value
 
+    def flag(self, key: str) -> bool:
+        """Return true or false."""
+        value = self.get(key)
+        if not isinstance(value, bool):
+            raise self.fault(key, value, "true or false")
+        return value
+
     def vector(self, key: str, size: int | None) -> Array:
         """Return a list of numbers, of a given size if there is one."""
         value = self.get(key)
@@ -161,10 +168,7 @@ def _trajectory_in(reader: Reader) -> Trajectory:
     trajectory = Trajectory.of(space, theta, beta, travel_time)
     if not isfinite(trajectory.path.arc_length):
         raise reader.part("path").fault("offsets", theta.tolist(), "a path of finite length")
-    stops = reader.data.get("stops", False)
-    if not isinstance(stops, bool):
-        raise reader.fault("stops", stops, "true or false")
-    if stops:
+    if "stops" in reader.data and reader.flag("stops"):
         return Trajectory(trajectory.path, beta, travel_time)
     if not isfinite(trajectory.travel_time) or abs(trajectory.travel_time - travel_time) > 1e-6 * travel_time:
         found = f"{trajectory.travel_time!r}, which is what path and acceleration give"

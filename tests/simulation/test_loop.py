@@ -18,6 +18,7 @@ from scp_planner import builtin
 from scp_planner.cli import app
 from scp_planner.estimation.track_files import Track
 from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.cycle import ZoneRecord
 from scp_planner.simulation.loop import Follower, simulate
@@ -150,7 +151,8 @@ def test_sensor_looks_at_its_rate() -> None:
 def test_noise_of_nothing_is_exact() -> None:
     run = simulate(scene(disc("d", (4.0, 6.0), (0.1, 0.0)), **SHORT), noise=0.0)
     for seen in observations(run):
-        assert seen.position == pytest.approx((4.0 + 0.1 * seen.time, 6.0), abs=1e-9) and seen.deviation == LEAST_NOISE
+        assert seen.position == pytest.approx((4.0 + 0.1 * seen.time, 6.0), abs=1e-9)
+        assert seen.deviation == LEAST_NOISE * NaturalUnits.of(run.scenario).length
 
 
 def test_nothing_is_seen_out_of_range_or_view() -> None:

@@ -1,0 +1,105 @@
+"""Units of length and time, and where an origin and a clock stand: what quantities are converted by.
+
+Quantities are only multiplied and divided. `scp_planner.scenario.units` chooses the units of a scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units, and where their origin and clock stand in those of the user.
+
+    Attributes
+    ----------
+    length : float
+        m in a unit of length.
+    time : float
+        s in a unit of time.
+    origin : (x, y)
+        World coordinates of the origin, m.
+    clock : float
+        Absolute time at which the clock begins, s.
+    """
+
+    length: float = 1.0
+    time: float = 1.0
+    origin: Point = (0.0, 0.0)
+    clock: float = 0.0
+
+    @property
+    def are_those_of_the_user(self) -> bool:
+        """Whether nothing changes on the way in or out."""
+        return (self.length, self.time, self.origin, self.clock) == (1.0, 1.0, (0.0, 0.0), 0.0)
+
+    @property
+    def speed(self) -> float:
+        """m/s in a unit of speed."""
+        return self.length / self.time
+
+    @property
+    def acceleration(self) -> float:
+        """m/s^2 in a unit of acceleration."""
+        return self.length / self.time**2
+
+    @property
+    def jerk(self) -> float:
+        """m/s^3 in a unit of jerk."""
+        return self.length / self.time**3
+
+    def factor(self, unit: str) -> float:
+        """How much of an SI unit, such as m/s2 or 1/(m s), is in the natural one; 1 of what has no dimension.
+
+        Raises
+        ------
+        KeyError
+            If no quantity of a plan has this unit.
+        """
+        length, time = self.length, self.time
+        return {
+            "": 1.0,
+            "rad": 1.0,
+            "m": length,
+            "s": time,
+            "m/s": self.speed,
+            "m/s2": self.acceleration,
+            "m/s3": self.jerk,
+            "1/m": 1.0 / length,
+            "1/(m s)": 1.0 / (length * time),
+            "m2/s3": length**2 / time**3,
+        }[unit]
+
+    def instant(self, time: float) -> float:
+        """Absolute time, s, on the clock of the trip."""
+        return (time - self.clock) / self.time
+
+    def absolute(self, instant: float) -> float:
+        """Time on the clock of the trip as absolute time, s."""
+        return instant * self.time + self.clock
+
+    def place(self, point: Sequence[float]) -> Point:
+        """World coordinates, m, from the start in units of length."""
+        return (point[0] - self.origin[0]) / self.length, (point[1] - self.origin[1]) / self.length
+
+    def world(self, place: Sequence[float]) -> Point:
+        """World coordinates, m, of a place from the start in units of length."""
+        return place[0] * self.length + self.origin[0], place[1] * self.length + self.origin[1]
+
+    def covariance(self, covariance: Any) -> Any:
+        """Return covariances of positions, tuples of m^2, in these units; None as it is."""
+        return None if covariance is None else over(covariance, self.length**2)
+
+
+def over(value: Any, unit: float) -> Any:
+    """Divide a number, or the numbers in tuples of tuples, by a unit; None as it is."""
+    if value is None:
+        return None
+    if isinstance(value, tuple):
+        return tuple(over(each, unit) for each in value)
+    return value / unit
