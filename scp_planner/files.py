@@ -169,6 +169,15 @@ def _printed_to() -> Iterator[os.stat_result]:
 def replacing(path: str | PathLike[str]) -> Iterator[Path]:
     """Give a temporary file beside a file, with its suffix; it takes the file's name if all goes well.
 
+    Parameters
+    ----------
+    path : path
+
+    Yields
+    ------
+    Path
+        Of the temporary file, which is there and empty.
+
     Raises
     ------
     OSError

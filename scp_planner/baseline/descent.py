@@ -103,6 +103,7 @@ class DescentSettings:
     Attributes
     ----------
     variant : Variant
+        Or its word; `SettingsError` if there is none.
     widths : tuple of float
         Of the hinge for zones, units of length of the scene, one a stage.
     limit_width : float
@@ -119,11 +120,6 @@ class DescentSettings:
         Pairs of steps and gradients that L-BFGS keeps.
     tolerance : float
         A stage ends when a step gains less than this fraction of the objective.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such variant.
     """
 
     variant: Variant = Variant.LBFGS

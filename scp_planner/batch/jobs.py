@@ -36,17 +36,12 @@ class Options:
     Attributes
     ----------
     method : Method or str
-        ``scp`` or ``penalty-descent``.
+        ``scp`` or ``penalty-descent``; `SettingsError` if it is neither.
     settings : Settings
     time_limit : float or None
         Wall time for one scenario, s.
     samples : int
         Of plan files.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such method.
     """
 
     method: Method = Method.SCP

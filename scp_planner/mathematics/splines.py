@@ -81,6 +81,12 @@ class PiecewiseBasis:
 
         Only for B-splines whose knots are simple but for the ends.
 
+        Parameters
+        ----------
+        span : (n,) array of int
+        x : (n,) array
+            Within the spans, see `locate`.
+
         Yields
         ------
         index : (n,) array of int
