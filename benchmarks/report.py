@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import sizes
+
 Row = dict[str, str]
 FIGURE_FOLDER = "figures"
 COLORS = ("#0b6e99", "#d9730d", "#448361", "#9065b0", "#c14c8a", "#787774")
@@ -47,6 +49,7 @@ SECTIONS = {
     "planning": ("reference scenarios", "benchmarks.planning"),
     "scaling": ("many obstacles, most of them far away", "benchmarks.planning --scaling"),
     "random": ("random scenarios", "benchmarks.planning --random"),
+    "sizes": ("vehicles of every size", "benchmarks.sizes"),
     "peers": ("other methods", "benchmarks.peers"),
     "peers-random": ("other methods in random scenarios", "benchmarks.peers --random"),
     "online-replan": ("replans", "benchmarks.online replan"),
@@ -207,6 +210,32 @@ def random_part(rows: list[Row]) -> list[str]:
         "solution. *Certified but refused* counts certified plans in which the dense check finds a violation.",
         common.table(headings, lines),
         f"`python -m benchmarks.planning --random {len(rows)}`",
+    ]
+
+
+def sizes_part(rows: list[Row], figures: Figures) -> list[str]:
+    """Section on vehicles of every size."""
+    kinds = list(dict.fromkeys(row["kind"] for row in rows))
+    figure, (left, right) = figures.axes(8.0, 3.2, 2)
+    for place, kind in enumerate(kinds):
+        chosen = [row for row in rows if row["kind"] == kind]
+        work = [_value(row, "wall_ms") / _value(row, "reference_ms") for row in chosen]
+        for axes, values in ((left, [100.0 * (_value(row, "ratio") - 1.0) for row in chosen]), (right, work)):
+            axes.plot(values, [place] * len(chosen), "o", color=COLORS[0], markersize=4, alpha=0.6)
+    left.set_yticks(range(len(kinds)), kinds)
+    right.set_yticks(range(len(kinds)), [])
+    left.set_xlabel("travel time above the best known, %")
+    right.set_xlabel("work, times that of a reference scene")
+    picture = figures.save(figure, "sizes", "Travel times against the best known, and the work, by kind of vehicle")
+    return [
+        "## Vehicles of every size",
+        f"{len(rows)} scenes in SI units, from robots on a table top to ships and aircraft: easy and dense, obstacles "
+        "known and observed with noise. *Best* is the shortest certified time of the same scene in three systems of "
+        "units, with twice as many ways tried, and with splines twice as fine; *by any* counts the scenes that one of "
+        "these certifies. The work is that of a reference scene with as many obstacles, on the same machine.",
+        sizes.summary(rows),
+        picture,
+        "`python -m benchmarks.sizes`",
     ]
 
 
@@ -479,6 +508,8 @@ def page(results: Path, figures: Figures) -> str:
             sections += scaling_part(rows, figures)
         elif name == "random":
             sections += random_part(rows)
+        elif name == "sizes":
+            sections += sizes_part(rows, figures)
         elif online:
             sections += online_part(name, title, rows)
         elif name == "peers":
@@ -487,10 +518,11 @@ def page(results: Path, figures: Figures) -> str:
             sections += random_peers_part(rows, common.read_csv(results / "peers-random-starts.csv"))
     if not sections:
         raise FileNotFoundError(
-            f"{results} holds no results: run benchmarks.planning, benchmarks.peers or benchmarks.online first"
+            f"{results} holds no results: run benchmarks.planning, benchmarks.sizes, benchmarks.peers or "
+            "benchmarks.online first"
         )
     sections.append("## Machine and versions")
-    for name in ("planning", "peers", "peers-random", "online"):
+    for name in ("planning", "sizes", "peers", "peers-random", "online"):
         path = results / f"{name}-environment.csv"
         if path.is_file():
             sections.append(f"`{name}.csv`: {_environment(path)}.")

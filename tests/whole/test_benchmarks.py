@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -10,13 +11,14 @@ import numpy as np
 import pytest
 
 import scp_planner
-from benchmarks import common, families, online, online_crowds, report
+from benchmarks import common, families, online, online_crowds, report, sizes
 from benchmarks.dense_check import check_samples, check_trip
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
 from benchmarks.peers.slsqp import Slsqp, _length, _Model
 from benchmarks.peers.starts import TEN_STARTS, Start, first_guess
+from scp_planner.scenario import units
 
 ALL_FAMILIES = (*families.FAMILIES, "far70")
 
@@ -268,3 +270,24 @@ def test_crowd_tasks_are_drawn_where_there_is_room(recorded_data: Path) -> None:
     row = online_crowds.drive({"eth": tracks}["eth"], {"place": "eth", "number": 3, "way": "waiting"})
     length = float(np.linalg.norm(np.subtract(drawn.goal, drawn.start)))
     assert row["arrived"] == 1 and row["travel_time"] > (length - 0.4) / online_crowds.VEHICLE.max_speed
+
+
+def test_sizes_are_written_in_other_units_and_summed_up(tmp_path: Path) -> None:
+    kind = sizes.KINDS["ship"]
+    scene = sizes.drawn_scene(kind, np.random.default_rng(2), 3, True, "ship-0")
+    assert scene == sizes.drawn_scene(kind, np.random.default_rng(2), 3, True, "ship-0")
+    length, time = sizes.natural_factors(scene)
+    other = sizes.rewritten(scene, length, time)
+    assert other["goal"]["position"] == pytest.approx([20.0, 0.0])
+    assert other["vehicle"]["max_speed"] == pytest.approx(3.0)
+    mine, its = families.as_scenario(scene), families.as_scenario(other)
+    inside, same = (units.NaturalUnits.of(each).scenario(each) for each in (mine, its))
+    assert same.obstacles[1].observations is not None and inside.obstacles[1].observations is not None
+    assert np.allclose(same.obstacles[1].observations.position, inside.obstacles[1].observations.position, rtol=1e-12)
+    assert np.allclose(same.obstacles[1].observations.covariance, inside.obstacles[1].observations.covariance)
+    (tmp_path / "ship-7.json").write_text(json.dumps(scene))
+    row = sizes.measured(*next(sizes.scenes(sizes.parser().parse_args([str(tmp_path)]))))
+    assert (row["kind"], row["scenario"]) == ("ship", "ship-7")
+    assert row["certified"] == row["certified_anyhow"] == 1 and 1.0 <= row["ratio"] < 1.01
+    lines = sizes.summary([{**row, "reference_ms": 2.0 * row["wall_ms"]}]).splitlines()
+    assert [cell.strip() for cell in lines[-1].split("|")[1:3]] == ["all", "1/1"] and lines[-1].endswith("0.50 |")
