@@ -189,7 +189,9 @@ def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringS
         if not member.is_attribute or name.startswith("_") or "property" in member.labels:
             continue
         kind, value = str(member.annotation or ""), str(member.value or "")  # type: ignore[union-attr]
-        if "Rule" in kind or not kind or "Range(" in kind or A_CLASS.fullmatch(kind):  # a range has its unit
+        if (
+            "Rule" in kind or not kind or "Range(" in kind or "Above(" in kind or A_CLASS.fullmatch(kind)
+        ):  # a range has its unit
             continue
         own = member.docstring.value if member.docstring is not None else ""
         told = " ".join([described.get(name, ""), value, own])

@@ -54,7 +54,16 @@ class Units:
         return self.length / self.time**3
 
     def factor(self, unit: str) -> float:
-        """How much of an SI unit, such as m/s2 or 1/(m s), is in the natural one; 1 of what has no dimension.
+        """How much of an SI unit is in the natural one; 1 of what has no dimension.
+
+        Parameters
+        ----------
+        unit : str
+            Such as m/s2 or 1/(m s).
+
+        Returns
+        -------
+        float
 
         Raises
         ------
