@@ -105,6 +105,15 @@ class Reader:
 def trip_in(reader: Reader) -> Trip:
     """Return the trip of a plan file.
 
+    Parameters
+    ----------
+    reader : Reader
+        Of the whole file.
+
+    Returns
+    -------
+    Trip
+
     Raises
     ------
     PlanError
