@@ -64,7 +64,7 @@ from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import FIRST_TRUST, ScpLoop
 from scp_planner.scp.record import FEASIBILITY
 from scp_planner.scp.record import Status as RunStatus
-from scp_planner.search.starts import bows
+from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.settings.online import OnlineSettings, Safety
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
@@ -620,7 +620,7 @@ class Planner:
             if way.travel_time >= cutoff + LOOK_GAIN_TIME:
                 break
             any_way = True
-            yield Trip(problem.frame, search.start(way))
+            yield Trip(problem.frame, trip_along(problem, way))
         if not any_way and not math.isfinite(cutoff):
             for bow in bows(problem):
                 yield Trip(problem.frame, bow)

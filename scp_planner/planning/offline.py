@@ -29,8 +29,9 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Run, Status
-from scp_planner.search.starts import DELAY_STEPS, bows
-from scp_planner.search.ways import CLOSE_SMOOTHING, SMOOTHING, WaySearch, WayTree
+from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
+from scp_planner.search.starts import COARSENESSES
+from scp_planner.search.ways import WaySearch, WayTree
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.of_scenario import ZonesOf, zones
@@ -54,7 +55,7 @@ WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
-ESTIMATE_SLACK = 0.15  # units of time; how much better than its estimate another way may turn out
+ESTIMATE_SLACK = 0.1  # units of time; how much better than its estimate another way may turn out
 
 
 def plan(
@@ -179,6 +180,7 @@ class _Branch:
     estimate: float
     start: Callable[[float], Trajectory]
     touched: tuple[tuple[int, int], ...] = ()
+    within: float = np.inf
 
 
 def _promise(run: Run) -> tuple[bool, float]:
@@ -276,11 +278,10 @@ class _Planning:
         trip touches can hold it up, so only their sides are closed in turn.
         """
         best: _Attempt | None = None
-        reference = 0.0  # estimate less result, of the best way so far
         failed: list[_Branch] = []
         for branch in self._branches():
             if best is not None and best.holds:
-                if branch.estimate - reference - ESTIMATE_SLACK > best.travel_time:
+                if branch.estimate - ESTIMATE_SLACK > best.travel_time:
                     break
                 cutoff = best.travel_time
             else:
@@ -291,9 +292,12 @@ class _Planning:
                 failed.append(branch)
             branch.touched = _touched(self.problem, attempt.run)
             if attempt.better_than(best):
-                best, reference = attempt, branch.estimate - attempt.travel_time
+                best = attempt
+            logger.debug("a way of about %.4f s led to %.4f s", branch.estimate, attempt.travel_time)
             if perf_counter() > self.deadline or self._good_enough(best):
                 break
+            if best is not None and best.holds:
+                branch.within = best.travel_time + ESTIMATE_SLACK
         broken = best is not None and best.run.status is Status.SOLVER_FAILED
         if best is None or not (best.holds or broken or perf_counter() > self.deadline):
             for attempt in self._second_thoughts(failed):
@@ -331,19 +335,19 @@ class _Planning:
         """Ways round with starts for the loop."""
         clock = perf_counter()
         runs = 0
-        for delay_step in DELAY_STEPS:
-            search = WaySearch(self.problem, delay_step)
+        for coarseness in COARSENESSES:
+            search = WaySearch(self.problem, coarseness)
             tree = WayTree(search, self.settings.searches)
             while runs < self.settings.max_runs:
                 way = tree.next()
                 if way is None:
                     break
-                branch = _Branch(way.travel_time, partial(search.start, way))
+                branch = _Branch(way.travel_time, partial(trip_along, self.problem, way))
                 runs += 1
                 self.timings["search"] += perf_counter() - clock
                 yield branch
                 clock = perf_counter()
-                tree.branch(branch.touched)
+                tree.branch(branch.touched, branch.within)
             if runs:
                 break
         self.timings["search"] += perf_counter() - clock

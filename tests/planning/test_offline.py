@@ -13,7 +13,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Status
-from scp_planner.search.starts import bows
+from scp_planner.search.first_trips import bows
 from scp_planner.solvers import solver_named
 from scp_planner.trips.trajectory import Trajectory
 

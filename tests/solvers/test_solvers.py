@@ -19,7 +19,7 @@ from scenes import CROSSERS, scene
 from scp_planner.problem.build import build_problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.search.starts import bows
+from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import (
     QpSolver,

@@ -15,7 +15,7 @@ from scp_planner.scp.evaluation import Batch, Evaluation, evaluate_trip, evaluat
 from scp_planner.scp.linearisation import TrustRegion, linearise, linearise_trips
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Status
-from scp_planner.search.starts import bows
+from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import solver_named
 from scp_planner.trips.bundle import TripBundle

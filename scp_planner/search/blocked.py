@@ -1,0 +1,237 @@
+"""Which cells of the grid the zones and the workspace block.
+
+On a line across the guide a zone blocks at each time one interval of offsets. Of all lines, delays and zones only few
+meet: they are found from looks at the ends of stretches of delays, and only they are worked out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.problem.problem import Problem
+from scp_planner.search.grid import DELAYS, Grid, Words
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.sections import sections
+from scp_planner.trips.guide import GuideFrame
+from scp_planner.trips.path import Path
+
+STRETCH = 16  # delays that are looked at together
+MOST_LOOKS = 400_000  # at a time: lines, times and zones
+FOLD = 0.8  # of the guide's radius of curvature; offsets beyond it are no way
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """Offsets that zones block on lines at some delays.
+
+    Attributes
+    ----------
+    line, delay, zone : (n,) arrays of int
+    lower, upper, middle : (n,) arrays
+        Ends of the blocked offsets, and the offset of the zone's centre.
+    """
+
+    line: Index
+    delay: Index
+    zone: Index
+    lower: Array
+    upper: Array
+    middle: Array
+
+    def only(self, kept: Mask | Index) -> Cuts:
+        """Return some of them."""
+        return Cuts(
+            self.line[kept], self.delay[kept], self.zone[kept], self.lower[kept], self.upper[kept], self.middle[kept]
+        )
+
+
+class Lines:
+    """Lines across the guide at the grid's stations and between them.
+
+    Parameters
+    ----------
+    problem : Problem
+    grid : Grid
+    """
+
+    def __init__(self, problem: Problem, grid: Grid) -> None:
+        self.grid, self.zones = grid, problem.zones
+        guide = problem.space.guide
+        self.frame: GuideFrame | None = None if guide.straight else guide.frame(grid.lines)
+
+    def seen(self, line: Index, centers: Array) -> tuple[Array, Array]:
+        """How far points (..., 2) are ahead of lines, and their offsets on them."""
+        if self.frame is None:
+            return centers[..., 0] - self.grid.lines[line], centers[..., 1]
+        away = centers - self.frame.position[line]
+        return (away * self.frame.tangent[line]).sum(axis=-1), (away * self.frame.normal[line]).sum(axis=-1)
+
+    def times(self, line: Index, delay: Index) -> Array:
+        """Times of delays on lines."""
+        times: Array = self.grid.fastest[line] + self.grid.delay_step * delay
+        return times
+
+    def cuts(self, line: Index, delay: Index, zone: Index, times: Array) -> Cuts:
+        """Return what zones block on lines at times; only where they do."""
+        zones = self.zones
+        ahead, middle = self.seen(line, zones.centers.at(zone, times))
+        radius = np.maximum(reach_at(zones, zone, times) - self.grid.shrunk, 0.0)
+        half = radius * radius - ahead * ahead
+        met = np.flatnonzero(half > 0.0)
+        half = np.sqrt(half[met])
+        line, delay, zone, times, middle = line[met], delay[met], zone[met], times[met], middle[met]
+        lower, upper = middle - half, middle + half
+        if zones.outlines is not None:
+            rows = np.flatnonzero(zones.outline_slot[zone] >= 0)
+            at = line[rows]
+            if self.frame is None:
+                origins = np.stack([self.grid.lines[at], np.zeros(len(at))], axis=1)
+                tangents = np.broadcast_to([1.0, 0.0], origins.shape)
+            else:
+                origins, tangents = self.frame.position[at], self.frame.tangent[at]
+            cut = sections(zones, zone[rows], times[rows], origins, tangents)
+            lower[rows], upper[rows] = cut.lower + self.grid.shrunk, cut.upper - self.grid.shrunk
+        found = Cuts(line, delay, zone, lower, upper, middle)
+        return found.only(lower < upper)
+
+    def all_cuts(self, some: Index) -> Iterator[Cuts]:
+        """Yield what some zones block on all lines at all delays, a part of them at a time."""
+        zones, grid = self.zones, self.grid
+        count = len(grid.lines)
+        still = np.isin(some, zones.standing)
+        standing, moving = some[still], some[~still]
+        every = np.arange(count)
+        for part in _parts(standing, count):
+            line, zone = np.repeat(every, len(part)), np.tile(part, count)
+            yield self._at_all_delays(self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line))))
+        edges = np.arange(0, DELAYS + 1, STRETCH)
+        for part in _parts(moving, count * len(edges)):
+            met = self._near(part, edges)
+            line, stretch, place = np.nonzero(met)
+            delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
+            line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
+            yield self.cuts(line, delay, zone, self.times(line, delay))
+
+    def _near(self, part: Index, edges: Index) -> Mask:
+        """Whether zones come near lines in stretches of delays, (lines, stretches, zones)."""
+        zones, lines = self.zones, np.arange(len(self.grid.lines))
+        times = self.times(lines[:, None], edges).ravel()
+        shape = (len(lines), len(edges), len(part))
+        some = zones if len(part) == zones.size else zones.subset(part)
+        centers = some.centers.grid(times).reshape(*shape, 2)
+        if self.frame is None:
+            ahead = centers[..., 0] - self.grid.lines[:, None, None]
+        else:
+            away = centers - self.frame.position[:, None, None]
+            ahead = (away * self.frame.tangent[:, None, None]).sum(axis=-1)
+        reach = some.reach(times).reshape(shape)
+        reach = np.maximum(reach[:, :-1], reach[:, 1:])
+        first, last = ahead[:, :-1], ahead[:, 1:]
+        # Between the ends of a stretch a zone is hardly farther from the line than it moves there.
+        moved = np.abs(last - first)
+        near: Mask = np.minimum(np.abs(first), np.abs(last)) <= reach + moved
+        return near
+
+    def _at_all_delays(self, cuts: Cuts) -> Cuts:
+        """What stands is there at all delays."""
+        cell = np.repeat(np.arange(len(cuts.line)), DELAYS)
+        every = cuts.only(cell)
+        return replace(every, delay=np.tile(np.arange(DELAYS), len(cuts.line)))
+
+
+class Cells:
+    """Which cells are free, as words of delays.
+
+    Parameters
+    ----------
+    problem : Problem
+    grid : Grid
+    """
+
+    def __init__(self, problem: Problem, grid: Grid) -> None:
+        self.problem, self.grid = problem, grid
+        self.lines = Lines(problem, grid)
+        self._closed: dict[tuple[int, int], Words] = {}
+
+    @cached_property
+    def free(self) -> Words:
+        """Free cells with all sides open, (lines, half offsets)."""
+        blocked = np.zeros((*self.shape, DELAYS), dtype=np.bool_)
+        for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size)):
+            self._mark(blocked, cuts, 0)
+        words = ~_words(blocked)
+        words[self._outside()] = 0
+        return words
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Lines and half offsets."""
+        return len(self.grid.lines), len(self.grid.half_offsets)
+
+    def without(self, closed: tuple[tuple[int, int], ...]) -> Words:
+        """Free cells when some (zone, side) are closed: +1 above, -1 below."""
+        words = self.free
+        for side in closed:
+            if side not in self._closed:
+                blocked = np.zeros((*self.shape, DELAYS), dtype=np.bool_)
+                for cuts in self.lines.all_cuts(np.array([side[0]], dtype=np.intp)):
+                    self._mark(blocked, cuts, side[1])
+                self._closed[side] = ~_words(blocked)
+            words = words & self._closed[side]
+        return words
+
+    def _mark(self, blocked: Mask, cuts: Cuts, side: int) -> None:
+        """Mark what zones block, or that and all to one side of it."""
+        size, step = blocked.shape[1], 0.5 * self.grid.offset_step
+        low = self.grid.half_offsets[0]
+        first = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
+        last = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
+        first, last = np.maximum(first, 0.0).astype(np.intp), np.minimum(last, size - 1.0).astype(np.intp)
+        length = np.maximum(last - first + 1, 0)
+        begin = np.cumsum(length) - length
+        offset = np.arange(int(length.sum())) - np.repeat(begin - first, length)
+        blocked[np.repeat(cuts.line, length), offset, np.repeat(cuts.delay, length)] = True
+
+    def _outside(self) -> Mask:
+        """Which cells lie outside the workspace box, or where the guide folds."""
+        box, space, grid = self.problem.box, self.problem.space, self.grid
+        outside = np.zeros(self.shape, dtype=np.bool_)
+        if len(box.offsets):
+            base = Path(space, np.zeros(space.path_size)).points(grid.lines / space.length)
+            normal = np.broadcast_to(base.normal, (len(grid.lines), 2))
+            cells = base.position[:, None] + grid.half_offsets[:, None] * normal[:, None]
+            outside |= np.any(cells @ box.normals.T > box.offsets + 0.5 * grid.offset_step, axis=2)
+        if self.lines.frame is not None:
+            outside |= self.lines.frame.curvature[:, None] * grid.half_offsets > FOLD
+        return outside
+
+
+def reach_at(zones: ZoneBatch, index: Index, times: Array) -> Array:
+    """Radius of a disc around the centre that covers chosen zones, each at its own time, (n,)."""
+    radius: Array = zones.radius[index] + zones.extent[index]
+    if zones.covariances is None:
+        return radius
+    rows = np.flatnonzero(zones.slot[index] >= 0)
+    covariance = zones.covariances.at(zones.slot[index[rows]], times[rows])
+    mean = 0.5 * (covariance[:, 0] + covariance[:, 2])
+    spread = np.hypot(0.5 * (covariance[:, 0] - covariance[:, 2]), covariance[:, 1])
+    radius[rows] += np.sqrt(np.maximum(mean + spread, 0.0))
+    return radius
+
+
+def _parts(index: Index, each: int) -> Iterator[Index]:
+    """Parts of an index that are not too many to be looked at together."""
+    most = max(1, MOST_LOOKS // each)
+    for begin in range(0, len(index), most):
+        yield index[begin : begin + most]
+
+
+def _words(bits: Mask) -> Words:
+    """Words of 64 bits each, the first delay the lowest."""
+    words: Words = np.packbits(bits, axis=-1, bitorder="little").view("<u8")[..., 0]
+    return words.astype(np.uint64, copy=False)

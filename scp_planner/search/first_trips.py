@@ -1,0 +1,119 @@
+"""First trips: within the limits, along a way that the search found; and bows where it found none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.search.ways import Way
+from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
+from scp_planner.trips.path import Path
+from scp_planner.trips.trajectory import Trajectory
+
+SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to a way
+CLOSE_SMOOTHING = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
+ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
+DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
+
+
+def trip_along(problem: Problem, way: Way, smoothing: float = SMOOTHING) -> Trajectory:
+    """Fit a trip to a way: a smooth path, and a drive within the limits that keeps the way's times.
+
+    Parameters
+    ----------
+    problem : Problem
+    way : Way
+    smoothing : float
+        Weight of bending against offsets, m^2.
+
+    Returns
+    -------
+    Trajectory
+    """
+    space, ends = problem.space, problem.ends
+    theta = ends.theta.copy()
+    rows = space.path.rows(way.stations / space.length)
+    smooth = space.tables.station_bends * (smoothing / space.length**2)
+    free = ends.free
+    matrix = np.concatenate([rows[:, free], smooth[:, free]])
+    target = np.concatenate([way.offsets - rows @ theta, -smooth @ theta])
+    theta[free] = np.linalg.solve(matrix.T @ matrix, matrix.T @ target)
+    np.clip(theta[free], ends.lower[free], ends.upper[free], out=theta[free])
+    path = Path(space, theta)
+    driven = path.arc_length_at(way.stations / space.length)
+    beta = _drive(problem, way.times, driven)
+    fastest = _fastest_drive(problem, float(path.arc_length))
+    trip = Trajectory.of(space, theta, beta, float(way.times[-1]))
+    while not np.isfinite(trip.travel_time):  # the fit stops short of the goal
+        beta = 0.5 * (beta + fastest)
+        trip = Trajectory.of(space, theta, beta)
+    return trip
+
+
+def _fastest_drive(problem: Problem, length: float) -> Array:
+    """Accelerations of a trip without obstacles and with a free goal speed, which always arrives."""
+    space, limits = problem.space, problem.limits
+    top = max(limits.speed, space.start_speed)
+    rising = (top - space.start_speed) / limits.acceleration
+    ramp = 0.5 * (top + space.start_speed) * rising
+    if length < ramp:
+        time = 2.0 * length / (space.start_speed + np.sqrt(space.start_speed**2 + 2.0 * limits.acceleration * length))
+    else:
+        time = rising + (length - ramp) / top
+    sites = space.acceleration.breakpoints[:-1] * time
+    beta = np.zeros(space.acceleration_size)
+    beta[: len(sites)] = np.where(sites < rising, limits.acceleration, 0.0)
+    return beta
+
+
+def _drive(problem: Problem, times: Array, driven: Array) -> Array:
+    """Accelerations within the limits that come closest to having driven given distances at given times."""
+    space, limits = problem.space, problem.limits
+    tau = float(times[-1])
+    table = space.time_table(times / tau)
+    matrix = tau * tau * table.distance
+    matrix[-1] *= ARRIVAL_WEIGHT
+    wanted = driven - space.start_speed * times
+    wanted[-1] *= ARRIVAL_WEIGHT
+    goal_speed = problem.ends.goal_speed
+    if goal_speed is not None:
+        matrix = np.vstack([matrix, ARRIVAL_WEIGHT * tau * space.tables.final_speed])
+        wanted = np.append(wanted, ARRIVAL_WEIGHT * (goal_speed - space.start_speed))
+    size = space.acceleration_size
+    speeds = tau * space.tables.speed_control[1:]
+    program = QuadraticProgram(
+        matrix.T @ matrix + DRIVE_SMOOTHING * np.eye(size),
+        -matrix.T @ wanted,
+        problem.lowest_accelerations,
+        problem.highest_accelerations,
+        np.concatenate([speeds, -speeds]),
+        np.concatenate(
+            [
+                np.full(len(speeds), limits.speed - space.start_speed),
+                np.full(len(speeds), space.start_speed),
+            ]
+        ),
+        0,
+    )
+    solution = solver_named("daqp").solve(program)
+    if solution.status is SolverStatus.OPTIMAL:
+        return solution.x
+    return np.clip(np.zeros(size), -limits.deceleration, limits.acceleration)
+
+
+def bows(problem: Problem) -> Iterator[Trajectory]:
+    """Yield bows to both sides, driven fast, then slowly: what to start from where the search finds no way."""
+    space, ends = problem.space, problem.ends
+    shape = np.sin(np.pi * np.linspace(0.0, 1.0, space.path_size))
+    for speeding in (0.6, 0.0):
+        for height in (0.0, 1.5, -1.5, 3.0, -3.0):
+            theta = ends.theta.copy()
+            theta[ends.free] = np.clip(height * shape, ends.lower, ends.upper)[ends.free]
+            beta = np.zeros(space.acceleration_size)
+            beta[: max(1, space.acceleration_size // 5)] = speeding * problem.limits.acceleration
+            if space.start_speed == 0.0:
+                beta[:] = np.maximum(beta, 0.05 * problem.limits.acceleration)
+            yield Trajectory.of(space, theta, beta)

@@ -1,0 +1,222 @@
+"""The grid of the search: states of a vehicle that follows the guide, as fine as the scene asks for.
+
+A state is a station, an offset from the guide, a slope, a class of speed, and a delay behind the fastest drive along
+the guide. The delays are bits of one word, so that one operation moves all of them. From one station to the next
+
+- the offset changes by the slope, the slope by what the limits of curvature and of lateral acceleration allow at the
+  speed, the speed by what those of acceleration and deceleration allow;
+- the delay grows by what the length driven takes at the speed, less what the fastest drive takes.
+
+All sizes follow from ratios: the distance of stations from the size of what is in the way, and from how far a vehicle
+at top speed drives while it turns or brakes; the slope's step from how much it turns between stations; the delay's step
+from the time between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array, Index
+from scp_planner.problem.problem import Problem
+from scp_planner.threat_zones.batch import ZoneBatch
+
+Words = NDArray[np.uint64]
+
+DELAYS = 64
+"""Bits of a word."""
+LOOKS = 2
+"""Looks at the zones from one station to the next: halfway, and there."""
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine a grid is, in ratios.
+
+    Attributes
+    ----------
+    stations : float
+        Stations to a typical radius of what is in the way.
+    slopes : int
+        Classes of slope to each side.
+    steepest : float
+        The largest slope.
+    turns : int
+        Classes by which the slope changes between stations, at most.
+    speeds : int
+        Classes of speed.
+    delays : float
+        Delays to the time from one station to the next at top speed.
+    shrunk : float
+        Steps of the offset by which zones are taken to be smaller, so that narrow gaps hold a cell.
+    """
+
+    stations: float = 0.9
+    slopes: int = 5
+    steepest: float = 1.25
+    turns: int = 3
+    speeds: int = 5
+    delays: float = 10.0
+    shrunk: float = 0.4
+
+
+FEWEST_STATIONS, MOST_STATIONS = 12, 2000
+LEAST_SLOPES = 1e-3
+PROFILE_LOOKS = 8  # at the fastest drive, between lines
+
+
+@dataclass(frozen=True)
+class Grid:
+    """See the module.
+
+    Attributes
+    ----------
+    lines : (2 n + 1,) array
+        Stations, and the middles between them.
+    fastest : (2 n + 1,) array
+        When the fastest drive is there.
+    offset_step, slope_step, delay_step : float
+    middle : int
+        Offsets to each side.
+    slopes : (M,) array
+        Multiples of the slope's step.
+    speeds : (K,) array
+        Highest speed of each class, the fastest first.
+    turns : (K,) array of int
+        By how many classes the slope changes at most, from one station to the next.
+    rises, falls : int
+        By how many classes the speed rises and falls at most.
+    first_speeds : slice
+        Classes of the speed at the start.
+    shrunk : float
+        By how much zones are taken to be smaller.
+    """
+
+    lines: Array
+    fastest: Array
+    offset_step: float
+    slope_step: float
+    delay_step: float
+    middle: int
+    slopes: Array
+    speeds: Array
+    turns: Index
+    rises: int
+    falls: int
+    first_speeds: slice
+    shrunk: float
+
+    @property
+    def columns(self) -> int:
+        """From one station to the next, so many times."""
+        return (len(self.lines) - 1) // LOOKS
+
+    @property
+    def stations(self) -> Array:
+        """Stations, (n + 1,)."""
+        return self.lines[::LOOKS]
+
+    @property
+    def step(self) -> float:
+        """Distance of stations."""
+        return float(self.lines[LOOKS] - self.lines[0])
+
+    @cached_property
+    def offsets(self) -> Array:
+        """Offsets at stations, (O,)."""
+        offsets: Array = self.offset_step * np.arange(-self.middle, self.middle + 1, dtype=np.float64)
+        return offsets
+
+    @cached_property
+    def half_offsets(self) -> Array:
+        """Offsets on lines, (2 O - 1,): between stations they lie between those at stations too."""
+        offsets: Array = 0.5 * self.offset_step * np.arange(-2 * self.middle, 2 * self.middle + 1, dtype=np.float64)
+        return offsets
+
+    @cached_property
+    def slowest_turns(self) -> tuple[int, ...]:
+        """The fastest class of speed of which the slope can change by one class, by two, and so on."""
+        changes = np.arange(1, int(self.turns.max()) + 1)
+        return tuple(np.searchsorted(self.turns, changes, "left").tolist())
+
+    @cached_property
+    def durations(self) -> Array:
+        """What it takes from one station to the next with each class of speed and slope, (n, K, M)."""
+        least = np.diff(self.fastest[::LOOKS])
+        speed = np.minimum(self.speeds, (self.step / least)[:, None])
+        found: Array = self.step * np.hypot(1.0, self.slopes) / speed[:, :, None]
+        return np.maximum(found, least[:, None, None])
+
+    @cached_property
+    def shifts(self) -> Words:
+        """By how many delays each half of that is more than the fastest drive takes, (2 n, K, M).
+
+        Rounded so that the sum over equal halves is true to one delay.
+        """
+        more = (self.durations - np.diff(self.fastest[::LOOKS])[:, None, None]) / (LOOKS * self.delay_step)
+        more = np.repeat(np.minimum(more, 2.0 * DELAYS), LOOKS, axis=0)
+        number = np.arange(len(more))[:, None, None]
+        shifts: Words = (np.floor((number + 1) * more + 0.5) - np.floor(number * more + 0.5)).astype(np.uint64)
+        return shifts
+
+    @classmethod
+    def of(cls, problem: Problem, fineness: Fineness, coarseness: float = 1.0, reach: float = np.inf) -> Grid:
+        """Return the grid of a problem, its delays in steps that are longer by a factor."""
+        space, limits = problem.space, problem.limits
+        top = max(limits.speed, space.start_speed)
+        radius = typical_radius(problem.zones)
+        count = FEWEST_STATIONS if radius is None else round(space.length * fineness.stations / radius)
+        count = min(max(count, FEWEST_STATIONS), MOST_STATIONS)
+        lines = np.linspace(0.0, space.length, LOOKS * count + 1)
+        step = space.length / count
+        slope_step = fineness.steepest / fineness.slopes
+        offset_step = slope_step * step
+        middle = max(2, int(min(reach, problem.settings.max_offset) / offset_step))
+        slopes: Array = slope_step * np.arange(-fineness.slopes, fineness.slopes + 1, dtype=np.float64)
+        squares = top * top * (1.0 - np.arange(fineness.speeds) / (fineness.speeds - 0.5))
+        per_class = squares[0] - squares[1]
+        with np.errstate(divide="ignore"):
+            bends = np.minimum(limits.lateral_acceleration / squares, limits.curvature)
+        turns = np.clip(np.round(np.minimum(bends * step / slope_step, fineness.turns)), 1, fineness.turns)
+        slowest_first = int(np.searchsorted(-squares, -(space.start_speed**2), "left"))
+        return cls(
+            lines=lines,
+            fastest=fastest_times(problem, lines),
+            offset_step=offset_step,
+            slope_step=slope_step,
+            delay_step=coarseness * step / (top * fineness.delays),
+            middle=middle,
+            slopes=slopes,
+            speeds=np.sqrt(squares),
+            turns=turns.astype(np.intp),
+            rises=max(1, round(2.0 * limits.acceleration * step / per_class)),
+            falls=max(1, round(2.0 * limits.deceleration * step / per_class)),
+            first_speeds=slice(0, min(slowest_first + 1, fineness.speeds)),
+            shrunk=fineness.shrunk * offset_step,
+        )
+
+
+def typical_radius(zones: ZoneBatch) -> float | None:
+    """Median radius of the zones, without what is uncertain of them; None without zones."""
+    return None if zones.size == 0 else float(np.median(zones.radius + zones.extent))
+
+
+def fastest_times(problem: Problem, stations: Array) -> Array:
+    """Earliest times at equidistant stations, from the first on, of a drive along the guide without obstacles."""
+    if problem.profile is not None:
+        return problem.profile.times_at(stations)
+    space, limits = problem.space, problem.limits
+    fine = np.linspace(stations[0], stations[-1], PROFILE_LOOKS * (len(stations) - 1) + 1)
+    squares = np.minimum(
+        space.start_speed**2 + 2.0 * limits.acceleration * fine, max(limits.speed, space.start_speed) ** 2
+    )
+    goal_speed = problem.ends.goal_speed
+    if goal_speed is not None:
+        squares = np.minimum(squares, goal_speed**2 + 2.0 * limits.deceleration * (fine[-1] - fine))
+    speeds = np.sqrt(squares)
+    # Exact where the acceleration is constant
+    times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(fine) / (speeds[:-1] + speeds[1:]))])
+    return times[::PROFILE_LOOKS]

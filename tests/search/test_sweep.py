@@ -1,0 +1,159 @@
+"""Sweeps of words against plain enumeration of states, one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+import pytest
+from scenes import scene
+
+from scp_planner.problem.build import build_problem
+from scp_planner.search.grid import DELAYS, LOOKS, Fineness, Grid
+from scp_planner.search.sweep import ALL, Ends, Sweep
+from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.of_scenario import zones
+
+State = tuple[int, int, int, int]
+TINY = Fineness(slopes=2, steepest=1.0, turns=2, speeds=3, delays=4.0)
+
+
+def small_grid(fineness: Fineness = TINY) -> Grid:
+    """A grid of a trip without obstacles, cut down to eight columns."""
+    scenario = scene()
+    problem = build_problem(scenario, zones(scenario), Settings(max_offset=3.0))
+    return Grid.of(problem, fineness)
+
+
+def free_cells(grid: Grid, rng: np.random.Generator, cases: int) -> np.ndarray:
+    """Random free cells: of each offset, a stretch of the delays, so that there is something to wait for."""
+    shape = (len(grid.lines), len(grid.half_offsets), cases)
+    first = rng.integers(0, 24, shape)
+    length = rng.integers(1, 20, shape)
+    blocked = ((np.uint64(1) << length.astype(np.uint64)) - np.uint64(1)) << first.astype(np.uint64)
+    return np.where(rng.random(shape) < 0.6, ~blocked, ALL)
+
+
+def is_free(free: np.ndarray, line: int, half_offset: int, delay: int, case: int) -> bool:
+    """Whether one cell is free, looked up alone."""
+    inside = 0 <= half_offset < free.shape[1] and 0 <= delay < DELAYS
+    return inside and bool(int(free[line, half_offset, case]) >> delay & 1)
+
+
+def followers(grid: Grid, free: np.ndarray, case: int, i: int, state: State) -> Iterator[State]:
+    """States at the next station, by the rules in words."""
+    k, m, o, d = state
+    margin = len(grid.slopes) // 2
+    for speed in range(max(k - grid.rises, 0), min(k + grid.falls, len(grid.speeds) - 1) + 1):
+        for slope in range(len(grid.slopes)):
+            if abs(slope - m) > grid.turns[speed]:
+                continue
+            half = 2 * o + slope - margin
+            offset = o + slope - margin
+            delay = d + int(grid.shifts[LOOKS * i, speed, slope])
+            if not is_free(free, LOOKS * i + 1, half, delay, case):
+                continue
+            delay += int(grid.shifts[LOOKS * i + 1, speed, slope])
+            while is_free(free, LOOKS * i + 2, 2 * offset, delay, case):
+                yield speed, slope, offset, delay
+                if speed < len(grid.speeds) - 1:
+                    break
+                delay += 1
+
+
+def enumerated(grid: Grid, free: np.ndarray, case: int, ends: Ends) -> list[set[State]]:
+    """States at each station, found one by one."""
+    speeds = range(len(grid.speeds))[grid.first_speeds]
+    reached = [{(k, m, grid.middle, 0) for k in speeds for m in range(len(grid.slopes))[ends.first_slopes]}]
+    for i in range(grid.columns):
+        reached.append({after for state in reached[-1] for after in followers(grid, free, case, i, state)})
+    return reached
+
+
+def as_states(sweep: Sweep, case: int) -> list[set[State]]:
+    """States of a sweep as tuples."""
+    found = []
+    for reached in sweep.reached:
+        words = reached.words[..., case]
+        bits = words[..., None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
+        corner = [reached.speed, reached.slope, reached.offset, 0]
+        found.append({tuple(row) for row in (np.argwhere(bits) + corner).tolist()})
+    return found
+
+
+def ends_of(grid: Grid) -> Ends:
+    goal = np.zeros(2 * grid.middle + 1, dtype=np.uint64)
+    goal[grid.middle - 1 : grid.middle + 2] = ALL
+    return Ends(slice(2, 3), slice(1, 4), goal)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_sweeps_reach_what_enumeration_reaches(seed: int) -> None:
+    grid = small_grid()
+    free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
+    sweep = Sweep(grid, free, ends)
+    for case in range(2):
+        expected = enumerated(grid, free, case, ends)
+        found = as_states(sweep, case)
+        assert found == expected[: len(found)]
+        assert all(not some for some in expected[len(found) :])
+        arrivals = [s[3] for s in expected[-1] if abs(s[2] - grid.middle) <= 1 and 1 <= s[1] <= 3]
+        assert sweep.first_arrival(case) == (min(arrivals) if arrivals else None)
+        assert len(expected[4]) > 50, "the scenes must have ways to be told apart"
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
+    grid = small_grid()
+    free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
+    sweep = Sweep(grid, free, ends)
+    for case in range(2):
+        delay = sweep.first_arrival(case)
+        assert delay is not None
+        states = sweep.trace(delay, case)
+        way = list(zip(*(x.tolist() for x in (states.speed, states.slope, states.offset, states.delay)), strict=True))
+        assert way[0][2:] == (grid.middle, 0)
+        assert way[-1][3] == delay
+        for i in range(grid.columns):
+            assert way[i + 1] in set(followers(grid, free, case, i, way[i]))
+            driven = grid.shifts[LOOKS * i : LOOKS * i + 2, way[i + 1][0], way[i + 1][1]].sum()
+            assert way[i + 1][3] - way[i][3] == driven + states.waited[i]
+
+
+def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:
+    """A wall that opens late: the way stands before it, and leaves when it opens."""
+    grid = small_grid()
+    free = np.full((len(grid.lines), len(grid.half_offsets), 1), ALL)
+    wall, opens = 5 * LOOKS, 40
+    free[wall] = ALL << np.uint64(opens)
+    ends = ends_of(grid)
+    sweep = Sweep(grid, free, ends)
+    delay = sweep.first_arrival()
+    assert delay is not None
+    assert delay >= opens
+    states = sweep.trace(delay)
+    assert states.waited.sum() > 0
+    assert states.delay[5] >= opens
+    assert states.speed[np.flatnonzero(states.waited)[0] + 1] == len(grid.speeds) - 1
+
+
+def test_rounding_of_shifts_does_not_add_up() -> None:
+    grid = small_grid(Fineness())
+    exact = np.cumsum(grid.durations - np.diff(grid.fastest[::LOOKS])[:, None, None], axis=0) / grid.delay_step
+    rounded = np.cumsum(grid.shifts.astype(float), axis=0)[1::LOOKS]
+    cruising = slice(grid.columns // 2, None)  # where the fastest drive has the same speed everywhere
+    error = np.diff(rounded[cruising] - exact[cruising], axis=0).cumsum(axis=0)
+    few = exact[-1] - exact[grid.columns // 2] < DELAYS
+    assert np.abs(error[:, few]).max() <= 1.0 + 1e-9
+    assert few.sum() > 5
+
+
+def test_cases_do_not_touch_each_other() -> None:
+    grid = small_grid()
+    free, ends = free_cells(grid, np.random.default_rng(9), 4), ends_of(grid)
+    together = Sweep(grid, free, ends)
+    alone = partial(Sweep, grid, ends=ends)
+    for case in range(4):
+        one = alone(free=free[..., case : case + 1])
+        assert together.first_arrival(case) == one.first_arrival()
