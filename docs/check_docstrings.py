@@ -26,6 +26,7 @@ NOT_HERE = ("cli",)  # documented by their options; see make_reference.py
 SHAPE = re.compile(
     r"\([^()]*(?:\d|\.\.\.)[^()]*\)|\(\w\)|\(\w,\)|\(\w \+ \w,\)|\(\w, \w\)|same shape|shape of|scalar", re.IGNORECASE
 )
+HAVE_UNITS = ("Rule", "Range(", "Above(")  # in kinds that tell their unit themselves
 SIZES = re.compile(r"\((?:\w{1,2}|\.\.\.)(?:[ ,+]+(?:\w{1,2}|\.\.\.))*,?\)")  # whose letters are no units
 UNIT = re.compile(
     r"(?<![\w/])(?:m|s|rad|Hz|1/m|1/s|m2|m/s2?|m/s3|m/s\^?[23]|m\^2|rad/s|1/\(m s\)|SI(?: units?)?)(?![\w/^])"
