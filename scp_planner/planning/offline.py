@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import log2
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,7 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Run, Status
 from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
+from scp_planner.search.grid import Fineness
 from scp_planner.search.starts import COARSENESSES
 from scp_planner.search.ways import WaySearch, WayTree
 from scp_planner.settings.planning import Settings, for_scene
@@ -55,7 +57,12 @@ WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
-ESTIMATE_SLACK = 0.1  # units of time; how much better than its estimate another way may turn out
+ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate
+FAR_FROM_BOUND = 1.1  # times the lower bound: trips above that are compared with bows
+HOPELESS_AFTER = 8  # iterations, after which a run from a way that is far from feasible makes room for other ways
+HARDLY = 0.15  # largest violation of a run that is worth another one, closer to the way
+FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
+FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
 
 
 def plan(
@@ -180,7 +187,6 @@ class _Branch:
     estimate: float
     start: Callable[[float], Trajectory]
     touched: tuple[tuple[int, int], ...] = ()
-    within: float = np.inf
 
 
 def _promise(run: Run) -> tuple[bool, float]:
@@ -240,6 +246,7 @@ class _Planning:
     guide: Guide | None = None  # the guide itself
     own_solver: QpSolver | None = None
     given: Given | None = None
+    incumbent: _Attempt | None = None
 
     def __post_init__(self) -> None:
         clock = perf_counter()
@@ -255,7 +262,8 @@ class _Planning:
         self.lower_bound = kinematic_bound(self.scenario)
         self.everything = everything
         self.problem = without_far_zones(everything, LONGEST_TRIP * self.lower_bound)
-        self.loop = ScpLoop(self.problem, self.solver, fallback)
+        self.loop = ScpLoop(self.problem, self.solver, fallback, HOPELESS_AFTER)
+        self.patient_loop = ScpLoop(self.problem, self.solver, fallback)
         self.timings["build"] += perf_counter() - clock
 
     def _solvers(self) -> tuple[QpSolver, str | None]:
@@ -277,79 +285,116 @@ class _Planning:
         Other ways than the one just tried differ in the side on which some obstacle is passed. Only obstacles that the
         trip touches can hold it up, so only their sides are closed in turn.
         """
-        best: _Attempt | None = None
         failed: list[_Branch] = []
         for branch in self._branches():
-            if best is not None and best.holds:
-                if branch.estimate - ESTIMATE_SLACK > best.travel_time:
-                    break
-                cutoff = best.travel_time
-            else:
-                cutoff = np.inf
-            self.tried += 1
-            attempt = self._attempt(branch.start(SMOOTHING), cutoff, None if cutoff == np.inf else best)
-            if not attempt.run.feasible and cutoff == np.inf:
+            attempt = self._try(branch)
+            if not attempt.run.feasible and not self._certified:
                 failed.append(branch)
-            branch.touched = _touched(self.problem, attempt.run)
-            if attempt.better_than(best):
-                best = attempt
-            logger.debug("a way of about %.4f s led to %.4f s", branch.estimate, attempt.travel_time)
-            if perf_counter() > self.deadline or self._good_enough(best):
+            if perf_counter() > self.deadline or self._good_enough:
                 break
-            if best is not None and best.holds:
-                branch.within = best.travel_time + ESTIMATE_SLACK
+        best = self.incumbent
         broken = best is not None and best.run.status is Status.SOLVER_FAILED
         if best is None or not (best.holds or broken or perf_counter() > self.deadline):
             for attempt in self._second_thoughts(failed):
                 best = attempt if attempt.better_than(best) else best
                 if attempt.holds or perf_counter() > self.deadline:
                     break
+        elif best.holds and self._may_be_poor(best):
+            attempt = self._from_bows(best)
+            best = attempt if attempt.better_than(best) else best
         assert best is not None and best.certificate is not None, "the first start is never cut off"
         return best.run, best.certificate
+
+    def _try(self, branch: _Branch) -> _Attempt:
+        """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""
+        best = self.incumbent
+        rival, cutoff = (best, best.travel_time) if best is not None and best.holds else (None, np.inf)
+        self.tried += 1
+        attempt = self._attempt(branch.start(SMOOTHING), cutoff, rival)
+        run = attempt.run
+        if run.status is Status.INFEASIBLE and run.evaluation.worst_violation < HARDLY:
+            self.tried += 1
+            again = self._attempt(branch.start(CLOSE_SMOOTHING), cutoff, rival)
+            attempt = again if again.better_than(attempt) else attempt
+        branch.touched = _touched(self.problem, attempt.run)
+        if attempt.better_than(best):
+            self.incumbent = attempt
+        logger.debug("a way of about %.4f s led to %.4f s", branch.estimate, attempt.travel_time)
+        return attempt
 
     def _second_thoughts(self, failed: Sequence[_Branch]) -> Iterator[_Attempt]:
         """Runs from starts that keep closer to the ways, then from bows: where nothing is certified yet."""
         for branch in failed[:SECOND_THOUGHTS]:
             self.tried += 1
-            yield self._attempt(branch.start(CLOSE_SMOOTHING), np.inf)
+            yield self._attempt(branch.start(CLOSE_SMOOTHING), np.inf, loop=self.patient_loop)
         if self.tried < self.settings.max_runs:
             yield self._from_bows()
 
-    def _from_bows(self) -> _Attempt:
-        """Run the loop from bows, in a race, where the search finds no way or leads to none."""
-        logger.info("no way that the search found was certified; starting from bows")
+    def _from_bows(self, rival: _Attempt | None = None) -> _Attempt:
+        """Run the loop from bows, in a race, where the search finds no way, or leads to none that is fast."""
+        logger.info("starting from bows")
         clock = perf_counter()
+        cutoff = np.inf if rival is None else rival.travel_time
         starts = list(bows(self.problem))
-        runs = self.loop.run_all(starts, self.settings.max_iterations, np.inf, self.deadline, race=True)
+        runs = self.patient_loop.run_all(starts, self.settings.max_iterations, cutoff, self.deadline, race=True)
         self.timings["scp"] += perf_counter() - clock
         self.iterations += sum(len(run.record) for run in runs)
         self.tried += len(runs)
         best = min(runs, key=_promise)
+        if rival is not None and _promise(best) >= _promise(rival.run):
+            return _Attempt(best, None)
         # Once more from where it ended, with what the samples missed
-        return self._attempt(best.evaluation.trajectory, np.inf)
+        return self._attempt(best.evaluation.trajectory, cutoff)
 
-    def _good_enough(self, best: _Attempt | None) -> bool:
-        return best is not None and best.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH)
+    @property
+    def _certified(self) -> bool:
+        return self.incumbent is not None and self.incumbent.holds
+
+    @property
+    def _good_enough(self) -> bool:
+        best, effort = self.incumbent, self.settings.effort
+        return best is not None and best.holds and best.travel_time <= self.lower_bound * (1.0 + GOOD_ENOUGH / effort)
+
+    def _may_be_poor(self, best: _Attempt) -> bool:
+        """Whether bows are worth a trial, with more effort than usual: the search itself hardly ever needs them."""
+        far = best.travel_time > FAR_FROM_BOUND * self.lower_bound
+        return far and self.settings.effort >= FINER_EFFORT and perf_counter() < self.deadline
+
+    def _within(self, search: WaySearch) -> float:
+        """Estimates above this, s, are of ways that hardly lead to a faster trip."""
+        if self.incumbent is None or not self.incumbent.holds:
+            return np.inf
+        error = ESTIMATE_ERROR * search.grid.delay_step * (1.0 + log2(max(self.settings.effort, 1.0)))
+        return self.incumbent.travel_time + error
 
     def _branches(self) -> Iterator[_Branch]:
         """Ways round with starts for the loop."""
-        clock = perf_counter()
-        runs = 0
+        effort = self.settings.effort
         for coarseness in COARSENESSES:
-            search = WaySearch(self.problem, coarseness)
-            tree = WayTree(search, self.settings.searches)
-            while runs < self.settings.max_runs:
-                way = tree.next()
-                if way is None:
-                    break
-                branch = _Branch(way.travel_time, partial(trip_along, self.problem, way))
-                runs += 1
-                self.timings["search"] += perf_counter() - clock
+            count = 0
+            for branch in self._branches_on(WaySearch(self.problem, coarseness)):
+                count += 1
                 yield branch
-                clock = perf_counter()
-                tree.branch(branch.touched, branch.within)
-            if runs:
+            if count:
                 break
+        if effort >= FINER_EFFORT:
+            for fineness in FINER_GRIDS:
+                yield from self._branches_on(WaySearch(self.problem, fineness=fineness))
+
+    def _branches_on(self, search: WaySearch) -> Iterator[_Branch]:
+        """Ways round on one grid."""
+        clock = perf_counter()
+        effort = self.settings.effort
+        tree = WayTree(search, max(1, round(self.settings.searches * effort)), self._within(search))
+        for _ in range(max(1, round(self.settings.max_runs * effort))):
+            way = tree.next()
+            if way is None or way.travel_time > self._within(search):
+                break
+            branch = _Branch(way.travel_time, partial(trip_along, self.problem, way))
+            self.timings["search"] += perf_counter() - clock
+            yield branch
+            clock = perf_counter()
+            tree.branch(branch.touched, self._within(search))
         self.timings["search"] += perf_counter() - clock
 
     def along_the_guide(self, beta: Array, near: float, cutoff: float) -> _Attempt:
@@ -357,12 +402,14 @@ class _Planning:
         # The new guide may be a little longer than the path that it is: the same accelerations may end before it does.
         problem = self.problem
         return self.from_start(
-            arriving(problem.space, problem.ends.theta, beta, problem.limits.acceleration, near), cutoff
+            arriving(problem.space, problem.ends.theta, beta, problem.limits.acceleration, near),
+            cutoff,
+            self.patient_loop,
         )
 
-    def from_start(self, start: Trajectory, cutoff: float) -> _Attempt:
+    def from_start(self, start: Trajectory, cutoff: float, loop: ScpLoop | None = None) -> _Attempt:
         """Run the loop from a trip of the problem's space."""
-        return self._attempt(start, cutoff)
+        return self._attempt(start, cutoff, loop=loop)
 
     def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> Run:
         """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
@@ -380,9 +427,11 @@ class _Planning:
             run = further
         return run
 
-    def _attempt(self, start: Trajectory, cutoff: float, rival: _Attempt | None = None) -> _Attempt:
+    def _attempt(
+        self, start: Trajectory, cutoff: float, rival: _Attempt | None = None, loop: ScpLoop | None = None
+    ) -> _Attempt:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
-        loop, problem = self.loop, self.problem
+        loop, problem = loop or self.loop, self.problem
         for repeat in range(TIGHTENINGS + 1):
             clock = perf_counter()
             against = None if rival is None else rival.run.evaluation

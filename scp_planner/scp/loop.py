@@ -50,6 +50,7 @@ MENDED = 2e-3  # a step from a larger violation than this may lead to a place fr
 SHORTEST_SOLVE = 1e-3  # s, that a solver is given at least: some take 0 for no limit
 SETTLED = 0.4 * FEASIBILITY  # largest violation of a trip that is taken as it is when nothing is left to gain
 GRAVE = 5e-3  # violations below this are no reason to lose patience
+HOPELESS = 0.15  # largest violation, after some iterations, of runs that are given up where there are others
 RETRY_TRUST = TrustRegion(theta=0.3, beta=1.0, rho=0.1)
 ANYWHERE = TrustRegion(theta=1e3, beta=1e2, rho=0.9)
 PROJECTIONS = 3  # onto a user's own constraints; the length of the path is linearised in each
@@ -191,10 +192,15 @@ class ScpLoop:
     solver : QpSolver
     fallback : str, optional
         Name of the solver to try when the solver fails.
+    hopeless_after : int, optional
+        A run that is still far from feasible after so many iterations ends; None: it goes on.
     """
 
-    def __init__(self, problem: Problem, solver: QpSolver, fallback: str | None = None) -> None:
+    def __init__(
+        self, problem: Problem, solver: QpSolver, fallback: str | None = None, hopeless_after: int | None = None
+    ) -> None:
         self.problem = problem
+        self.hopeless_after = problem.settings.max_iterations if hopeless_after is None else hopeless_after
         self.solver = solver
         self.fallback = fallback
         self.kinematics = KinematicRows(problem)
@@ -363,6 +369,8 @@ class ScpLoop:
                 ended = self._escalated(run.evaluation, penalties)
                 progress = _Progress(number, violation)
                 trust = RETRY_TRUST
+            if ended is None and number >= self.hopeless_after and violation > HOPELESS:
+                ended = Status.INFEASIBLE
             if ended is not None:
                 run.status = ended
                 break

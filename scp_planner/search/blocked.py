@@ -21,7 +21,8 @@ from scp_planner.trips.guide import GuideFrame
 from scp_planner.trips.path import Path
 
 STRETCH = 16  # delays that are looked at together
-MOST_LOOKS = 400_000  # at a time: lines, times and zones
+MOST_LOOKS = 100_000  # at a time: lines, times and zones
+MOST_KEPT = 100_000  # cuts, of all zones
 FOLD = 0.8  # of the guide's radius of curvature; offsets beyond it are no way
 
 
@@ -156,14 +157,21 @@ class Cells:
     def __init__(self, problem: Problem, grid: Grid) -> None:
         self.problem, self.grid = problem, grid
         self.lines = Lines(problem, grid)
+        self._kept: list[Cuts] | None = []  # None: too many to be kept
         self._closed: dict[tuple[int, int], Words] = {}
 
     @cached_property
     def free(self) -> Words:
         """Free cells with all sides open, (lines, half offsets)."""
         blocked = np.zeros((*self.shape, DELAYS), dtype=np.bool_)
+        kept: list[Cuts] = []
         for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size)):
             self._mark(blocked, cuts, 0)
+            kept.append(cuts)
+            if sum(len(some.line) for some in kept) > MOST_KEPT:
+                kept, self._kept = [], None
+        if self._kept is not None:
+            self._kept = kept
         words = ~_words(blocked)
         words[self._outside()] = 0
         return words
@@ -175,14 +183,28 @@ class Cells:
 
     def without(self, closed: tuple[tuple[int, int], ...]) -> Words:
         """Free cells when some (zone, side) are closed: +1 above, -1 below."""
-        words = self.free
+        words = self.free  # whose cuts are kept
         for side in closed:
             if side not in self._closed:
-                blocked = np.zeros((*self.shape, DELAYS), dtype=np.bool_)
-                for cuts in self.lines.all_cuts(np.array([side[0]], dtype=np.intp)):
-                    self._mark(blocked, cuts, side[1])
-                self._closed[side] = ~_words(blocked)
+                self._closed[side] = self._without(*side)
             words = words & self._closed[side]
+        return words
+
+    def _cuts_of(self, zone: int) -> Iterator[Cuts]:
+        """What one zone blocks."""
+        if self._kept is None:
+            yield from self.lines.all_cuts(np.array([zone], dtype=np.intp))
+        else:
+            yield from (some.only(np.flatnonzero(some.zone == zone)) for some in self._kept)
+
+    def _without(self, zone: int, side: int) -> Words:
+        """Free cells when one side of one zone is closed."""
+        words = np.full(self.shape, ~np.uint64(0))
+        for cuts in self._cuts_of(zone):
+            lines, place = np.unique(cuts.line, return_inverse=True)
+            blocked = np.zeros((len(lines), self.shape[1], DELAYS), dtype=np.bool_)
+            self._mark(blocked, replace(cuts, line=place), side)
+            words[lines] &= ~_words(blocked)
         return words
 
     def _mark(self, blocked: Mask, cuts: Cuts, side: int) -> None:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Limits
 from scp_planner.threat_zones.batch import ZoneBatch
 
 Words = NDArray[np.uint64]
@@ -40,10 +41,10 @@ class Fineness:
     ----------
     stations : float
         Stations to a typical radius of what is in the way.
-    slopes : int
-        Classes of slope to each side.
-    steepest : float
-        The largest slope.
+    slope_step : float
+        The least slope but 0.
+    slopes : tuple of int
+        Classes of slope to each side, in steps: about equal angles lie between them.
     turns : int
         Classes by which the slope changes between stations, at most.
     speeds : int
@@ -55,16 +56,16 @@ class Fineness:
     """
 
     stations: float = 0.9
-    slopes: int = 5
-    steepest: float = 1.25
+    slope_step: float = 0.25
+    slopes: tuple[int, ...] = (1, 2, 3, 4, 6, 9, 14)
     turns: int = 3
     speeds: int = 5
     delays: float = 10.0
     shrunk: float = 0.4
 
 
+LEAST_STEP = 0.2  # of the braking distance and of the turning radius at top speed: finer steps lead to no other ways
 FEWEST_STATIONS, MOST_STATIONS = 12, 2000
-LEAST_SLOPES = 1e-3
 PROFILE_LOOKS = 8  # at the fastest drive, between lines
 
 
@@ -78,11 +79,13 @@ class Grid:
         Stations, and the middles between them.
     fastest : (2 n + 1,) array
         When the fastest drive is there.
-    offset_step, slope_step, delay_step : float
+    offset_step, delay_step : float
     middle : int
         Offsets to each side.
     slopes : (M,) array
-        Multiples of the slope's step.
+        Slopes of the classes, increasing.
+    sidesteps : (M,) array of int
+        By how many offsets each leads to the side, from one station to the next.
     speeds : (K,) array
         Highest speed of each class, the fastest first.
     turns : (K,) array of int
@@ -98,10 +101,10 @@ class Grid:
     lines: Array
     fastest: Array
     offset_step: float
-    slope_step: float
     delay_step: float
     middle: int
     slopes: Array
+    sidesteps: Index
     speeds: Array
     turns: Index
     rises: int
@@ -168,28 +171,30 @@ class Grid:
         space, limits = problem.space, problem.limits
         top = max(limits.speed, space.start_speed)
         radius = typical_radius(problem.zones)
-        count = FEWEST_STATIONS if radius is None else round(space.length * fineness.stations / radius)
-        count = min(max(count, FEWEST_STATIONS), MOST_STATIONS)
+        count: float = FEWEST_STATIONS
+        if radius is not None:
+            finest = LEAST_STEP * min(top * top / (2.0 * limits.deceleration), _turning_radius(limits, top))
+            count = space.length / max(radius / fineness.stations, finest)
+        count = round(min(max(count, FEWEST_STATIONS), MOST_STATIONS))
         lines = np.linspace(0.0, space.length, LOOKS * count + 1)
         step = space.length / count
-        slope_step = fineness.steepest / fineness.slopes
-        offset_step = slope_step * step
+        offset_step = fineness.slope_step * step
         middle = max(2, int(min(reach, problem.settings.max_offset) / offset_step))
-        slopes: Array = slope_step * np.arange(-fineness.slopes, fineness.slopes + 1, dtype=np.float64)
+        steps = np.array([*(-some for some in reversed(fineness.slopes)), 0, *fineness.slopes], dtype=np.intp)
         squares = top * top * (1.0 - np.arange(fineness.speeds) / (fineness.speeds - 0.5))
         per_class = squares[0] - squares[1]
         with np.errstate(divide="ignore"):
             bends = np.minimum(limits.lateral_acceleration / squares, limits.curvature)
-        turns = np.clip(np.round(np.minimum(bends * step / slope_step, fineness.turns)), 1, fineness.turns)
+        turns = np.clip(np.round(np.minimum(bends * step / fineness.slope_step, fineness.turns)), 1, fineness.turns)
         slowest_first = int(np.searchsorted(-squares, -(space.start_speed**2), "left"))
         return cls(
             lines=lines,
             fastest=fastest_times(problem, lines),
             offset_step=offset_step,
-            slope_step=slope_step,
             delay_step=coarseness * step / (top * fineness.delays),
             middle=middle,
-            slopes=slopes,
+            slopes=fineness.slope_step * steps.astype(np.float64),
+            sidesteps=steps,
             speeds=np.sqrt(squares),
             turns=turns.astype(np.intp),
             rises=max(1, round(2.0 * limits.acceleration * step / per_class)),
@@ -197,6 +202,12 @@ class Grid:
             first_speeds=slice(0, min(slowest_first + 1, fineness.speeds)),
             shrunk=fineness.shrunk * offset_step,
         )
+
+
+def _turning_radius(limits: Limits, speed: float) -> float:
+    """Radius of the tightest bend at a speed; inf without limits, as nothing is to be told apart then."""
+    bend = min(limits.curvature, limits.lateral_acceleration / (speed * speed))
+    return 1.0 / bend if np.isfinite(bend) else np.inf
 
 
 def typical_radius(zones: ZoneBatch) -> float | None:

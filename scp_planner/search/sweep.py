@@ -77,14 +77,17 @@ class _Reached:
         return self.offset + self.words.shape[2]
 
     def trimmed(self) -> _Reached | None:
-        """The same without slopes and speeds at the ends that nothing is reached with; None if nothing is reached."""
-        some = np.bitwise_or.reduce(self.words.reshape(*self.words.shape[:2], -1), axis=2) != 0
-        speeds, slopes = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
-        if len(slopes) == 0:
+        """The same without ends of the block that nothing is reached with; None if nothing is reached."""
+        words = self.words
+        speeds = np.flatnonzero(np.bitwise_or.reduce(words.reshape(len(words), -1), axis=1))
+        if len(speeds) == 0:
             return None
-        k, m = int(speeds[0]), int(slopes[0])
-        words = self.words[k : int(speeds[-1]) + 1, m : int(slopes[-1]) + 1]
-        return _Reached(words, self.speed + k, self.slope + m, self.offset)
+        some = np.bitwise_or.reduce(words, axis=0)
+        slopes = np.flatnonzero(np.bitwise_or.reduce(some.reshape(len(some), -1), axis=1))
+        offsets = np.flatnonzero(np.bitwise_or.reduce(np.bitwise_or.reduce(some, axis=0), axis=1))
+        k, m, o = int(speeds[0]), int(slopes[0]), int(offsets[0])
+        words = words[k : int(speeds[-1]) + 1, m : int(slopes[-1]) + 1, o : int(offsets[-1]) + 1]
+        return _Reached(words, self.speed + k, self.slope + m, self.offset + o)
 
 
 class Sweep:
@@ -96,19 +99,23 @@ class Sweep:
     free : (lines, half offsets, C) array of words
         Free cells in each case.
     ends : Ends
+    in_time : (n + 1, K, O) array of words
+        Delays that are looked at, at each station, of each class of speed and offset.
     """
 
-    def __init__(self, grid: Grid, free: Words, ends: Ends) -> None:
-        self.grid, self.free = grid, free
-        self._margin = len(grid.slopes) // 2
+    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Words) -> None:
+        self.grid, self.free, self.in_time = grid, free, in_time
+        self._margin = int(grid.sidesteps.max())
         start = np.zeros((len(grid.speeds), len(grid.slopes), 1, free.shape[2]), dtype=np.uint64)
         start[grid.first_speeds, ends.first_slopes] = ONE
         first = _Reached(start, 0, 0, grid.middle).trimmed()
         assert first is not None, "there is a slope and a speed at the start"
         self.reached = [first]
         self.arrivals: Words = np.zeros_like(start)
-        open_ = np.any(free[::LOOKS, ::2] != 0, axis=2)
+        open_ = np.any(in_time != 0, axis=1)
         some = open_.any(axis=1)
+        # Classes of speed from which the goal is reached in time, at each station
+        self._timely = np.count_nonzero(np.any(in_time != 0, axis=2), axis=1).tolist()
         begin, end = np.argmax(open_, axis=1), open_.shape[1] - np.argmax(open_[:, ::-1], axis=1)
         for i in range(1, grid.columns + 1):
             before = self.reached[-1]
@@ -125,36 +132,34 @@ class Sweep:
 
     def _advanced(self, i: int, low: int, high: int) -> _Reached:
         """What is reached at the next station, at offsets from low to before high."""
-        grid, margin, before = self.grid, self._margin, self.reached[-1]
-        left = self._turned(self._driven(before))
-        speeds, steep, width, cases = left.words.shape
-        # No way leads from the offsets by more than the margin, and back by as much again.
-        room = np.zeros((speeds, steep, width + 4 * margin, cases), dtype=np.uint64)
-        room[:, :, 2 * margin : 2 * margin + width] = left.words
-        speed, row, column, cell = room.strides
-        begin = (low - before.offset + 3 * margin - left.slope) * column
-        # Seen along the slopes: what arrives at an offset with a slope has left from another one.
-        shape, strides = (speeds, steep, high - low, cases), (speed, row - column, column, cell)
-        arriving: Words = np.ndarray(shape, np.uint64, room, begin, strides)
+        grid, before = self.grid, self.reached[-1]
+        left = self._turned(self._driven(before, self._timely[i]))
+        speeds, steep, _, cases = left.words.shape
+        arriving = np.zeros((speeds, steep, high - low, cases), dtype=np.uint64)
+        for row, side in enumerate(grid.sidesteps[left.slope : left.slope + steep].tolist()):
+            first, last = max(before.offset + side, low), min(before.last + side, high)
+            if first < last:
+                begin = first - side - before.offset
+                arriving[:, row, first - low : last - low] = left.words[:, row, begin : begin + last - first]
         line = LOOKS * (i - 1) + 1
         some = (slice(left.speed, left.speed + speeds), slice(left.slope, left.slope + steep))
-        words: Words = np.left_shift(arriving, grid.shifts[line - 1][some][:, :, None, None])
+        words: Words = np.left_shift(arriving, grid.shifts[line - 1][some][:, :, None, None], out=arriving)
         words &= self._halfway(line, low, high)[some[1]]
         np.left_shift(words, grid.shifts[line][some][:, :, None, None], out=words)
         free = self.free[line + 1, 2 * low : 2 * high - 1 : 2]
-        words &= free
+        words &= free & self.in_time[i, some[0], None, low:high, None]
         if left.speed + speeds == len(grid.speeds):
-            _wait(words[-1], free)
+            _wait(words[-1], free & self.in_time[i, -1, low:high, None])
         return _Reached(words, left.speed, left.slope, low)
 
-    def _driven(self, before: _Reached) -> _Reached:
-        """The same states after changes of speed."""
+    def _driven(self, before: _Reached, timely: int) -> _Reached:
+        """The same states after changes of speed, to so many classes, the fastest first."""
         grid, (speeds, slopes, width, cases) = self.grid, before.words.shape
         fast = max(before.speed - grid.rises, 0)
-        slow = min(before.speed + speeds + grid.falls, len(grid.speeds))
+        slow = max(min(before.speed + speeds + grid.falls, timely), fast + 1)
         driven = np.zeros((slow - fast, slopes, width, cases), dtype=np.uint64)
         for change in range(-grid.rises, grid.falls + 1):
-            first, last = max(before.speed + change, 0), min(before.speed + speeds + change, len(grid.speeds))
+            first, last = max(before.speed + change, 0), min(before.speed + speeds + change, slow)
             if first < last:
                 begin = first - change - before.speed
                 driven[first - fast : last - fast] |= before.words[begin : begin + last - first]
@@ -182,16 +187,9 @@ class Sweep:
 
     def _halfway(self, line: int, low: int, high: int) -> Words:
         """Free cells halfway to each offset from low to before high with each slope, (M, B, C)."""
-        margin, cases = self._margin, self.free.shape[2]
-        rows = np.zeros((2 * (high - low) - 1 + 2 * margin, cases), dtype=np.uint64)
-        first, last = max(2 * low - margin, 0), min(2 * high - 1 + margin, self.free.shape[1])
-        begin = first - (2 * low - margin)
-        rows[begin : begin + last - first] = self.free[line, first:last]
-        row, cell = rows.strides
-        # The half offset 2 o - m of offset o and slope m, which counts from the steepest to the right
-        shape, strides = (2 * margin + 1, high - low, cases), (-row, 2 * row, cell)
-        halfway: Words = np.ndarray(shape, np.uint64, rows, 2 * margin * row, strides)
-        return halfway
+        places = 2 * np.arange(low, high) - self.grid.sidesteps[:, None]
+        free: Words = np.take(self.free[line], places, axis=0, mode="clip")
+        return free
 
     def first_arrival(self, case: int = 0) -> int | None:
         """The least delay at the goal in a case; None if it is not reached."""
@@ -204,14 +202,14 @@ class Sweep:
         states = np.zeros((count + 1, 5), dtype=np.intp)
         corner = np.array([last.speed, last.slope, last.offset])
         some = corner + np.argwhere(self.arrivals[..., case] >> np.uint64(delay) & ONE)
-        straight = some[:, 0] + np.abs(some[:, 1] - self._margin) + np.abs(some[:, 2] - grid.middle)
+        straight = some[:, 0] + np.abs(grid.sidesteps[some[:, 1]]) + np.abs(some[:, 2] - grid.middle)
         states[count, :4] = *some[int(np.argmin(straight))], delay
         for i in range(count, 0, -1):
             k, m, o, d, _ = states[i].tolist()
             came = self._came(case, i, m, o, d) if k == len(grid.speeds) - 1 else d
             states[i, 4] = d - came
             d = came - int(grid.shifts[LOOKS * i - 2, k, m] + grid.shifts[LOOKS * i - 1, k, m])
-            states[i - 1, :4] = *self._before(case, i, m, k, o - (m - self._margin), d), d
+            states[i - 1, :4] = *self._before(case, i, m, k, o - int(grid.sidesteps[m]), d), d
         return States(states[:, 1], states[:, 0], states[:, 2], states[:, 3], states[1:, 4])
 
     def _earlier(self, case: int, i: int, m: int, k: int, offset: int) -> _Reached:
@@ -241,10 +239,14 @@ class Sweep:
         """The delay at which the slowest came to a station where they then waited until another."""
         grid = self.grid
         line, k, mask = LOOKS * (i - 1) + 1, len(grid.speeds) - 1, int(ALL)
-        words = self._earlier(case, i, m, k, offset - (m - self._margin)).words
+        words = self._earlier(case, i, m, k, offset - int(grid.sidesteps[m])).words
         came = int(np.bitwise_or.reduce(words, axis=None)) << int(grid.shifts[line - 1, k, m]) & mask
-        came &= int(self.free[line, 2 * offset - (m - self._margin), case])
-        came = came << int(grid.shifts[line, k, m]) & mask & int(self.free[line + 1, 2 * offset, case])
+        came &= int(self.free[line, 2 * offset - int(grid.sidesteps[m]), case])
+        came = (
+            came << int(grid.shifts[line, k, m])
+            & mask
+            & int(self.free[line + 1, 2 * offset, case] & self.in_time[i, k, offset])
+        )
         return (came & (2 << delay) - 1).bit_length() - 1
 
 

@@ -18,11 +18,11 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, LOOKS, Fineness, Grid, Words
-from scp_planner.search.sweep import Ends, Sweep
+from scp_planner.search.sweep import ALL, ONE, Ends, Sweep
 
 Closed = tuple[tuple[int, int], ...]
 
-WINDOWS = (0.15, 0.4, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
+WINDOWS = (0.08, 0.25, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 
 
@@ -124,8 +124,7 @@ class WaySearch:
         for window in WINDOWS if within == np.inf else WINDOWS[-1:]:
             latest = grid.fastest[-1] + window * DELAYS * grid.delay_step
             free = np.stack([self.cells.without(cases[k]) for k in left], axis=2)
-            free[::LOOKS, ::2] &= self._in_time(min(within, latest))[:, :, None]
-            sweep = Sweep(grid, free, self.ends)
+            sweep = Sweep(grid, free, self.ends, self._in_time(min(within, latest)))
             for case, k in enumerate(left):
                 found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]
@@ -145,15 +144,20 @@ class WaySearch:
         return Way(float(times[-1]), grid.stations, offsets, times, self._sides(offsets, times))
 
     def _in_time(self, within: float) -> Words:
-        """Delays from which the goal may be reached in time, (n + 1, O) words."""
-        grid = self.grid
+        """Delays from which each class of speed may reach the goal in time, (n + 1, K, O) words."""
+        grid, acceleration = self.grid, self.problem.limits.acceleration
         left = grid.lines[-1] - grid.stations
-        more = (np.hypot(left[:, None], grid.offsets) - left[:, None]) / float(grid.speeds[0])
-        # The steepest slope may lead there, and rounding takes a delay
-        longest = min(within - grid.fastest[-1], DELAYS * grid.delay_step)
-        delays = np.floor((longest - more) / grid.delay_step) + 2.0
-        count = np.clip(delays, 0, DELAYS).astype(np.uint64)
-        words: Words = np.where(count > 0, ~np.uint64(0) >> (np.uint64(DELAYS) - np.maximum(count, 1)), np.uint64(0))
+        far = np.hypot(left[:, None], grid.offsets)[:, None, :]
+        speed, top = grid.speeds[:, None], float(grid.speeds[0])
+        ramp = (top * top - speed * speed) / (2.0 * acceleration)
+        reached = np.sqrt(speed * speed + 2.0 * acceleration * np.minimum(far, ramp))
+        least = (reached - speed) / acceleration + np.maximum(far - ramp, 0.0) / top
+        # Rounding takes a delay
+        latest = (
+            min(within, float(grid.fastest[-1]) + DELAYS * grid.delay_step) - least - grid.fastest[::LOOKS, None, None]
+        )
+        count = np.clip(np.floor(latest / grid.delay_step) + 2.0, 0, DELAYS).astype(np.uint64)
+        words: Words = np.where(count > 0, ALL >> (np.uint64(DELAYS) - np.maximum(count, ONE)), np.uint64(0))
         return words
 
     def _sides(self, offsets: Array, times: Array) -> tuple[tuple[int, int], ...]:
@@ -179,15 +183,15 @@ class WaySearch:
 class WayTree:
     """Ways round, the fastest estimate first; each may be branched at obstacles whose side is then closed."""
 
-    def __init__(self, search: WaySearch, most: int) -> None:
-        """Search for the first way; for at most so many in all."""
+    def __init__(self, search: WaySearch, most: int, within: float = np.inf) -> None:
+        """Search for the first way, if its estimate is not longer than ``within``, s; for at most so many in all."""
         self.search = search
         self.most = most
         self.heap: list[tuple[float, int, Way, frozenset[tuple[int, int]]]] = []
         self.seen: set[frozenset[tuple[int, int]]] = set()
         self.tried: set[frozenset[tuple[int, int]]] = set()
         self.closed: frozenset[tuple[int, int]] = frozenset()
-        self._look([self.closed], np.inf)
+        self._look([self.closed], within)
 
     def next(self) -> Way | None:
         """The way with the fastest estimate that has not been taken."""

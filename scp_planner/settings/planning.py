@@ -59,6 +59,10 @@ class Settings(Knobs):
         Planned distance to the sides of the workspace box. None: 0.005 units.
     max_offset : float or None
         Largest offset of the path from the guide. Larger: wider detours are looked at. None: 8 units.
+    effort : float
+        Factor of ``searches`` and ``max_runs``, and of how surely the fastest way round is found: from 2 on finer grids
+        are searched as well. Larger: slower, up to that factor. With a time limit the search goes on until then, or
+        until no way is left that may be faster.
     searches : int
         Sweeps of the search for ways round, at most. More: better odds of the best way among many obstacles.
     max_runs : int
@@ -81,6 +85,7 @@ class Settings(Knobs):
     limit_margin: Annotated[float, Range(0.0, 0.5)] = 1e-4
     box_margin: Annotated[float | None, Range(0.0, LARGEST, "m")] = None
     max_offset: Annotated[float | None, Above(0.0, LARGEST, "m")] = None
+    effort: Annotated[float, Range(0.05, 1000.0)] = 1.0
     searches: Annotated[int, Range(1, 1000)] = 24
     max_runs: Annotated[int, Range(1, 1000)] = 8
     max_iterations: Annotated[int, Range(1, 1000)] = 60

@@ -16,7 +16,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
 State = tuple[int, int, int, int]
-TINY = Fineness(slopes=2, steepest=1.0, turns=2, speeds=3, delays=4.0)
+TINY = Fineness(slope_step=0.5, slopes=(1, 3), turns=2, speeds=3, delays=4.0)
 
 
 def small_grid(fineness: Fineness = TINY) -> Grid:
@@ -44,13 +44,13 @@ def is_free(free: np.ndarray, line: int, half_offset: int, delay: int, case: int
 def followers(grid: Grid, free: np.ndarray, case: int, i: int, state: State) -> Iterator[State]:
     """States at the next station, by the rules in words."""
     k, m, o, d = state
-    margin = len(grid.slopes) // 2
+    sidesteps = (-3, -1, 0, 1, 3)
     for speed in range(max(k - grid.rises, 0), min(k + grid.falls, len(grid.speeds) - 1) + 1):
         for slope in range(len(grid.slopes)):
             if abs(slope - m) > grid.turns[speed]:
                 continue
-            half = 2 * o + slope - margin
-            offset = o + slope - margin
+            half = 2 * o + sidesteps[slope]
+            offset = o + sidesteps[slope]
             delay = d + int(grid.shifts[LOOKS * i, speed, slope])
             if not is_free(free, LOOKS * i + 1, half, delay, case):
                 continue
@@ -82,6 +82,11 @@ def as_states(sweep: Sweep, case: int) -> list[set[State]]:
     return found
 
 
+def always(grid: Grid) -> np.ndarray:
+    """All delays are in time."""
+    return np.full((grid.columns + 1, len(grid.speeds), 2 * grid.middle + 1), ALL)
+
+
 def ends_of(grid: Grid) -> Ends:
     goal = np.zeros(2 * grid.middle + 1, dtype=np.uint64)
     goal[grid.middle - 1 : grid.middle + 2] = ALL
@@ -92,7 +97,7 @@ def ends_of(grid: Grid) -> Ends:
 def test_sweeps_reach_what_enumeration_reaches(seed: int) -> None:
     grid = small_grid()
     free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
-    sweep = Sweep(grid, free, ends)
+    sweep = Sweep(grid, free, ends, always(grid))
     for case in range(2):
         expected = enumerated(grid, free, case, ends)
         found = as_states(sweep, case)
@@ -107,7 +112,7 @@ def test_sweeps_reach_what_enumeration_reaches(seed: int) -> None:
 def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
     grid = small_grid()
     free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
-    sweep = Sweep(grid, free, ends)
+    sweep = Sweep(grid, free, ends, always(grid))
     for case in range(2):
         delay = sweep.first_arrival(case)
         assert delay is not None
@@ -128,7 +133,7 @@ def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:
     wall, opens = 5 * LOOKS, 40
     free[wall] = ALL << np.uint64(opens)
     ends = ends_of(grid)
-    sweep = Sweep(grid, free, ends)
+    sweep = Sweep(grid, free, ends, always(grid))
     delay = sweep.first_arrival()
     assert delay is not None
     assert delay >= opens
@@ -152,8 +157,8 @@ def test_rounding_of_shifts_does_not_add_up() -> None:
 def test_cases_do_not_touch_each_other() -> None:
     grid = small_grid()
     free, ends = free_cells(grid, np.random.default_rng(9), 4), ends_of(grid)
-    together = Sweep(grid, free, ends)
-    alone = partial(Sweep, grid, ends=ends)
+    together = Sweep(grid, free, ends, always(grid))
+    alone = partial(Sweep, grid, ends=ends, in_time=always(grid))
     for case in range(4):
         one = alone(free=free[..., case : case + 1])
         assert together.first_arrival(case) == one.first_arrival()

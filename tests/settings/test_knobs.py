@@ -52,7 +52,9 @@ def test_every_setting_says_what_it_does_and_has_a_default_in_its_range(settings
         assert knob.fault(knob.default) is None
         assert knob.fault("neither a number nor a word of it") is not None
     if knob.kind is float and isinstance(knob.allowed, Range):
-        assert knob.unit or knob.name in {"limit_margin", "gate_probability"}, "a float has a unit or is a ratio"
+        assert knob.unit or knob.name in {"limit_margin", "gate_probability", "effort"}, (
+            "a float has a unit or is a ratio"
+        )
 
 
 @pytest.mark.parametrize(("name", "value"), ENDS)
