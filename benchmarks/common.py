@@ -75,6 +75,16 @@ def load_family(folder: Path, family: str, count: int | None = None) -> list[dic
     return scenarios
 
 
+def load_scenario(folder: Path, name: str) -> dict[str, Any]:
+    """One scenario of a folder as a dict, under the name of its file."""
+    path = folder / f"{name}.json"
+    if not path.is_file():
+        raise MissingDataError(f"no scenario {path.name} in {folder}")
+    scenario: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    scenario["name"] = name
+    return scenario
+
+
 def best_known(folder: Path) -> dict[str, float]:
     """Shortest travel time known of each reference scenario, s (upper bounds); empty without the file."""
     path = folder / "best_known.json"

@@ -5,6 +5,8 @@ stage.
     python -m benchmarks.planning --scaling          time a plan against the number of far obstacles
     python -m benchmarks.planning --random 2000      random scenarios: does the dense check refuse a
     certified plan?
+    python -m benchmarks.planning --random 200 --effort 20      the same, and which of them more effort makes faster
+    python -m benchmarks.planning --folders DIR ...  travel time / best known over folders with a best_known.json
 
 Every plan is judged by :mod:`benchmarks.dense_check` with its strict tolerances, the errors of finite
 differences. Times are medians of ``--repeat`` calls on one thread; the first call of a family is not timed.
@@ -30,6 +32,7 @@ import scp_planner
 from benchmarks import families
 from benchmarks.dense_check import DenseReport, check_trip
 
+NOTABLY = 1.005  # times the best: a plan that misses it
 SCALING_COUNTS = (50, 100, 200, 400, 600, 800, 1000)
 SCALING_CROWDS = 3
 SCALING_REPEATS = 15
@@ -50,13 +53,14 @@ class Outcome:
         return bool(self.plan.certified) and not self.report.ok
 
 
-def run(data: families.Scenario, repeat: int, solver: str | None = None) -> Outcome:
-    """Plan one scenario ``repeat`` times and check the plan."""
+def run(data: families.Scenario, repeat: int, solver: str | None = None, effort: float = 1.0) -> Outcome:
+    """Plan one scenario ``repeat`` times, with some effort, and check the plan."""
+    settings = scp_planner.Settings(effort=effort)
     scenario = families.as_scenario(data)
     walls, stages = [], []
     for _ in range(repeat):
         began = perf_counter()
-        plan = scp_planner.plan(scenario, solver=solver)
+        plan = scp_planner.plan(scenario, settings, solver=solver)
         walls.append(perf_counter() - began)
         stages.append(plan.timings)
     timings = {name: common.median(stage.get(name, 0.0) for stage in stages) for name in stages[-1]}
@@ -176,6 +180,56 @@ def _print_reference(rows: list[dict[str, Any]], stages: list[str], options: arg
     print(f"\nratio: travel time / best known, certified plans only. {_refused(rows)} certified plans refused.")
 
 
+def against_best(options: argparse.Namespace) -> int:
+    """Compare with the best known times of all scenarios of some folders; return how many plans were refused."""
+    rows: list[dict[str, Any]] = []
+    for folder in options.folders:
+        best = common.best_known(folder)
+        if not best:
+            raise common.MissingDataError(f"no best_known.json in {folder}")
+        for name, known in sorted(best.items()):
+            data = common.load_scenario(folder, name)
+            outcome = run(data, options.repeat, options.solver, options.effort)
+            plan = outcome.plan
+            rows.append(
+                {
+                    "folder": folder.name,
+                    "family": common.family_of(name),
+                    "scenario": name,
+                    "certified": int(plan.certified),
+                    "dense_check": int(outcome.report.ok),
+                    "travel_time": plan.travel_time,
+                    "best_known": known,
+                    "ratio": plan.travel_time / known if plan.certified else float("inf"),
+                    "iterations": plan.iterations,
+                    "wall_ms": 1e3 * outcome.wall_time,
+                }
+            )
+            common.say(f"{name:<16} {plan.travel_time:.4f} s, ratio {rows[-1]['ratio']:.5f}")
+    common.write_csv(options.output / "against-best.csv", rows)
+    _print_environment(options)
+    headings = ["scenarios", "number", "median", "95 %", "worst", "> 0.5 %", "better", "iterations", "ms", "ms 95 %"]
+    groups = {family: [row for row in rows if row["family"] == family] for family in {row["family"]: 0 for row in rows}}
+    lines = []
+    for group, chosen in {**groups, "all": rows}.items():
+        # a plan that is not certified is the worst of all
+        ratios, walls = np.array([row["ratio"] for row in chosen]), [row["wall_ms"] for row in chosen]
+        lines.append(
+            [
+                group,
+                len(chosen),
+                *(f"{np.quantile(ratios, level, method='inverted_cdf'):.5f}" for level in (0.5, 0.95, 1.0)),
+                int(np.sum(ratios > NOTABLY)),
+                int(np.sum(ratios < 1.0)),
+                common.median(row["iterations"] for row in chosen),
+                common.number(common.median(walls), 1),
+                common.number(common.quantile(walls, 0.95), 1),
+            ]
+        )
+    print(common.table(headings, lines))
+    return _refused(rows)
+
+
 def scaling(options: argparse.Namespace) -> int:
     """Time a plan against the number of obstacles, all but 50 of them far away.
 
@@ -247,6 +301,7 @@ def random_scenarios(options: argparse.Namespace) -> int:
                 "clearance": outcome.plan.clearance.minimum,
                 "travel_time": outcome.plan.travel_time,
                 "wall_ms": 1e3 * outcome.wall_time,
+                "with_effort": _with_effort(data, options, outcome.plan),
                 "reason": outcome.plan.reason or "",
                 "dense_check_says": "" if outcome.report.ok else str(outcome.report),
             }
@@ -271,6 +326,7 @@ def random_scenarios(options: argparse.Namespace) -> int:
                 f"{certified} ({100.0 * certified / len(chosen):.1f} %)",
                 ", ".join(f"{name} {number}" for name, number in states.most_common() if name != "certified"),
                 sum(1 for row in chosen if row.get("certified") and not row["dense_check"]),
+                sum(1 for row in chosen if _notably_slower(row)),
                 common.number(common.median(row.get("wall_ms", np.nan) for row in chosen), 1),
                 common.number(common.quantile((row.get("wall_ms", np.nan) for row in chosen), 0.95), 1),
             ]
@@ -281,11 +337,26 @@ def random_scenarios(options: argparse.Namespace) -> int:
         "certified",
         "others",
         "certified but refused",
+        "faster with effort",
         "wall ms",
         "wall ms 95 %",
     ]
     print(common.table(headings, lines))
     return sum(1 for row in rows if row["status"] == "crashed" or (row["certified"] and not row["dense_check"]))
+
+
+def _notably_slower(row: Mapping[str, Any]) -> bool:
+    """Whether more effort makes a plan notably faster."""
+    time = row["travel_time"] if row.get("certified") else float("inf")
+    return bool(time > NOTABLY * row.get("with_effort", float("inf")))
+
+
+def _with_effort(data: families.Scenario, options: argparse.Namespace, plan: Any) -> float:
+    """Travel time with more effort, s, if it is asked for; inf if there is no certified plan."""
+    if options.effort == 1.0:
+        return float(plan.travel_time) if plan.certified else float("inf")
+    more = scp_planner.plan(families.as_scenario(data), scp_planner.Settings(effort=options.effort))
+    return float(more.travel_time) if more.certified else float("inf")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -298,6 +369,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--solver", help="subproblem solver (default: the planner's)")
     made.add_argument("--scaling", action="store_true", help="time against the number of far obstacles")
     made.add_argument("--random", type=int, metavar="N", help="N random scenarios of all families")
+    made.add_argument("--effort", type=float, default=1.0, help="of the planner's search (default: 1)")
+    made.add_argument("--folders", type=Path, nargs="+", metavar="DIR", help="compare with the best known times there")
     made.add_argument("--seed", type=int, default=0, help="of the random scenarios (default: 0)")
     made.add_argument("--data", type=Path, help="folder of the reference scenarios")
     made.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
@@ -308,7 +381,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the options ask for. Exit code 1: a certified plan was refused, or the planner crashed."""
     options = parser().parse_args(arguments)
     try:
-        if options.scaling:
+        if options.folders:
+            refused = against_best(options)
+        elif options.scaling:
             refused = scaling(options)
         elif options.random is not None:
             refused = random_scenarios(options)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import scp_planner
-from benchmarks import common, families, online, online_crowds, report, sizes
+from benchmarks import common, families, online, online_crowds, planning, report, sizes
 from benchmarks.dense_check import check_samples, check_trip
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
@@ -291,3 +291,25 @@ def test_sizes_are_written_in_other_units_and_summed_up(tmp_path: Path) -> None:
     assert row["certified"] == row["certified_anyhow"] == 1 and 1.0 <= row["ratio"] < 1.01
     lines = sizes.summary([{**row, "reference_ms": 2.0 * row["wall_ms"]}]).splitlines()
     assert [cell.strip() for cell in lines[-1].split("|")[1:3]] == ["all", "1/1"] and lines[-1].endswith("0.50 |")
+
+
+def test_plans_are_compared_with_the_best_known_times_of_a_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = families.random_scenario("crossing3", np.random.default_rng(2), "crossing3-0")
+    time = scp_planner.plan(families.as_scenario(data)).travel_time
+    for number, known in enumerate((time, time / 1.01)):  # as fast as known, and one percent slower
+        (tmp_path / f"crossing3-{number}.json").write_text(json.dumps(data))
+        best = {f"crossing3-{n}": t for n, t in enumerate((time, known))}
+        (tmp_path / "best_known.json").write_text(json.dumps(best))
+    assert planning.main(["--folders", str(tmp_path), "--repeat", "1", "--output", str(tmp_path / "out")]) == 0
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    assert [cell.strip() for cell in last.split("|")[1:7]] == ["all", "2", "1.00000", "1.01000", "1.01000", "1"]
+    assert planning.main(["--folders", str(tmp_path / "out")]) == 2, "a folder without best known times"
+
+
+def test_more_effort_is_compared_plan_by_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert planning.main(["--random", "1", "--effort", "2", "--output", str(tmp_path)]) == 0
+    (row,) = common.read_csv(tmp_path / "random.csv")
+    assert float(row["with_effort"]) <= 1.0001 * float(row["travel_time"])
+    assert "faster with effort" in capsys.readouterr().out
