@@ -616,9 +616,7 @@ class Planner:
     def _starts(self, problem: Problem, cutoff: float) -> Iterator[Trip]:
         any_way = False
         search = WaySearch(problem)
-        for way in ways(search, self.settings.searches):
-            if way.travel_time >= cutoff + LOOK_GAIN_TIME:
-                break
+        for way in ways(search, self.settings.searches, cutoff + LOOK_GAIN_TIME):
             any_way = True
             yield Trip(problem.frame, trip_along(problem, way))
         if not any_way and not math.isfinite(cutoff):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from heapq import heappop, heappush
 
 import numpy as np
@@ -143,8 +144,9 @@ class WaySearch:
         times = np.concatenate([[0.0], np.cumsum(legs + grid.delay_step * states.waited)])
         return Way(float(times[-1]), grid.stations, offsets, times, self._sides(offsets, times))
 
-    def _in_time(self, within: float) -> Words:
-        """Delays from which each class of speed may reach the goal in time, (n + 1, K, O) words."""
+    @cached_property
+    def _earliest(self) -> Array:
+        """When each class of speed reaches the goal at best, less the time from its station, (n + 1, K, O)."""
         grid, acceleration = self.grid, self.problem.limits.acceleration
         left = grid.lines[-1] - grid.stations
         far = np.hypot(left[:, None], grid.offsets)[:, None, :]
@@ -152,11 +154,16 @@ class WaySearch:
         ramp = (top * top - speed * speed) / (2.0 * acceleration)
         reached = np.sqrt(speed * speed + 2.0 * acceleration * np.minimum(far, ramp))
         least = (reached - speed) / acceleration + np.maximum(far - ramp, 0.0) / top
+        earliest: Array = least + grid.fastest[::LOOKS, None, None]
+        return earliest
+
+    def _in_time(self, within: float) -> Words:
+        """Delays from which each class of speed may reach the goal in time, (n + 1, K, O) words."""
+        grid = self.grid
+        latest = min(within, float(grid.fastest[-1]) + DELAYS * grid.delay_step)
         # Rounding takes a delay
-        latest = (
-            min(within, float(grid.fastest[-1]) + DELAYS * grid.delay_step) - least - grid.fastest[::LOOKS, None, None]
-        )
-        count = np.clip(np.floor(latest / grid.delay_step) + 2.0, 0, DELAYS).astype(np.uint64)
+        delays = np.floor((latest - self._earliest) / grid.delay_step) + 2.0
+        count = np.clip(delays, 0, DELAYS).astype(np.uint64)
         words: Words = np.where(count > 0, ALL >> (np.uint64(DELAYS) - np.maximum(count, ONE)), np.uint64(0))
         return words
 
@@ -217,20 +224,22 @@ class WayTree:
                 heappush(self.heap, (way.travel_time, len(self.tried) - len(new) + number, way, closed))
 
 
-def ways(search: WaySearch, most: int) -> Iterator[Way]:
+def ways(search: WaySearch, most: int, within: float = np.inf) -> Iterator[Way]:
     """Yield different ways round, the fastest estimate first, found as they are asked for.
 
     Parameters
     ----------
     search : WaySearch
     most : int
-        Sweeps at most.
+        Ways that are searched for, at most.
+    within : float
+        Only ways whose estimate is not longer than this are looked for, s.
 
     Yields
     ------
     Way
     """
-    tree = WayTree(search, most)
+    tree = WayTree(search, most, within)
     while (way := tree.next()) is not None:
         yield way
-        tree.branch(way.sides[:BRANCHES])
+        tree.branch(way.sides[:BRANCHES], within)

@@ -14,6 +14,7 @@ from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Status
 from scp_planner.search.first_trips import bows
+from scp_planner.search.ways import WaySearch
 from scp_planner.solvers import solver_named
 from scp_planner.trips.trajectory import Trajectory
 
@@ -207,6 +208,33 @@ def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
             assert against.evaluation.trajectory.travel_time == alone.evaluation.trajectory.travel_time
             others += 1
     assert others > 0
+
+
+def test_runs_far_from_feasible_end_early_where_there_are_others() -> None:
+    blocked = scene(disc("all", (12.0, 0.0), radius=7.0))
+    problem = build_problem(blocked, sp.zones(blocked), sp.Settings(max_offset=2.0))
+    start = next(iter(bows(problem)))
+    solver = solver_named("daqp")
+    impatient, patient = ScpLoop(problem, solver, None, 4).run(start, 60), ScpLoop(problem, solver).run(start, 60)
+    assert impatient.status is patient.status is Status.INFEASIBLE
+    assert len(impatient.record) == 4 < len(patient.record)
+    free = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
+    way = next(iter(bows(free)))
+    alone, among = ScpLoop(free, solver).run(way, 60), ScpLoop(free, solver, None, 8).run(way, 60)
+    assert alone.status is among.status is Status.CONVERGED
+    assert alone.evaluation.trajectory.travel_time == among.evaluation.trajectory.travel_time
+
+
+def test_goals_close_behind_something_are_reached_steeply() -> None:
+    """The way turns by more than 50 degrees on its last metres: flatter ones do not exist."""
+    scenario = scene(disc("post", (18.5, 0.0), radius=1.0))
+    way = WaySearch(build_problem(scenario, sp.zones(scenario), sp.Settings())).best()
+    assert way is not None
+    assert np.abs(np.diff(way.offsets) / np.diff(way.stations)).max() > 1.2
+    made, more = sp.plan(scenario), sp.plan(scenario, sp.Settings(effort=4.0))
+    assert made.certified
+    assert made.travel_time <= 1.001 * more.travel_time
+    assert made.gap < 0.07
 
 
 def test_spans_of_long_straight_trips_grow_instead_of_their_number() -> None:
