@@ -166,7 +166,7 @@ class Grid:
         return shifts
 
     @classmethod
-    def of(cls, problem: Problem, fineness: Fineness, coarseness: float = 1.0, reach: float = np.inf) -> Grid:
+    def of(cls, problem: Problem, fineness: Fineness, coarseness: float = 1.0) -> Grid:
         """Return the grid of a problem, its delays in steps that are longer by a factor."""
         space, limits = problem.space, problem.limits
         top = max(limits.speed, space.start_speed)
@@ -179,7 +179,7 @@ class Grid:
         lines = np.linspace(0.0, space.length, LOOKS * count + 1)
         step = space.length / count
         offset_step = fineness.slope_step * step
-        middle = max(2, int(min(reach, problem.settings.max_offset) / offset_step))
+        middle = max(2, int(problem.settings.max_offset / offset_step))
         steps = np.array([*(-some for some in reversed(fineness.slopes)), 0, *fineness.slopes], dtype=np.intp)
         squares = top * top * (1.0 - np.arange(fineness.speeds) / (fineness.speeds - 0.5))
         per_class = squares[0] - squares[1]

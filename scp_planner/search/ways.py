@@ -61,13 +61,13 @@ class WaySearch:
     problem : Problem
     coarseness : float
         Factor of the steps of the delay: the longer, the longer may be waited, and the less exact it is.
+    fineness : Fineness, optional
+        Of all other steps.
     """
 
-    def __init__(
-        self, problem: Problem, coarseness: float = 1.0, fineness: Fineness | None = None, reach: float = np.inf
-    ) -> None:
+    def __init__(self, problem: Problem, coarseness: float = 1.0, fineness: Fineness | None = None) -> None:
         self.problem = problem
-        self.grid = Grid.of(problem, fineness or Fineness(), coarseness, reach)
+        self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid)
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
 
