@@ -7,6 +7,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows
+from scp_planner.scp.rows.bends import STILL
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
@@ -69,7 +70,7 @@ class KinematicRows:
         np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
         speeds = v0 + tau * (self._speeds @ beta)
         bound[self._upper] = limits.speed - speeds
-        bound[self._lower] = speeds
+        bound[self._lower] = speeds - STILL * limits.speed
         bound[self._up] = problem.highest_accelerations - beta
         bound[self._down] = beta - problem.lowest_accelerations
         return matrix, bound
