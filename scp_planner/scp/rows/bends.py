@@ -19,7 +19,7 @@ from scp_planner.trips.bundle import TripBundle, stacked
 from scp_planner.trips.path import PathBend
 from scp_planner.trips.trajectory import TripPoints
 
-STILL = 1e-6  # of the highest speed: who waits moves on so slowly, lest rounding lead to a speed below 0
+STILL = 2e-6  # m/s, less than a stop at the goal: who waits moves on so slowly, lest rounding lead to speeds below 0
 OPPOSITE = 0.5  # of a limit; where more is used on one side, no step is expected to reach the other
 
 

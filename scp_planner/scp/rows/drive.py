@@ -30,6 +30,9 @@ class KinematicRows:
         speeds = space.tables.speed_control[1:]
         moves = np.flatnonzero(np.abs(speeds).sum(axis=1) > 0)
         self._speeds = speeds[moves]
+        # Speeds that are fixed at 0, as at a start from rest, stay as they are
+        free = (self._speeds @ problem.highest_accelerations > 0.0) | (space.start_speed > 0.0)
+        self._still = np.where(free, STILL, 0.0)
         eye = np.eye(count)
         self._beta = slice(self.theta_size, self.theta_size + count)
         first = self.equalities
@@ -70,7 +73,7 @@ class KinematicRows:
         np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
         speeds = v0 + tau * (self._speeds @ beta)
         bound[self._upper] = limits.speed - speeds
-        bound[self._lower] = speeds - STILL * limits.speed
+        bound[self._lower] = speeds - self._still
         bound[self._up] = problem.highest_accelerations - beta
         bound[self._down] = beta - problem.lowest_accelerations
         return matrix, bound
