@@ -48,6 +48,7 @@ from scp_planner.baseline.objective import (
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.problem.problem import Problem
+from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.scp.record import FEASIBILITY, NEAR
 from scp_planner.settings.knobs import word_of
@@ -67,7 +68,6 @@ ACTIVE = 1e-4  # units of time to one; constraints with a larger multiplier are 
 SETTLED = 1e-4  # units of length or relative; distance to active constraints at which settling ends
 TARGET = 1e-5  # units of length or relative; what is left to an active constraint by settling
 OUTSIDE = 1e6  # units of time; value of trips that never arrive
-TIGHTENINGS = 3
 CAREFUL = 10.0  # times the first prices, in the second attempt
 CAREFUL_WIDTH = 0.05  # units of length; widest hinge of the second attempt
 REPAIRABLE = 0.01  # units of length or relative; larger violations are not tightened away

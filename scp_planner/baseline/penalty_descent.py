@@ -16,6 +16,7 @@ from scp_planner.baseline.descent import CheckedDescent, Descent, DescentSetting
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import grave_violations
+from scp_planner.planning.offline import GOOD_ENOUGH
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
@@ -29,7 +30,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other start is tried
 ESTIMATE_SLACK = 0.15  # units of time; how much better than its estimate another start may turn out
 
 

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
+from scp_planner.problem.ends import FOLD
 from scp_planner.problem.problem import Problem
 from scp_planner.search.grid import DELAYS, Grid, Words
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -23,7 +24,6 @@ from scp_planner.trips.path import Path
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_KEPT = 100_000  # cuts, of all zones
-FOLD = 0.8  # of the guide's radius of curvature; offsets beyond it are no way
 
 
 @dataclass(frozen=True)
