@@ -2,7 +2,7 @@
 
 Each run draws a scene and some faults, and drives :class:`scp_planner.Planner` through them. What may never happen: an
 exception, a plan without a reason, a plan called certified (or a stop that is said to hold) that
-:mod:`benchmarks.dense_check` refuses.
+:mod:`verification.dense_check` refuses.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks import families
-from benchmarks.dense_check import check_trip
 from scp_planner.estimation.confidence import region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.online.plan import OnlinePlan, Outcome
@@ -31,6 +30,7 @@ from scp_planner.settings.online import OnlineSettings
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.trips.trip import Trip
+from verification.dense_check import check_trip
 
 __all__ = ["KINDS", "FaultRun", "FlakySolver", "common", "injected_run"]
 

@@ -8,7 +8,7 @@ stage.
     python -m benchmarks.planning --random 200 --effort 20      the same, and which of them more effort makes faster
     python -m benchmarks.planning --folders DIR ...  travel time / best known over folders with a best_known.json
 
-Every plan is judged by :mod:`benchmarks.dense_check` with its strict tolerances, the errors of finite
+Every plan is judged by :mod:`verification.dense_check` with its strict tolerances, the errors of finite
 differences. Times are medians of ``--repeat`` calls on one thread; the first call of a family is not timed.
 """
 
@@ -30,7 +30,7 @@ import numpy as np
 
 import scp_planner
 from benchmarks import families
-from benchmarks.dense_check import DenseReport, check_trip
+from verification.dense_check import DenseReport, check_trip
 
 NOTABLY = 1.005  # times the best: a plan that misses it
 SCALING_COUNTS = (50, 100, 200, 400, 600, 800, 1000)

@@ -142,7 +142,7 @@ def reference_part(rows: list[Row], figures: Figures) -> list[str]:
         "## Reference scenarios",
         "One call of `scp_planner.plan` each: search, runs of the loop, certificate. *Time ratio* is the travel time "
         "divided by the best known one, medians over certified plans; *dense check* counts plans that "
-        "`benchmarks.dense_check` confirms with the errors of finite differences as its only tolerance.",
+        "`verification.dense_check` confirms with the errors of finite differences as its only tolerance.",
         common.table(headings, lines),
         picture,
         "`python -m benchmarks.planning`",

@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 import scp_planner as sp
-from benchmarks.dense_check import Tolerances, check_trip
 from benchmarks.hostile import calls, commands
 from benchmarks.hostile.damage import ODD, cut, damaged
 from benchmarks.hostile.wild import Data, Wild, wild
@@ -29,6 +28,7 @@ from scp_planner.errors import ScpPlannerError
 from scp_planner.estimation.confidence import marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.scenario.models import Course, Obstacle
+from verification.dense_check import Tolerances, check_trip
 
 PLAN_TIME = 4.0
 """s that a plan may take; it returns somewhat later, with the best so far."""

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from benchmarks.dense_check import DenseReport, Tolerances, check_trip
 from benchmarks.peers.starts import Start
 from scp_planner.arrays import Array
+from verification.dense_check import DenseReport, Tolerances, check_trip
 
 Scenario = Mapping[str, Any]
 

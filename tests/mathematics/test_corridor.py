@@ -9,9 +9,9 @@ from shapely import contains_xy, distance, points, unary_union
 from shapely.geometry import LineString, Point, Polygon, box
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.outlines import Outline
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

@@ -13,7 +13,7 @@ from shapely import affinity, box
 from shapely.geometry import Point
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

@@ -15,7 +15,6 @@ from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.online import planner as online_planner
 from scp_planner.online.plan import OnlinePlan, Outcome
@@ -30,6 +29,7 @@ from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStat
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

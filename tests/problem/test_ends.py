@@ -9,10 +9,10 @@ import pytest
 from scenes import disc, scene
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.problem.build import build_problem
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

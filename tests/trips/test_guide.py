@@ -13,7 +13,6 @@ from scipy.interpolate import CubicSpline
 from scp import test_linearisation
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.mathematics.dubins import Pose, shortest_path
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
@@ -22,6 +21,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict, smooth_guide
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

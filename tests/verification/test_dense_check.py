@@ -14,9 +14,9 @@ import pytest
 from scenes import scene
 
 import scp_planner
-from benchmarks import dense_check
-from benchmarks.dense_check import Tolerances, check_samples, check_trip
 from scp_planner.arrays import Array
+from verification import dense_check
+from verification.dense_check import Tolerances, check_samples, check_trip
 
 VEHICLE = {
     "radius": 0.3,

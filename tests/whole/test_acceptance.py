@@ -11,10 +11,10 @@ import pytest
 from scenes import scene
 
 import scp_planner as sp
-from benchmarks.dense_check import SAMPLES, check_trip
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import Run
 from scp_planner.solvers.interface import SOLVERS
+from verification.dense_check import SAMPLES, check_trip
 
 pytestmark = pytest.mark.numerics
 

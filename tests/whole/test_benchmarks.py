@@ -12,13 +12,13 @@ import pytest
 
 import scp_planner
 from benchmarks import common, families, online, online_crowds, planning, report, sizes
-from benchmarks.dense_check import check_samples, check_trip
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
 from benchmarks.peers.slsqp import Slsqp, _length, _Model
 from benchmarks.peers.starts import TEN_STARTS, Start, first_guess
 from scp_planner.scenario import units
+from verification.dense_check import check_samples, check_trip
 
 ALL_FAMILIES = (*families.FAMILIES, "far70")
 

@@ -15,8 +15,8 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.trips.trip import discs_at
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

@@ -9,7 +9,6 @@ import pytest
 from scenes import disc, scene
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.certificate.check import certify_trip
 from scp_planner.plotting.recording import record_plan
 from scp_planner.problem.build import build_problem
@@ -18,6 +17,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip, discs_at
 from tests.scp.test_linearisation import differences
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

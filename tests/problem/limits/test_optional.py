@@ -12,7 +12,6 @@ from scenes import CROSSERS, disc, scene
 from shapely.geometry import LineString, Point
 
 import scp_planner as sp
-from benchmarks.dense_check import check_trip
 from scp_planner.arrays import Array
 from scp_planner.baseline.descent import DescentSettings
 from scp_planner.baseline.objective import OPTIONAL, Hinge, PenalisedObjective, Weights
@@ -25,6 +24,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 from tests.baseline.test_objective import finite_differences, random_trips
 from tests.scp.test_linearisation import differences
+from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 

@@ -1,4 +1,4 @@
-"""Independent check of any trip: is it where it says, as slow as it must be, and outside every obstacle?
+"""Independent check of any trip: that it is where it says, as slow as it must be, and outside every obstacle.
 
 The check shares no mathematics with the planner. All that it takes is a function of time to position;
 speed, acceleration, curvature and heading come from differences of 20,001 positions, clearances from the
@@ -39,8 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scp_planner.arrays import Array
-
+Array = NDArray[np.float64]
 PositionFunction = Callable[[Array], ArrayLike]
 
 SAMPLES = 20_000
@@ -52,6 +51,7 @@ RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
 END_CHORD = 5e-4  # m, for the headings at the ends, whose error grows with the square of the chords
 REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
+_THREE: Array = np.array([0.0, 1.0, 2.0])  # places of a one-sided difference of second order
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ def _ends(
 
 def _end_speed(position: PositionFunction, end: float, window: float) -> float:
     """Speed at an end, from the one-sided second-order difference over a window to the inside."""
-    here, near, far = np.asarray(position(end + window * np.arange(3)), dtype=float)
+    here, near, far = np.asarray(position(end + window * _THREE), dtype=float)
     velocity = (-3.0 * here + 4.0 * near - far) / (2.0 * window)
     return float(np.linalg.norm(velocity))
 
@@ -280,7 +280,7 @@ def _end_heading(position: PositionFunction, positions: Array, end: float, order
         second = min(second, len(positions) - 1)
         return _first_heading(positions[[0, min(first, second - 1), second]])
     window = order * END_CHORD / speed
-    return _first_heading(np.asarray(position(end + window * np.arange(3)), dtype=float))
+    return _first_heading(np.asarray(position(end + window * _THREE), dtype=float))
 
 
 def _first_heading(three: Array) -> float:
