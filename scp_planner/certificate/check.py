@@ -51,7 +51,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
 from scp_planner.threat_zones.of_scenario import HORIZON, ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
@@ -594,13 +594,13 @@ class _Check:
         """Least clearance of a disc that is so far ahead of the reference point, m."""
         if batch.size == 0:
             return Clearance(float("inf"))
-        crude = batch.crude_bounds(disc)
+        crude = ZoneBounds(batch).crude(disc)
         nearest, zone = divmod(int(np.argmin(crude)), batch.size)
         where, least, enough = (float(pieces.middle[nearest]), zone), np.inf, 0.0
         if np.isfinite(self.precision):
             some = np.argsort(crude, axis=None)[:FIRST_PAIRS]
             interval, zones = np.divmod(some, batch.size)
-            value = batch.bounds(zones, interval, disc).value
+            value = ZoneBounds(batch).fine(zones, interval, disc).value
             worst = int(np.argmin(value))
             least, where = float(value[worst]), (float(pieces.middle[interval[worst]]), int(zones[worst]))
             enough = max(least - self.precision, 0.0)
@@ -610,7 +610,7 @@ class _Check:
         for _ in range(MAX_HALVINGS if len(interval) else 1):
             if not len(interval):
                 break
-            bound = batch.bounds(zones, interval, disc)
+            bound = ZoneBounds(batch).fine(zones, interval, disc)
             value = bound.value
             worst = int(np.argmin(value))
             if value[worst] < least:

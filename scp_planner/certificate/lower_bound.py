@@ -37,6 +37,7 @@ from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -528,7 +529,7 @@ class _Relaxation:
             half = 0.5 * (last - first)
             goal = np.array([[self.distance, 0.0]])
             depth = -self.zones.distances(np.array([first + half]), goal)[0]
-            moves = self.zones.approach_bound(first, last, np.array([half]), np.zeros(1))[0]
+            moves = ZoneBounds(self.zones).approach(first, last, np.array([half]), np.zeros(1))[0]
             free.append(not bool(np.any(depth > moves + self.radius)))
         return free
 

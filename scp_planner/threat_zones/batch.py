@@ -20,21 +20,7 @@ from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
-from scp_planner.threat_zones.bounds import (
-    DistanceBounds,
-    MovingPoint,
-    _broken,
-    _directed_range,
-    _magnitude_bound,
-    _ranges,
-    _root_bounds,
-    _second_bound,
-    _size_bound,
-    _taylor,
-)
 from scp_planner.threat_zones.zone import ThreatZone
-
-NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
 
 
 @dataclass(frozen=True)
@@ -280,7 +266,7 @@ class ZoneBatch:
         radius[:, self.uncertain] += np.sqrt(np.maximum(mean + spread, 0.0))
         return radius
 
-    def _uncertain_among(self, index: Index) -> Index | slice:
+    def uncertain_among(self, index: Index) -> Index | slice:
         """Where some zones, (n,), are uncertain: a slice of all if all zones are."""
         return _ALL if len(self.uncertain) == self.size else np.flatnonzero(self.slot[index] >= 0)
 
@@ -302,7 +288,7 @@ class ZoneBatch:
         """
         center, velocity = self.centers.at_with_rate(index, times)
         offset = points - center
-        rows = self._uncertain_among(index)
+        rows = self.uncertain_among(index)
         if self.covariances is None or rows is not _ALL:
             distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
             normal = offset / np.maximum(distance, 1e-12)[:, None]
@@ -368,268 +354,6 @@ class ZoneBatch:
             rate[rows] += spin * _cross(normal[rows], lever[rows])
         return rate
 
-    def approach_bound(self, first: float, last: float, half: Array, speed: Array) -> Array:
-        """Bound of how much nearer zones come to a moving point within half an interval, crudely.
-
-        The centre moves by |centre'| h at most. With |C(t) - C(m)| <= |C'| h the support sqrt(nu' C nu) grows by
-        sqrt(|C'| h) at most, since sqrt(a + b) <= sqrt(a) + sqrt(b).
-
-        Parameters
-        ----------
-        first, last : float
-            Span of time of which all intervals are parts, s.
-        half : (n,) array
-            Half widths of the intervals, s.
-        speed : (n,) array
-            Bound of the point's speed on them, m/s.
-
-        Returns
-        -------
-        (n, L) array
-            m; inf for zones of which no bound is known so cheaply.
-        """
-        every = np.arange(self.size)
-        middle = np.full(self.size, 0.5 * (first + last))
-        radius = np.full(self.size, 0.5 * (last - first))
-        moved = _magnitude_bound(self.velocities, every, middle, radius)
-        moved[self.turning | _broken(self.centers, first, last)] = np.inf
-        bound = half[:, None] * (moved + speed[:, None])
-        if self.covariances is not None:
-            slots, count = self.uncertain, len(self.uncertain)
-            growth = np.zeros(count)
-            for order, term in enumerate(_taylor(self.covariances.derivative, np.arange(count), middle[:count])):
-                spread = np.maximum(np.abs(term[:, 0]), np.abs(term[:, 2])) + np.abs(term[:, 1])
-                growth += spread * radius[0] ** order
-            growth[_broken(self.covariances, first, last)] = np.inf
-            bound[:, slots] += np.sqrt(half[:, None] * growth)
-        return bound
-
-    def crude_bounds(self, moving: MovingPoint) -> Array:
-        """Lower bounds of the distance of a moving point to all zones on whole intervals of time.
-
-        With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
-        distance is at least nu . (r - c) - sqrt(nu' C nu) less the radius; there nu . (r - c) is bounded by Taylor's
-        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline.
-
-        Parameters
-        ----------
-        moving : MovingPoint
-            On intervals without a breakpoint of a zone.
-
-        Returns
-        -------
-        (n, L) array
-            m.
-        """
-        times, half = moving.time, moving.half[:, None]
-        first, last = float((times - moving.half).min()), float((times + moving.half).max())
-        centers, rates = self.centers.grid_with_rate(times)
-        dx = moving.position[:, 0, None] - centers[:, :, 0]
-        dy = moving.position[:, 1, None] - centers[:, :, 1]
-        squared = dx * dx
-        squared += dy * dy
-        everywhere, nearest = squared, float(squared.min(initial=np.inf))
-        distance = np.sqrt(squared)
-        slope = dx * (moving.velocity[:, 0, None] - rates[:, :, 0])
-        slope += dy * (moving.velocity[:, 1, None] - rates[:, :, 1])
-        np.abs(slope, out=slope)
-        slope /= np.maximum(distance, 1e-150)
-        bend = self.velocities.derivative.size_bounds(times, first, last) + moving.acceleration[:, None]
-        bend *= 0.5 * half
-        bend += slope
-        bend *= half
-        bound = distance - bend
-        bound -= self.radius + self.extent
-        if self.covariances is not None:
-            if len(self.uncertain) < self.size:
-                dx, dy, squared = dx[:, self.uncertain], dy[:, self.uncertain], squared[:, self.uncertain]
-            covariance, change = self.covariances.grid_with_rate(times)
-            xx, xy, yy = dx * dx, 2.0 * dx * dy, dy * dy
-            grown = np.abs(change[:, :, 0] * xx + change[:, :, 1] * xy + change[:, :, 2] * yy)
-            grown *= half
-            grown += covariance[:, :, 0] * xx + covariance[:, :, 1] * xy + covariance[:, :, 2] * yy
-            grown /= np.maximum(squared, 1e-300)
-            grown += self.covariances.derivative.derivative.size_bounds(times, first, last) * (0.5 * half * half)
-            np.sqrt(np.maximum(grown, 0.0, out=grown), out=grown)
-            bound[:, self.uncertain] -= grown
-        if not nearest > NO_DIRECTION:
-            bound[~(everywhere > NO_DIRECTION)] = -np.inf
-        return bound
-
-    def bounds(self, index: Index, interval: Index, moving: MovingPoint) -> DistanceBounds:
-        """Distances of a moving point to chosen zones in the middles of intervals, and lower bounds on all of them.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-            Which zone.
-        interval : (n,) array of int
-            Which interval.
-        moving : MovingPoint
-            On intervals without a breakpoint of a zone.
-
-        Returns
-        -------
-        DistanceBounds
-        """
-        times, half = moving.time[interval], moving.half[interval]
-        position, velocity = moving.position[interval], moving.velocity[interval]
-        own = moving.acceleration[interval]
-        if self.outlines is None:
-            return self._ellipse_bounds(index, times, half, position, velocity, own)
-        contacts = self.contacts(index, times, position)
-        slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
-        bend = self.bend_bound(index, times, half, contacts.normal, position, velocity, own)
-        return DistanceBounds(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
-
-    def _ellipse_bounds(
-        self, index: Index, times: Array, half: Array, position: Array, velocity: Array, acceleration: Array
-    ) -> DistanceBounds:
-        """The same for discs and ellipses."""
-        center = self.centers.taylor(index, times)
-        offset, relative = position - center[:, 0], velocity - center[:, 1] if center.shape[1] > 1 else velocity
-        bend = acceleration + _second_bound(np.sqrt(np.einsum("ikd,ikd->ik", center, center)), half)
-        distance = np.sqrt(np.einsum("id,id->i", offset, offset))
-        normal = offset / np.maximum(distance, 1e-12)[:, None]
-        growth = np.zeros_like(distance)
-        if self.covariances is not None:
-            rows = self._uncertain_among(index)
-            covariance = self.covariances.taylor(self.slot[index[rows]], times[rows])
-            contact = ellipse_contact(offset[rows], covariance[:, 0])
-            distance[rows], normal[rows] = contact.distance, contact.normal
-            x, y = contact.normal[:, 0], contact.normal[:, 1]
-            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
-            terms = np.matmul(covariance, weights[:, :, None])[:, :, 0]
-            rate, bent = _root_bounds(terms, half[rows])
-            growth[rows] = rate
-            bend[rows] += bent
-        slope = np.abs(np.einsum("id,id->i", normal, relative) - growth)
-        distance -= self.radius[index]
-        return DistanceBounds(distance, distance - (slope + 0.5 * bend * half) * half)
-
-    def acceleration_bound(self, index: Index, times: Array, half: Array) -> Array:
-        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-        times, half : (n,) arrays
-            Middles and half widths of the intervals, s.
-
-        Returns
-        -------
-        (n,) array
-            m/s^2.
-        """
-        return _magnitude_bound(self.velocities.derivative, index, times, half)
-
-    def bend_bound(
-        self,
-        index: Index,
-        times: Array,
-        half: Array,
-        normal: Array,
-        points: Array,
-        velocity: Array,
-        acceleration: Array,
-    ) -> Array:
-        """Bound of the second time derivative of nu . (r - centre) - h(nu) on intervals, nu turning with the zone.
-
-        For a zone that turns by the angle phi, with d = r - centre seen from the zone,
-        |d''| <= |r'' - centre''| + 2 |phi'| |r' - centre'| + (phi'^2 + |phi''|) |r - centre|.
-
-        Parameters
-        ----------
-        index : (n,) array of int
-        times, half : (n,) arrays
-            Middles and half widths of the intervals, s.
-        normal : (n, 2) array
-            nu at the middles.
-        points, velocity : (n, 2) arrays
-            r and r' at the middles, m and m/s.
-        acceleration : (n,) array
-            Bound of |r''| on the intervals, m/s^2.
-
-        Returns
-        -------
-        (n,) array
-            m/s^2.
-        """
-        bound = acceleration + self.acceleration_bound(index, times, half)
-        growth = self.growth_bend_bound(index, times, half, normal)
-        rows = np.flatnonzero(self.turning[index]) if self.any_turning else _NONE
-        if len(rows) == 0:
-            return bound + growth
-        zone, t, h, relative = index[rows], times[rows], half[rows], bound[rows]
-        spin, spin_rate = self._spin_bounds(zone, t, h)
-        speed = np.hypot(*(velocity[rows] - self.velocities.at(zone, t)).T) + relative * h
-        gap = np.hypot(*(points[rows] - self.centers.at(zone, t)).T) + speed * h
-        bound[rows] += 2.0 * spin * speed + (spin * spin + spin_rate) * gap
-        blurred = np.flatnonzero(self.slot[zone] >= 0)
-        if self.covariances is not None and len(blurred):
-            growth[rows[blurred]] = self._turning_growth_bend_bound(
-                self.slot[zone[blurred]],
-                t[blurred],
-                h[blurred],
-                normal[rows[blurred]],
-                spin[blurred],
-                spin_rate[blurred],
-            )
-        return bound + growth
-
-    def _spin_bounds(self, index: Index, times: Array, half: Array) -> tuple[Array, Array]:
-        """Bounds of |phi'| in 1/s and |phi''| in 1/s^2 on intervals, phi the direction of the centre's velocity."""
-        v, a, j = (
-            _ranges(part, index, times, half)
-            for part in (self.velocities, self.velocities.derivative, self.velocities.derivative.derivative)
-        )
-        least = v[0].squared().lower + v[1].squared().lower
-        turn = (v[0] * a[1] - v[1] * a[0]).magnitude()
-        change = (v[0] * j[1] - v[1] * j[0]).magnitude()
-        gain = (v[0] * a[0] + v[1] * a[1]).magnitude()
-        with np.errstate(divide="ignore", invalid="ignore"):
-            spin = np.where(least > 0.0, turn / least, np.inf)
-            spin_rate = np.where(least > 0.0, change / least + 2.0 * turn * gain / least**2, np.inf)
-        return spin, spin_rate
-
-    def _turning_growth_bend_bound(
-        self, slot: Index, times: Array, half: Array, normal: Array, spin: Array, spin_rate: Array
-    ) -> Array:
-        """As :meth:`growth_bend_bound`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
-
-        |s'| <= |C'| + 2 |phi'| |C| and |s''| <= |C''| + 4 |phi'| |C'| + (4 phi'^2 + 2 |phi''|) |C|.
-        """
-        assert self.covariances is not None
-        rate = self.covariances.derivative
-        size, speed, bend = (_size_bound(part, slot, times, half) for part in (self.covariances, rate, rate.derivative))
-        value = support(self.covariances.at(slot, times), normal) ** 2
-        least = value - (speed + 2.0 * spin * size) * half
-        second = bend + 4.0 * spin * speed + (4.0 * spin * spin + 2.0 * spin_rate) * size
-        with np.errstate(invalid="ignore"):
-            return np.where(least > 0.0, second / (2.0 * np.sqrt(np.maximum(least, 1e-300))), np.inf)
-
-    def growth_bend_bound(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
-        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
-
-        With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.
-        """
-        bound = np.zeros(len(index))
-        if self.covariances is None:
-            return bound
-        rows = np.flatnonzero(self.slot[index] >= 0)
-        if len(rows):
-            slot, x, y = self.slot[index[rows]], normal[rows, 0], normal[rows, 1]
-            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
-            rate = self.covariances.derivative
-            value = _directed_range(self.covariances, slot, times[rows], half[rows], weights)
-            second = _directed_range(rate.derivative, slot, times[rows], half[rows], weights)
-            bound[rows] = np.where(
-                value.lower > 0.0,
-                np.maximum(second.upper, 0.0) / (2.0 * np.sqrt(np.maximum(value.lower, 1e-300))),
-                np.where(second.upper > 0.0, np.inf, 0.0),
-            )
-        return bound
-
 
 class _Part(NamedTuple):
     """One convex part of a zone, in world coordinates, about a centre of its own."""
@@ -675,7 +399,6 @@ def _cross(first: Array, second: Array) -> Array:
     return product
 
 
-_NONE: Index = np.zeros(0, dtype=np.intp)
 _ALL = slice(None)
 
 

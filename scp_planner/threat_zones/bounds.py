@@ -1,4 +1,4 @@
-"""Bounds of motions and of their sizes on intervals of time."""
+"""Bounds on intervals of time: of distances to zones, and of motions and their sizes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
+from scp_planner.mathematics.ellipse import ellipse_contact, support
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.threat_zones.batch import ZoneBatch
+
+NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
+_NONE: Index = np.zeros(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,292 @@ class DistanceBounds:
 
     value: Array
     lower: Array
+
+
+@dataclass(frozen=True)
+class ZoneBounds:
+    """Bounds on whole intervals of time of the distances to zones, and of what these are made of.
+
+    Attributes
+    ----------
+    batch : ZoneBatch
+        The zones.
+    """
+
+    batch: ZoneBatch
+
+    def approach(self, first: float, last: float, half: Array, speed: Array) -> Array:
+        """Bound of how much nearer zones come to a moving point within half an interval, crudely.
+
+        The centre moves by |centre'| h at most. With |C(t) - C(m)| <= |C'| h the support sqrt(nu' C nu) grows by
+        sqrt(|C'| h) at most, since sqrt(a + b) <= sqrt(a) + sqrt(b).
+
+        Parameters
+        ----------
+        first, last : float
+            Span of time of which all intervals are parts, s.
+        half : (n,) array
+            Half widths of the intervals, s.
+        speed : (n,) array
+            Bound of the point's speed on them, m/s.
+
+        Returns
+        -------
+        (n, L) array
+            m; inf for zones of which no bound is known so cheaply.
+        """
+        batch = self.batch
+        every = np.arange(batch.size)
+        middle = np.full(batch.size, 0.5 * (first + last))
+        radius = np.full(batch.size, 0.5 * (last - first))
+        moved = _magnitude_bound(batch.velocities, every, middle, radius)
+        moved[batch.turning | _broken(batch.centers, first, last)] = np.inf
+        bound = half[:, None] * (moved + speed[:, None])
+        if batch.covariances is not None:
+            slots, count = batch.uncertain, len(batch.uncertain)
+            growth = np.zeros(count)
+            for order, term in enumerate(_taylor(batch.covariances.derivative, np.arange(count), middle[:count])):
+                spread = np.maximum(np.abs(term[:, 0]), np.abs(term[:, 2])) + np.abs(term[:, 1])
+                growth += spread * radius[0] ** order
+            growth[_broken(batch.covariances, first, last)] = np.inf
+            bound[:, slots] += np.sqrt(half[:, None] * growth)
+        return bound
+
+    def crude(self, moving: MovingPoint) -> Array:
+        """Lower bounds of the distance of a moving point to all zones on whole intervals of time.
+
+        With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
+        distance is at least nu . (r - c) - sqrt(nu' C nu) less the radius; there nu . (r - c) is bounded by Taylor's
+        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline.
+
+        Parameters
+        ----------
+        moving : MovingPoint
+            On intervals without a breakpoint of a zone.
+
+        Returns
+        -------
+        (n, L) array
+            m.
+        """
+        batch = self.batch
+        times, half = moving.time, moving.half[:, None]
+        first, last = float((times - moving.half).min()), float((times + moving.half).max())
+        centers, rates = batch.centers.grid_with_rate(times)
+        dx = moving.position[:, 0, None] - centers[:, :, 0]
+        dy = moving.position[:, 1, None] - centers[:, :, 1]
+        squared = dx * dx
+        squared += dy * dy
+        everywhere, nearest = squared, float(squared.min(initial=np.inf))
+        distance = np.sqrt(squared)
+        slope = dx * (moving.velocity[:, 0, None] - rates[:, :, 0])
+        slope += dy * (moving.velocity[:, 1, None] - rates[:, :, 1])
+        np.abs(slope, out=slope)
+        slope /= np.maximum(distance, 1e-150)
+        bend = batch.velocities.derivative.size_bounds(times, first, last) + moving.acceleration[:, None]
+        bend *= 0.5 * half
+        bend += slope
+        bend *= half
+        bound = distance - bend
+        bound -= batch.radius + batch.extent
+        if batch.covariances is not None:
+            if len(batch.uncertain) < batch.size:
+                dx, dy, squared = dx[:, batch.uncertain], dy[:, batch.uncertain], squared[:, batch.uncertain]
+            covariance, change = batch.covariances.grid_with_rate(times)
+            xx, xy, yy = dx * dx, 2.0 * dx * dy, dy * dy
+            grown = np.abs(change[:, :, 0] * xx + change[:, :, 1] * xy + change[:, :, 2] * yy)
+            grown *= half
+            grown += covariance[:, :, 0] * xx + covariance[:, :, 1] * xy + covariance[:, :, 2] * yy
+            grown /= np.maximum(squared, 1e-300)
+            grown += batch.covariances.derivative.derivative.size_bounds(times, first, last) * (0.5 * half * half)
+            np.sqrt(np.maximum(grown, 0.0, out=grown), out=grown)
+            bound[:, batch.uncertain] -= grown
+        if not nearest > NO_DIRECTION:
+            bound[~(everywhere > NO_DIRECTION)] = -np.inf
+        return bound
+
+    def fine(self, index: Index, interval: Index, moving: MovingPoint) -> DistanceBounds:
+        """Distances of a moving point to chosen zones in the middles of intervals, and lower bounds on all of them.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+            Which zone.
+        interval : (n,) array of int
+            Which interval.
+        moving : MovingPoint
+            On intervals without a breakpoint of a zone.
+
+        Returns
+        -------
+        DistanceBounds
+        """
+        batch = self.batch
+        times, half = moving.time[interval], moving.half[interval]
+        position, velocity = moving.position[interval], moving.velocity[interval]
+        own = moving.acceleration[interval]
+        if batch.outlines is None:
+            return self._of_ellipses(index, times, half, position, velocity, own)
+        contacts = batch.contacts(index, times, position)
+        slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+        bend = self.bend(index, times, half, contacts.normal, position, velocity, own)
+        return DistanceBounds(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
+
+    def _of_ellipses(
+        self, index: Index, times: Array, half: Array, position: Array, velocity: Array, acceleration: Array
+    ) -> DistanceBounds:
+        """The same for discs and ellipses."""
+        batch = self.batch
+        center = batch.centers.taylor(index, times)
+        offset, relative = position - center[:, 0], velocity - center[:, 1] if center.shape[1] > 1 else velocity
+        bend = acceleration + _second_bound(np.sqrt(np.einsum("ikd,ikd->ik", center, center)), half)
+        distance = np.sqrt(np.einsum("id,id->i", offset, offset))
+        normal = offset / np.maximum(distance, 1e-12)[:, None]
+        growth = np.zeros_like(distance)
+        if batch.covariances is not None:
+            rows = batch.uncertain_among(index)
+            covariance = batch.covariances.taylor(batch.slot[index[rows]], times[rows])
+            contact = ellipse_contact(offset[rows], covariance[:, 0])
+            distance[rows], normal[rows] = contact.distance, contact.normal
+            x, y = contact.normal[:, 0], contact.normal[:, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            terms = np.matmul(covariance, weights[:, :, None])[:, :, 0]
+            rate, bent = _root_bounds(terms, half[rows])
+            growth[rows] = rate
+            bend[rows] += bent
+        slope = np.abs(np.einsum("id,id->i", normal, relative) - growth)
+        distance -= batch.radius[index]
+        return DistanceBounds(distance, distance - (slope + 0.5 * bend * half) * half)
+
+    def acceleration(self, index: Index, times: Array, half: Array) -> Array:
+        """Bound of |centre''| of chosen zones on intervals of time, (n,) m/s^2.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+
+        Returns
+        -------
+        (n,) array
+            m/s^2.
+        """
+        batch = self.batch
+        return _magnitude_bound(batch.velocities.derivative, index, times, half)
+
+    def bend(
+        self,
+        index: Index,
+        times: Array,
+        half: Array,
+        normal: Array,
+        points: Array,
+        velocity: Array,
+        acceleration: Array,
+    ) -> Array:
+        """Bound of the second time derivative of nu . (r - centre) - h(nu) on intervals, nu turning with the zone.
+
+        For a zone that turns by the angle phi, with d = r - centre seen from the zone,
+        |d''| <= |r'' - centre''| + 2 |phi'| |r' - centre'| + (phi'^2 + |phi''|) |r - centre|.
+
+        Parameters
+        ----------
+        index : (n,) array of int
+        times, half : (n,) arrays
+            Middles and half widths of the intervals, s.
+        normal : (n, 2) array
+            nu at the middles.
+        points, velocity : (n, 2) arrays
+            r and r' at the middles, m and m/s.
+        acceleration : (n,) array
+            Bound of |r''| on the intervals, m/s^2.
+
+        Returns
+        -------
+        (n,) array
+            m/s^2.
+        """
+        batch = self.batch
+        bound = acceleration + self.acceleration(index, times, half)
+        growth = self.growth_bend(index, times, half, normal)
+        rows = np.flatnonzero(batch.turning[index]) if batch.any_turning else _NONE
+        if len(rows) == 0:
+            return bound + growth
+        zone, t, h, relative = index[rows], times[rows], half[rows], bound[rows]
+        spin, spin_rate = self._spin(zone, t, h)
+        speed = np.hypot(*(velocity[rows] - batch.velocities.at(zone, t)).T) + relative * h
+        gap = np.hypot(*(points[rows] - batch.centers.at(zone, t)).T) + speed * h
+        bound[rows] += 2.0 * spin * speed + (spin * spin + spin_rate) * gap
+        blurred = np.flatnonzero(batch.slot[zone] >= 0)
+        if batch.covariances is not None and len(blurred):
+            growth[rows[blurred]] = self._turning_growth_bend(
+                batch.slot[zone[blurred]],
+                t[blurred],
+                h[blurred],
+                normal[rows[blurred]],
+                spin[blurred],
+                spin_rate[blurred],
+            )
+        return bound + growth
+
+    def _spin(self, index: Index, times: Array, half: Array) -> tuple[Array, Array]:
+        """Bounds of |phi'| in 1/s and |phi''| in 1/s^2 on intervals, phi the direction of the centre's velocity."""
+        batch = self.batch
+        v, a, j = (
+            _ranges(part, index, times, half)
+            for part in (batch.velocities, batch.velocities.derivative, batch.velocities.derivative.derivative)
+        )
+        least = v[0].squared().lower + v[1].squared().lower
+        turn = (v[0] * a[1] - v[1] * a[0]).magnitude()
+        change = (v[0] * j[1] - v[1] * j[0]).magnitude()
+        gain = (v[0] * a[0] + v[1] * a[1]).magnitude()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spin = np.where(least > 0.0, turn / least, np.inf)
+            spin_rate = np.where(least > 0.0, change / least + 2.0 * turn * gain / least**2, np.inf)
+        return spin, spin_rate
+
+    def _turning_growth_bend(
+        self, slot: Index, times: Array, half: Array, normal: Array, spin: Array, spin_rate: Array
+    ) -> Array:
+        """As :meth:`growth_bend`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
+
+        |s'| <= |C'| + 2 |phi'| |C| and |s''| <= |C''| + 4 |phi'| |C'| + (4 phi'^2 + 2 |phi''|) |C|.
+        """
+        batch = self.batch
+        assert batch.covariances is not None
+        rate = batch.covariances.derivative
+        size, speed, bend = (
+            _size_bound(part, slot, times, half) for part in (batch.covariances, rate, rate.derivative)
+        )
+        value = support(batch.covariances.at(slot, times), normal) ** 2
+        least = value - (speed + 2.0 * spin * size) * half
+        second = bend + 4.0 * spin * speed + (4.0 * spin * spin + 2.0 * spin_rate) * size
+        with np.errstate(invalid="ignore"):
+            return np.where(least > 0.0, second / (2.0 * np.sqrt(np.maximum(least, 1e-300))), np.inf)
+
+    def growth_bend(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
+        """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
+
+        With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.
+        """
+        batch = self.batch
+        bound = np.zeros(len(index))
+        if batch.covariances is None:
+            return bound
+        rows = np.flatnonzero(batch.slot[index] >= 0)
+        if len(rows):
+            slot, x, y = batch.slot[index[rows]], normal[rows, 0], normal[rows, 1]
+            weights = np.stack([x * x, 2.0 * x * y, y * y], axis=1)
+            rate = batch.covariances.derivative
+            value = _directed_range(batch.covariances, slot, times[rows], half[rows], weights)
+            second = _directed_range(rate.derivative, slot, times[rows], half[rows], weights)
+            bound[rows] = np.where(
+                value.lower > 0.0,
+                np.maximum(second.upper, 0.0) / (2.0 * np.sqrt(np.maximum(value.lower, 1e-300))),
+                np.where(second.upper > 0.0, np.inf, 0.0),
+            )
+        return bound
 
 
 def _ranges(polynomials: PiecewisePolynomials, index: Index, times: Array, half: Array) -> tuple[Interval, Interval]:

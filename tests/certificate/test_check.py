@@ -22,7 +22,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import GuideFrame, StraightGuide
 from scp_planner.trips.path import Path
@@ -573,10 +573,10 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
         count = len(zones)
         interval, index = np.divmod(np.arange(len(times) * count), count)
         moving = enclosure.disc(0.0)
-        bounds = check.batch.bounds(index, interval, moving)
+        bounds = ZoneBounds(check.batch).fine(index, interval, moving)
         exact = check.batch.contacts(index, moving.time[interval], moving.position[interval]).distance
         np.testing.assert_allclose(bounds.value, exact, rtol=0.0, atol=1e-11)
-        lower, crude = bounds.lower.reshape(-1, count), check.batch.crude_bounds(moving)
+        lower, crude = bounds.lower.reshape(-1, count), ZoneBounds(check.batch).crude(moving)
         positions = reference.position(flat)
         for column, threat in enumerate(zones):
             gap = threat.signed_distance(flat + FRAME.time, positions).reshape(times.shape) - RADIUS
@@ -706,8 +706,8 @@ def test_bounds_of_zones_contain_dense_samples(seed: int) -> None:
     middle, half = rng.uniform(0.0, 9.0, count), rng.choice([0.5, 0.05, 0.005], count)
     angle = rng.uniform(0.0, 2.0 * np.pi, count)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    acceleration = batch.acceleration_bound(index, middle, half)
-    growth = batch.growth_bend_bound(index, middle, half, normal)
+    acceleration = ZoneBounds(batch).acceleration(index, middle, half)
+    growth = ZoneBounds(batch).growth_bend(index, middle, half, normal)
     assert np.all(growth[index == 0] == 0.0)
     step = 1e-3
     for row in range(count):
@@ -729,8 +729,8 @@ def test_a_point_on_a_centre_is_not_taken_to_be_clear() -> None:
     frame = PlanningFrame((0.0, 0.0), 0.0, 0.0)
     batch = ZoneBatch((ThreatZone("seen", 0.0, still, flat), ThreatZone("known", 0.0, still)), frame, 0.0)
     here = MovingPoint(np.ones(1), np.full(1, 0.1), np.array([[2.0, 1.0]]), np.zeros((1, 2)), np.zeros(1))
-    assert not np.any(batch.crude_bounds(here) >= 0.0)
-    assert batch.bounds(np.zeros(1, dtype=int), np.zeros(1, dtype=int), here).value[0] < -0.3
+    assert not np.any(ZoneBounds(batch).crude(here) >= 0.0)
+    assert ZoneBounds(batch).fine(np.zeros(1, dtype=int), np.zeros(1, dtype=int), here).value[0] < -0.3
 
 
 @pytest.mark.parametrize("seed", SEEDS)

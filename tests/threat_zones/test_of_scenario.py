@@ -11,6 +11,7 @@ from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.mathematics.ellipse import ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -162,8 +163,8 @@ def test_bounds_on_intervals_hold_everywhere_in_them() -> None:
     times, half = rng.uniform(0.5, 6.0, 100), rng.uniform(0.001, 0.3, 100)
     angle = rng.uniform(0, 2 * np.pi, 100)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    bend = batch.growth_bend_bound(index, times, half, normal)
-    turning = batch.acceleration_bound(index, times, half)
+    bend = ZoneBounds(batch).growth_bend(index, times, half, normal)
+    turning = ZoneBounds(batch).acceleration(index, times, half)
     accelerations = batch.velocities.derivative
     step = 1e-3
     for x in np.linspace(-1.0, 1.0, 11):

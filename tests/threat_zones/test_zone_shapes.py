@@ -13,7 +13,7 @@ from shapely.geometry import Point, Polygon, box
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.trips.trajectory import Trajectory
 from tests.threat_zones.test_of_scenario import observed
 
@@ -181,7 +181,7 @@ def test_bounds_of_turning_zones_contain_dense_samples() -> None:
     middle, half = rng.uniform(0.5, 6.0, count), rng.choice([0.3, 0.05, 0.005], count)
     place, velocity, pull = (rng.normal(size=(count, 2)) * scale for scale in (6.0, 2.0, 1.5))
     contacts = batch.contacts(index, middle, place)
-    bend = batch.bend_bound(index, middle, half, contacts.normal, place, velocity, np.hypot(*pull.T))
+    bend = ZoneBounds(batch).bend(index, middle, half, contacts.normal, place, velocity, np.hypot(*pull.T))
     step = 1e-3
 
     def heading(t: Array) -> Array:
@@ -208,8 +208,8 @@ def test_bounds_of_turning_zones_contain_dense_samples() -> None:
     np.testing.assert_allclose(gap(middle), contacts.distance, atol=1e-9)
     assert np.isfinite(bend).mean() > 0.9
     moving = MovingPoint(middle, half, place, velocity, np.hypot(*pull.T))
-    crude = batch.crude_bounds(moving)
-    bounds = batch.bounds(index, np.arange(count), moving)
+    crude = ZoneBounds(batch).crude(moving)
+    bounds = ZoneBounds(batch).fine(index, np.arange(count), moving)
     np.testing.assert_allclose(bounds.value, contacts.distance, atol=1e-12)
     for x in np.linspace(-1.0, 1.0, 7):
         t = middle + x * half
