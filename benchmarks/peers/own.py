@@ -92,7 +92,7 @@ class InStep(OneRun):
 
 def _attempt(problem: Any, run: Any) -> Attempt:
     """The end of a run of the loop, without a certificate."""
-    from scp_planner.scp.record import Status
+    from scp_planner.scp.record import LoopStatus
     from scp_planner.trips.trip import Trip
 
     trajectory = run.evaluation.trajectory
@@ -103,7 +103,7 @@ def _attempt(problem: Any, run: Any) -> Attempt:
         return problem.frame.to_world(points.path.position)
 
     return Attempt(
-        success=run.status is Status.CONVERGED,
+        success=run.status is LoopStatus.CONVERGED,
         position=position,
         start_time=begin,
         arrival_time=begin + trajectory.travel_time,

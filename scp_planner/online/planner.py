@@ -62,8 +62,7 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import FIRST_TRUST, ScpLoop
-from scp_planner.scp.record import FEASIBILITY
-from scp_planner.scp.record import Status as RunStatus
+from scp_planner.scp.record import FEASIBILITY, LoopStatus
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.settings.online import OnlineSettings, Safety
@@ -586,7 +585,7 @@ class Planner:
             look.trip, look.steps, left = Trip(problem.frame, evaluation.trajectory), look.steps + steps, left - steps
             clear = evaluation.worst_violation <= tolerance
             faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
-            ended = run.status not in (RunStatus.ITERATION_LIMIT, RunStatus.TIME_LIMIT) or look.steps >= most
+            ended = run.status not in (LoopStatus.ITERATION_LIMIT, LoopStatus.TIME_LIMIT) or look.steps >= most
             hopeful = (
                 any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
             )

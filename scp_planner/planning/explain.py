@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
 from scp_planner.certificate.verdict import EARLIEST, LATEST, Certificate, Violation
 from scp_planner.scenario.models import Scenario
-from scp_planner.scp.record import Run, Status
+from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
 
@@ -31,14 +31,14 @@ LOOKS = 65  # at times of a trip
 ROUNDING = 1e-6  # of the trip's length or time
 
 _ENDS = {
-    Status.CONVERGED: "the loop converged",
-    Status.STALLED: "the trust region became tiny before the loop converged",
-    Status.INFEASIBLE: "no step comes nearer to keeping every constraint, at the highest penalties",
-    Status.ITERATION_LIMIT: "the limit of iterations was reached",
-    Status.TIME_LIMIT: "the time limit was reached",
-    Status.SOLVER_FAILED: "the solver failed on the last subproblem",
-    Status.SLOWER: "the run was given up as slower than another",
-    Status.SAME_WAY: "the run was given up as going the way of another",
+    LoopStatus.CONVERGED: "the loop converged",
+    LoopStatus.STALLED: "the trust region became tiny before the loop converged",
+    LoopStatus.INFEASIBLE: "no step comes nearer to keeping every constraint, at the highest penalties",
+    LoopStatus.ITERATION_LIMIT: "the limit of iterations was reached",
+    LoopStatus.TIME_LIMIT: "the time limit was reached",
+    LoopStatus.SOLVER_FAILED: "the solver failed on the last subproblem",
+    LoopStatus.SLOWER: "the run was given up as slower than another",
+    LoopStatus.SAME_WAY: "the run was given up as going the way of another",
 }
 
 
@@ -48,7 +48,7 @@ class Ending:
 
     Attributes
     ----------
-    status : Status
+    status : LoopStatus
         Of the run that the best one came from.
     penalty : float
         What its violations cost it, s; 0 where that is nothing but rounding.
@@ -56,12 +56,12 @@ class Ending:
         Number of ways that were tried.
     """
 
-    status: Status
+    status: LoopStatus
     penalty: float
     tried: int
 
     @classmethod
-    def of(cls, run: Run, tried: int, time: float = 1.0) -> Ending:
+    def of(cls, run: LoopRun, tried: int, time: float = 1.0) -> Ending:
         """Return the ending of a run in natural units, with ``time`` the unit of time, s."""
         left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
         return cls(run.status, left * time if left > FEWEST_PENALTIES else 0.0, tried)

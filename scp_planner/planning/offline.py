@@ -29,7 +29,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import Run, Status
+from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
 from scp_planner.search.grid import Fineness
 from scp_planner.search.starts import COARSENESSES
@@ -139,7 +139,7 @@ def plan(
         limits=found.limits,
         lower_bound=search.lower_bound * units.time,
         timings=search.timings,
-        converged=run.status is Status.CONVERGED,
+        converged=run.status is LoopStatus.CONVERGED,
     )
 
 
@@ -147,7 +147,7 @@ def plan(
 class _Attempt:
     """A run and what its certificate says; without one if the run was cut off."""
 
-    run: Run
+    run: LoopRun
     certificate: Certificate | None
 
     @property
@@ -189,13 +189,13 @@ class _Branch:
     touched: tuple[tuple[int, int], ...] = ()
 
 
-def _promise(run: Run) -> tuple[bool, float]:
+def _promise(run: LoopRun) -> tuple[bool, float]:
     """What makes a run better than others: to keep all constraints, and be fast; else to miss them by little."""
     evaluation = run.evaluation
     return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
 
 
-def _touched(problem: Problem, run: Run) -> tuple[tuple[int, int], ...]:
+def _touched(problem: Problem, run: LoopRun) -> tuple[tuple[int, int], ...]:
     """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
     evaluation = run.evaluation
     contacts = evaluation.minima_contacts
@@ -275,11 +275,11 @@ class _Planning:
             return solver_named(name), None
         return solver_named(name), "clarabel" if name != "clarabel" else "daqp"
 
-    def trip(self, run: Run) -> Trip:
+    def trip(self, run: LoopRun) -> Trip:
         """Return the trip that a run ended with."""
         return Trip(self.problem.frame, run.evaluation.trajectory)
 
-    def best(self) -> tuple[Run, Certificate]:
+    def best(self) -> tuple[LoopRun, Certificate]:
         """Try ways round, the fastest estimate first, until no other can be expected to be better.
 
         Other ways than the one just tried differ in the side on which some obstacle is passed. Only obstacles that the
@@ -293,7 +293,7 @@ class _Planning:
             if perf_counter() > self.deadline or self._good_enough:
                 break
         best = self.incumbent
-        broken = best is not None and best.run.status is Status.SOLVER_FAILED
+        broken = best is not None and best.run.status is LoopStatus.SOLVER_FAILED
         if best is None or not (best.holds or broken or perf_counter() > self.deadline):
             for attempt in self._second_thoughts(failed):
                 best = attempt if attempt.better_than(best) else best
@@ -312,7 +312,7 @@ class _Planning:
         self.tried += 1
         attempt = self._attempt(branch.start(SMOOTHING), cutoff, rival)
         run = attempt.run
-        if run.status is Status.INFEASIBLE and run.evaluation.worst_violation < HARDLY:
+        if run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY:
             self.tried += 1
             again = self._attempt(branch.start(CLOSE_SMOOTHING), cutoff, rival)
             attempt = again if again.better_than(attempt) else attempt
@@ -411,13 +411,13 @@ class _Planning:
         """Run the loop from a trip of the problem's space."""
         return self._attempt(start, cutoff, loop=loop)
 
-    def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> Run:
+    def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> LoopRun:
         """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
         most = self.settings.max_iterations
         run = loop.run(start, most, cutoff, self.deadline, rival=rival)
         self.iterations += len(run.record)
         for _ in range(CONTINUATIONS):
-            if run.status is not Status.ITERATION_LIMIT or perf_counter() > self.deadline:
+            if run.status is not LoopStatus.ITERATION_LIMIT or perf_counter() > self.deadline:
                 break
             logger.info("at the limit of %d iterations after %.4f units; going on", most, _promise(run)[1])
             further = loop.run(run.evaluation.trajectory, most, cutoff, self.deadline, rival=rival)
@@ -438,7 +438,7 @@ class _Planning:
             run = self._run(loop, start, cutoff, against)
             self.timings["scp"] += perf_counter() - clock
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
-            if run.status is Status.SAME_WAY or (np.isfinite(cutoff) and slower):
+            if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower):
                 return _Attempt(run, None)
             clock = perf_counter()
             certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
@@ -457,7 +457,7 @@ class _Planning:
         return _Attempt(run, certificate)
 
 
-def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -> tuple[Run, Certificate]:
+def _over_better_guides(search: _Planning, run: LoopRun, certificate: Certificate) -> tuple[LoopRun, Certificate]:
     """Where the guide limits the best path, take the path as the guide and go on from there, while that gains much."""
     best, problem = _Attempt(run, certificate), search.problem
     for _ in range(GUIDES):
@@ -481,7 +481,7 @@ def _over_better_guides(search: _Planning, run: Run, certificate: Certificate) -
     return best.run, best.certificate
 
 
-def _with_finer_spans(search: _Planning, run: Run, certificate: Certificate) -> tuple[Run, Certificate]:
+def _with_finer_spans(search: _Planning, run: LoopRun, certificate: Certificate) -> tuple[LoopRun, Certificate]:
     """Where speed limits of places or of the jerk ask for many switches, take more spans while that gains much."""
     best, spans = _Attempt(run, certificate), search.settings.acceleration_spans
     if search.problem.profile is None and search.scenario.vehicle.max_jerk is None:
@@ -509,11 +509,11 @@ def _with_finer_spans(search: _Planning, run: Run, certificate: Certificate) -> 
     return best.run, best.certificate
 
 
-def _status(run: Run, certificate: Certificate) -> PlanStatus:
+def _status(run: LoopRun, certificate: Certificate) -> PlanStatus:
     if certificate.holds:
         return PlanStatus.CERTIFIED
     if certificate.late:
         return PlanStatus.INFEASIBLE
-    if run.status is Status.SOLVER_FAILED and not run.record:
+    if run.status is LoopStatus.SOLVER_FAILED and not run.record:
         return PlanStatus.FAILED
     return PlanStatus.FEASIBLE if run.feasible else PlanStatus.INFEASIBLE

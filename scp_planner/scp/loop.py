@@ -21,7 +21,7 @@ from scp_planner.scp.evaluation import Evaluation, evaluate_trips
 from scp_planner.scp.last_step import LastStep
 from scp_planner.scp.linearisation import TrustRegion, linearise_trips
 from scp_planner.scp.merit import Penalties
-from scp_planner.scp.record import FEASIBILITY, NEAR, Iteration, Run, Status
+from scp_planner.scp.record import FEASIBILITY, NEAR, Iteration, LoopRun, LoopStatus
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.subproblem import ActiveSet, Subproblem, build_subproblem
@@ -149,8 +149,8 @@ class _Cutoff:
         apart = trip.points.path.position - self.rival.points.path.position
         return bool(np.abs(apart).max() < SAME_WAY)
 
-    def hear(self, run: Run) -> None:
-        if self.race and run.status is Status.CONVERGED:
+    def hear(self, run: LoopRun) -> None:
+        if self.race and run.status is LoopStatus.CONVERGED:
             self.time = min(self.time, run.evaluation.trajectory.travel_time)
 
 
@@ -162,7 +162,7 @@ class _Wish:
     trust: TrustRegion
 
 
-_Steps = Generator[Trajectory | _Wish, Evaluation | Rows, Run]
+_Steps = Generator[Trajectory | _Wish, Evaluation | Rows, LoopRun]
 
 
 def _evaluated(trip: Trajectory) -> Generator[Trajectory | _Wish, Evaluation | Rows, Evaluation]:
@@ -215,7 +215,7 @@ class ScpLoop:
         trust: TrustRegion = FIRST_TRUST,
         enough: int | None = None,
         rival: Evaluation | None = None,
-    ) -> Run:
+    ) -> LoopRun:
         """Improve a trip until it has converged.
 
         Parameters
@@ -235,7 +235,7 @@ class ScpLoop:
 
         Returns
         -------
-        Run
+        LoopRun
         """
         return self.run_all([start], max_iterations, cutoff, deadline, trust, enough, rival=rival)[0]
 
@@ -250,7 +250,7 @@ class ScpLoop:
         *,
         race: bool = False,
         rival: Evaluation | None = None,
-    ) -> list[Run]:
+    ) -> list[LoopRun]:
         """Improve several trips in step with each other, so that they share the cost of looking at them.
 
         Parameters
@@ -268,13 +268,13 @@ class ScpLoop:
 
         Returns
         -------
-        list of Run
+        list of LoopRun
             One for each start.
         """
         goal = _Cutoff(cutoff, race, rival)
         steps = [self._steps(start, max_iterations, goal, deadline, trust, enough) for start in starts]
         wishes: dict[int, Trajectory | _Wish] = {k: next(some) for k, some in enumerate(steps)}
-        runs: dict[int, Run] = {}
+        runs: dict[int, LoopRun] = {}
 
         def hand(number: int, answer: Evaluation | Rows) -> None:
             try:
@@ -310,13 +310,13 @@ class ScpLoop:
         active: ActiveSet | None = None
         if self.problem.given is not None:
             start = self._kept(start, deadline)
-        run = Run(Status.ITERATION_LIMIT, (yield from _evaluated(start)), penalties)
+        run = LoopRun(LoopStatus.ITERATION_LIMIT, (yield from _evaluated(start)), penalties)
         progress = _Progress(0, run.evaluation.worst_violation)
         trial: _Trial | None = None
         last: LastStep | None = None
         for number in range(1, max_iterations + 1):
             if perf_counter() > deadline:
-                run.status = Status.TIME_LIMIT
+                run.status = LoopStatus.TIME_LIMIT
                 break
             rows = yield from _linearised(run.evaluation, trust)
             weights = np.concatenate([penalties.zones, penalties.limits])
@@ -326,7 +326,7 @@ class ScpLoop:
             sub = build_subproblem(self.problem, self.kinematics, trip, rows, weights, trust, active, last)
             solution = self._solve(sub, deadline)
             if solution is None:
-                run.status = Status.SOLVER_FAILED
+                run.status = LoopStatus.SOLVER_FAILED
                 if trial is not None:
                     run.evaluation, trust, trial = trial.evaluation, trial.trust, None
                 kept = self._within_limits(run.evaluation.trajectory, deadline)
@@ -338,7 +338,7 @@ class ScpLoop:
                     break
                 continue
             if trial is None and number > 1 and self._settled(run.evaluation, sub, solution):
-                run.status = Status.CONVERGED
+                run.status = LoopStatus.CONVERGED
                 break
             active = sub.active_set(solution)
             moved = self._moved(trip, solution.x)
@@ -348,7 +348,7 @@ class ScpLoop:
             last = None
             if moved is not None and step.size < INSIDE:
                 last = LastStep.of(self.kinematics, rows, trip, moved, sub.program, solution)
-            run.status = Status.ITERATION_LIMIT
+            run.status = LoopStatus.ITERATION_LIMIT
             accepted = step.acceptable if trial is None else trial.succeeds(step.evaluation, penalties)
             on_trial = trial is None and not accepted and self._worth_a_trial(step)
             run.record.append(_record(number, step, penalties, accepted or on_trial, trust, len(rows.gap)))
@@ -370,7 +370,7 @@ class ScpLoop:
                 progress = _Progress(number, violation)
                 trust = RETRY_TRUST
             if ended is None and number >= self.hopeless_after and violation > HOPELESS:
-                ended = Status.INFEASIBLE
+                ended = LoopStatus.INFEASIBLE
             if ended is not None:
                 run.status = ended
                 break
@@ -378,7 +378,7 @@ class ScpLoop:
                 break
             trust = _resized(trust, step)
             if trust.theta < SMALLEST_TRUST:
-                run.status = Status.STALLED
+                run.status = LoopStatus.STALLED
                 break
         if trial is not None:
             run.evaluation = trial.evaluation
@@ -448,30 +448,30 @@ class ScpLoop:
         moved = Trajectory.of(self.problem.space, theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
         return moved if np.isfinite(moved.travel_time) else None
 
-    def _ended(self, run: Run, step: _Step, penalties: Penalties, cutoff: _Cutoff) -> Status | None:
+    def _ended(self, run: LoopRun, step: _Step, penalties: Penalties, cutoff: _Cutoff) -> LoopStatus | None:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""
         current = run.evaluation
         violation = current.worst_violation
         # What is still violated can only take more time.
         if current.trajectory.travel_time - HOPE * max(step.sooner, 0.0) > cutoff.time:
-            return Status.SLOWER
+            return LoopStatus.SLOWER
         if cutoff.same_way(current):
-            return Status.SAME_WAY
+            return LoopStatus.SAME_WAY
         tolerance = self.problem.settings.tolerance
         if violation <= FEASIBILITY and step.before <= MENDED and abs(step.sooner) < tolerance:
-            return Status.CONVERGED
+            return LoopStatus.CONVERGED
         if step.predicted < tolerance * max(1.0, 10.0 * violation):
             if violation <= FEASIBILITY:
-                return Status.CONVERGED
+                return LoopStatus.CONVERGED
             return self._escalated(current, penalties)
         return None
 
-    def _escalated(self, current: Evaluation, penalties: Penalties) -> Status | None:
+    def _escalated(self, current: Evaluation, penalties: Penalties) -> LoopStatus | None:
         """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""
         stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
         weights = np.concatenate([penalties.zones, penalties.limits])
         if weights[stuck].max(initial=0.0) >= LAST_PENALTY or not stuck.any():
-            return Status.INFEASIBLE  # without any: a user's own constraints are, whose price stays
+            return LoopStatus.INFEASIBLE  # without any: a user's own constraints are, whose price stays
         penalties.zones[stuck[: self.zone_count]] *= ESCALATION
         penalties.limits[stuck[self.zone_count :]] *= ESCALATION
         return None

@@ -15,7 +15,7 @@ FEASIBILITY = (
 NEAR = 1.0  # units of length; obstacles nearer than this are looked at closely
 
 
-class Status(Enum):
+class LoopStatus(Enum):
     """How a run of the loop ended."""
 
     CONVERGED = "converged"
@@ -62,10 +62,10 @@ class Iteration:
 
 
 @dataclass
-class Run:
+class LoopRun:
     """A run of the loop and where it ended."""
 
-    status: Status
+    status: LoopStatus
     evaluation: Evaluation
     penalties: Penalties
     record: list[Iteration] = field(default_factory=list)

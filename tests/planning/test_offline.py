@@ -12,7 +12,7 @@ from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import Status
+from scp_planner.scp.record import LoopStatus
 from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
 from scp_planner.solvers import solver_named
@@ -190,14 +190,14 @@ def test_a_run_that_comes_to_go_the_way_of_a_rival_is_given_up() -> None:
     problem = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
     loop = ScpLoop(problem, solver_named("daqp"))
     best = loop.run(next(iter(bows(problem))), 60)
-    assert best.status is Status.CONVERGED
+    assert best.status is LoopStatus.CONVERGED
     trip = best.evaluation.trajectory
     theta = trip.theta.copy()
     theta[problem.ends.free] += 0.3 * np.sin(np.linspace(0.0, np.pi, len(theta)))[problem.ends.free]
     near = Trajectory.of(problem.space, theta, 0.9 * trip.beta, trip.travel_time)
     alone, against = loop.run(near, 60), loop.run(near, 60, rival=best.evaluation)
     assert alone.evaluation.trajectory.travel_time == pytest.approx(trip.travel_time, abs=1e-3)
-    assert against.status is Status.SAME_WAY
+    assert against.status is LoopStatus.SAME_WAY
     assert len(against.record) < len(alone.record)
     others = 0
     for start in bows(problem):
@@ -216,12 +216,12 @@ def test_runs_far_from_feasible_end_early_where_there_are_others() -> None:
     start = next(iter(bows(problem)))
     solver = solver_named("daqp")
     impatient, patient = ScpLoop(problem, solver, None, 4).run(start, 60), ScpLoop(problem, solver).run(start, 60)
-    assert impatient.status is patient.status is Status.INFEASIBLE
+    assert impatient.status is patient.status is LoopStatus.INFEASIBLE
     assert len(impatient.record) == 4 < len(patient.record)
     free = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
     way = next(iter(bows(free)))
     alone, among = ScpLoop(free, solver).run(way, 60), ScpLoop(free, solver, None, 8).run(way, 60)
-    assert alone.status is among.status is Status.CONVERGED
+    assert alone.status is among.status is LoopStatus.CONVERGED
     assert alone.evaluation.trajectory.travel_time == among.evaluation.trajectory.travel_time
 
 

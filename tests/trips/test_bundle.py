@@ -14,7 +14,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Batch, Evaluation, evaluate_trip, evaluate_trips
 from scp_planner.scp.linearisation import TrustRegion, linearise, linearise_trips
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import Status
+from scp_planner.scp.record import LoopStatus
 from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import solver_named
@@ -117,12 +117,12 @@ def crossing() -> tuple[Problem, ScpLoop, list[Trajectory]]:
 def test_runs_in_step_end_as_they_do_alone() -> None:
     _, loop, starts = crossing()
     together = loop.run_all(starts, 60)
-    assert any(run.status is Status.CONVERGED for run in together)
+    assert any(run.status is LoopStatus.CONVERGED for run in together)
     for start, run in zip(starts, together, strict=True):
         alone = loop.run(start, 60)
         assert run.status is alone.status
         # Rounding may decide a step of a run that does not get anywhere
-        if run.status is Status.CONVERGED:
+        if run.status is LoopStatus.CONVERGED:
             assert run.evaluation.trajectory.travel_time == pytest.approx(
                 alone.evaluation.trajectory.travel_time, abs=1e-4
             )
@@ -133,11 +133,11 @@ def test_a_race_is_won_by_the_fastest_and_cuts_off_others() -> None:
     alone, race = loop.run_all(starts, 60), loop.run_all(starts, 60, race=True)
 
     def best(runs: list) -> float:
-        return min(run.evaluation.trajectory.travel_time for run in runs if run.status is Status.CONVERGED)
+        return min(run.evaluation.trajectory.travel_time for run in runs if run.status is LoopStatus.CONVERGED)
 
     assert best(race) == pytest.approx(best(alone), rel=2e-3)
     assert sum(len(run.record) for run in race) <= sum(len(run.record) for run in alone)
-    assert any(run.status is Status.SLOWER for run in race)
+    assert any(run.status is LoopStatus.SLOWER for run in race)
 
 
 def test_evaluations_are_independent_of_the_trips_beside_them() -> None:

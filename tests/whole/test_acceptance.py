@@ -12,7 +12,7 @@ from scenes import scene
 
 import scp_planner as sp
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import Run
+from scp_planner.scp.record import LoopRun
 from scp_planner.solvers.interface import SOLVERS
 from verification.dense_check import SAMPLES, check_trip
 
@@ -70,10 +70,10 @@ def test_the_certificate_is_found_again_from_the_file(reference_scenarios: Path,
 
 
 def test_a_start_takes_few_iterations(reference_scenarios: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs: list[Run] = []
+    runs: list[LoopRun] = []
     run = ScpLoop.run
 
-    def counted(loop: ScpLoop, *arguments: object, **named: object) -> Run:
+    def counted(loop: ScpLoop, *arguments: object, **named: object) -> LoopRun:
         runs.append(run(loop, *arguments, **named))
         return runs[-1]
 
