@@ -4,6 +4,8 @@
     python -m benchmarks.online loops       closed loops at one level: contact, arrival, travel time against the truth
     python -m benchmarks.online levels      the same at other levels: the price of safety
     python -m benchmarks.online crowds      through recorded crowds, beside two simpler ways to drive
+    python -m benchmarks.online noticing    obstacles and sensors that are not what they are taken for
+    python -m benchmarks.online regions     how often the truth is in its region, among them and in recordings
     python -m benchmarks.online faults      solvers that fail, observations that vanish, jump, come late or twice
 
 Each writes a CSV file, a row a run, as it goes on; called again it goes on from there. ``--fresh`` begins anew.
@@ -18,6 +20,8 @@ import argparse
 import gc
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -25,7 +29,7 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from benchmarks import families, online_crowds
+from benchmarks import families, online_crowds, online_noticing
 from benchmarks.online_faults import injected_run
 from scp_planner.online.planner import Planner
 from scp_planner.simulation.loop import simulate
@@ -59,11 +63,15 @@ class Ledger:
     def _name(self, row: Row) -> tuple[str, ...]:
         return tuple(str(row[key]) for key in self.keys)
 
+    def missing(self, wanted: Iterable[Row]) -> list[Row]:
+        """What is wanted and not there yet."""
+        return [row for row in wanted if self._name(row) not in self._done]
+
     def fill(self, wanted: Iterable[Row], run: Callable[[Row], Row]) -> list[Row]:
         """Run what is wanted and not there yet; return all rows that are wanted."""
         wanted = list(wanted)
         names = {self._name(row) for row in wanted}
-        todo = [row for row in wanted if self._name(row) not in self._done]
+        todo = self.missing(wanted)
         began = perf_counter()
         for number, row in enumerate(todo, 1):
             self.rows.append({**row, **run(row)})
@@ -317,10 +325,77 @@ def crowd_table(rows: Sequence[Row]) -> str:
     return common.table(headings, table)
 
 
+# obstacles and sensors that are not what they are taken for
+
+
+def _noticed(row: Row) -> Row:
+    scene = LOOP_FAMILIES[int(row["seed"]) % len(LOOP_FAMILIES)]
+    return {**row, **online_noticing.drive(row, lambda seed: true_scene(scene, seed))}
+
+
+def noticing(options: argparse.Namespace) -> int:
+    """Closed loops among obstacles and with sensors that are not what they are taken for; so many of each family."""
+    ledger = Ledger(options.output / "online-noticing.csv", ("family", "seed"), options.fresh)
+    wanted = [
+        {"family": family, "seed": seed}
+        for seed in range(options.seed, options.seed + options.count)
+        for family in online_noticing.FAMILIES
+    ]
+    if options.workers == 1:
+        rows = ledger.fill(wanted, _noticed)
+    else:
+        with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
+            running = {(row["family"], row["seed"]): pool.submit(_noticed, row) for row in ledger.missing(wanted)}
+            rows = ledger.fill(wanted, lambda row: running[row["family"], row["seed"]].result())
+    sys.stdout.write(loop_table(rows) + "\n")
+    return 0
+
+
+def regions(options: argparse.Namespace) -> int:
+    """How often the truth is in its region of 95 %, one observation, 1 s, 2 s and 4 s ahead."""
+    ledger = Ledger(options.output / "online-regions.csv", ("family", "seed", "regions"), options.fresh)
+    recorded = online_crowds.recordings(options.tracks)
+    synthetic = [(family, seed) for family in online_noticing.FAMILIES for seed in range(options.count)]
+    wanted = [
+        {"family": family, "seed": seed, "regions": str(way)}
+        for family, seed in [*synthetic, *((name, 0) for name in recorded)]
+        for way in online_noticing.Regions
+    ]
+
+    def run(row: Row) -> Row:
+        way, family = online_noticing.Regions(row["regions"]), row["family"]
+        if family in recorded:
+            counted = online_noticing.recorded_coverage(recorded[family], way)
+        else:
+            counted = online_noticing.synthetic_coverage(family, int(row["seed"]), way)
+        return {
+            f"{what}_{lead:g}": getattr(one, what)
+            for lead, one in zip(online_noticing.LEADS, counted, strict=True)
+            for what in ("number", "held", "area")
+        }
+
+    sys.stdout.write(region_table(ledger.fill(wanted, run)) + "\n")
+    return 0
+
+
+def region_table(rows: Sequence[Row]) -> str:
+    """Coverage in % and radius in m, by family, way and lead time."""
+    leads = online_noticing.LEADS
+    table = []
+    for family, some in by(rows, "family")[:-1]:
+        for way, chosen in by(some, "regions")[:-1]:
+            cells = []
+            for lead in leads:
+                number, held, area = (values(chosen, f"{what}_{lead:g}").sum() for what in ("number", "held", "area"))
+                cells.append(f"{100.0 * held / max(number, 1):.1f} %, {np.sqrt(area / max(number, 1)):.2f} m")
+            table.append([family, way, *cells])
+    return common.table(["family", "regions", "next", *(f"{lead:g} s" for lead in leads[1:])], table)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, faults: 500}
+    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 5, faults: 500}
     for command, count in counts.items():
         sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0])
         sub.set_defaults(run=command)
@@ -335,7 +410,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     replans.add_argument("--deadline", type=float, help="of each replan, s; default: none")
     checks = commands.choices["faults"]
     checks.add_argument("--check-every", type=int, default=3, help="plans from one that is checked to the next")
-    commands.choices["crowds"].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    for name in ("crowds", "regions"):
+        commands.choices[name].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    commands.choices["noticing"].add_argument("--workers", type=int, default=2, help="processes; default: 2")
     options = parser.parse_args(argv)
     try:
         return int(options.run(options))

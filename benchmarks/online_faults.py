@@ -21,11 +21,12 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks import families
-from scp_planner.estimation.confidence import region_scale
+from scp_planner.estimation.confidence import marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import standing_from
+from scp_planner.scenario.models import Course
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus
 from scp_planner.threat_zones.of_scenario import HORIZON
@@ -276,15 +277,18 @@ class _Drive:
 def _regions(scenario: sp.Scenario) -> dict[str, float]:
     """Size of each obstacle's confidence region; the level is the planner's business, not the check's."""
     observed = [obstacle for obstacle in scenario.obstacles if obstacle.observations is not None]
-    start = scenario.start.time
-    return {
+    # those that have been noticed to move otherwise than foretold come as courses with covariances
+    foretold = {
+        obstacle.id: len(obstacle.motion.time)
+        for obstacle in scenario.obstacles
+        if isinstance(obstacle.motion, Course) and obstacle.motion.covariance is not None
+    }
+    start, uncertain = scenario.start.time, len(observed) + len(foretold)
+    level, probability = str(scenario.confidence.level), scenario.confidence.probability
+    courses = {name: marginal_scale(level, probability, times, uncertain) for name, times in foretold.items()}
+    return courses | {
         obstacle.id: region_scale(
-            str(scenario.confidence.level),
-            scenario.confidence.probability,
-            estimate_obstacle(obstacle),
-            obstacles=len(observed),
-            start=start,
-            stop=start + HORIZON,
+            level, probability, estimate_obstacle(obstacle), obstacles=uncertain, start=start, stop=start + HORIZON
         )
         for obstacle in observed
     }

@@ -82,6 +82,7 @@ class Units:
             "1/m": 1.0 / length,
             "1/(m s)": 1.0 / (length * time),
             "m2/s3": length**2 / time**3,
+            "m2/s5": length**2 / time**5,
         }[unit]
 
     def instant(self, time: float) -> float:

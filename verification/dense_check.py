@@ -644,7 +644,11 @@ def _distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: 
     spread = np.linalg.inv(information).reshape(order + 1, 2, order + 1, 2)
     powers = np.vander((times - middle) / half, order + 1, increasing=True)
     centres = powers @ fitted.reshape(order + 1, 2)
-    errors = region * np.einsum("ni,iajb,nj->nab", powers, spread, powers)
+    errors = np.einsum("ni,iajb,nj->nab", powers, spread, powers)
+    # A change of acceleration may begin with the last observation, in proportion to the noise.
+    noise = covariance.mean(axis=0)
+    change = float(model.get("manoeuvre") or 0.0) ** 2 * noise / np.linalg.eigvalsh(noise)[0]
+    errors = region * (errors + ((times - when.max()) ** 4 / 4.0)[:, None, None] * change)
     return _distance_to_ellipses(positions - centres, errors) - float(obstacle["shape"]["disc"])
 
 

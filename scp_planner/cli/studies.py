@@ -151,6 +151,14 @@ def fit_motion(
         int,
         typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
     ] = 8,
+    conformal: Annotated[
+        float | None,
+        typer.Option(
+            "--conformal",
+            metavar="P",
+            help="Level at which regions are split-conformal, from half of the tracks; such as 0.95.",
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -163,9 +171,11 @@ def fit_motion(
     check_target("--output", output, tracks_file)
     if output.suffix not in (".yaml", ".yml", ".json"):
         raise bad_option("--output", output, "must end in .yaml, .yml or .json")
+    if conformal is not None and not 0.0 < conformal < 1.0:
+        raise bad_option("--conformal", conformal, "must be between 0 and 1")
     from scp_planner.estimation.motion_fitting import fit_motion_model
 
-    model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window)
+    model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window, conformal=conformal)
     model.save(output)
     found = model.model_dump(mode="json", by_alias=True)
     listed = {**found["process"], **{key: found[key] for key in ("velocity_deviation", "noise_deviation")}}

@@ -16,6 +16,7 @@ from scp_planner.arrays import Array
 from scp_planner.scenario.process_model import (
     MeanRevertingVelocity,
     ProcessModel,
+    RandomWalkAcceleration,
     RandomWalkVelocity,
     SingerAcceleration,
 )
@@ -88,6 +89,50 @@ class RandomWalk(Dynamics):
     def acceleration(self, state: Array) -> Array:
         """Expect none."""
         return np.zeros(2)
+
+
+@dataclass(frozen=True)
+class WhiteJerk(Dynamics):
+    """Jerk is white noise of intensity ``diffusion``, m^2/s^5; the prior of the acceleration in m/s^2; x, v, a."""
+
+    diffusion: float
+    acceleration_deviation: float
+    states = 3
+    order = 2
+
+    def transition(self, lag: Array) -> Array:
+        """Keep the acceleration."""
+        f = np.zeros((*lag.shape, 3, 3))
+        f[..., 0, 0] = f[..., 1, 1] = f[..., 2, 2] = 1.0
+        f[..., 0, 1] = f[..., 1, 2] = lag
+        f[..., 0, 2] = 0.5 * lag**2
+        return f
+
+    def process_noise(self, lag: Array) -> Array:
+        """Grow with the fifth power of the lag in position."""
+        q = np.empty((*lag.shape, 3, 3))
+        for (i, j), (power, divisor) in _JERK_NOISE.items():
+            q[..., i, j] = q[..., j, i] = self.diffusion * lag**power / divisor
+        return q
+
+    def prior(self, velocity_variance: float) -> Array:
+        """Know nothing but the spread of velocities and accelerations."""
+        return np.diag([0.0, velocity_variance, self.acceleration_deviation**2])
+
+    def acceleration(self, state: Array) -> Array:
+        """Expect the estimated one."""
+        return state[2]
+
+
+_JERK_NOISE = {
+    (0, 0): (5, 20.0),
+    (0, 1): (4, 8.0),
+    (0, 2): (3, 6.0),
+    (1, 1): (3, 3.0),
+    (1, 2): (2, 2.0),
+    (2, 2): (1, 1.0),
+}
+"""Power of the lag and divisor of each entry of the noise of `WhiteJerk`: integrals of products of s^k / k!."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +252,8 @@ def dynamics_of(model: ProcessModel) -> Dynamics:
         return RandomWalk(process.diffusion)
     if isinstance(process, MeanRevertingVelocity):
         return MeanReverting(process.diffusion, process.time_constant)
+    if isinstance(process, RandomWalkAcceleration):
+        return WhiteJerk(process.diffusion, process.acceleration_deviation)
     assert isinstance(process, SingerAcceleration)
     return Singer(process.deviation, process.time_constant)
 

@@ -108,7 +108,8 @@ def estimate_obstacle(obstacle: Obstacle) -> MotionEstimate:
             from scp_planner.estimation.motion_filter import estimate_process
 
             return estimate_process(seen.time, seen.position, model.process, seen.covariance)
-        return estimate_motion(seen.time, seen.position, seen.covariance, model.order, _prior(model.prior))
+        estimate = estimate_motion(seen.time, seen.position, seen.covariance, model.order, _prior(model.prior))
+        return estimate.with_manoeuvre(model.manoeuvre)
     except EstimationError as error:
         raise EstimationError(f"obstacle {obstacle.id!r}: {error}") from error
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -37,9 +37,9 @@ class MotionPolynomials:
     ----------
     breakpoints : (S + 1,) s
         Increasing.
-    center : (S, 5, 2) m/s^k
+    center : (S, n, 2) m/s^k
         Coefficient of power k of the estimated centre.
-    covariance : (S, 5, 3) m^2/s^k
+    covariance : (S, m, 3) m^2/s^k
         Coefficient of power k of the entries xx, xy, yy of the covariance of the estimated centre, not scaled
         by any confidence level.
     center_error : float, m
@@ -87,6 +87,11 @@ class MotionEstimate(ABC):
     def degrees_of_freedom(self) -> float | None:
         """Of the estimated noise covariance, a number; None if it is known."""
         return self.errors.degrees_of_freedom if isinstance(self.errors, HotellingErrors) else None
+
+    @property
+    def earliest(self) -> float:
+        """Earliest time that it tells of, s."""
+        return -math.inf
 
     @property
     @abstractmethod
@@ -166,6 +171,40 @@ class PolynomialEstimate(MotionEstimate):
         rows = self._rows(t)
         return np.einsum("...j,jakb,...k->...ab", rows, self.coefficient_covariance, rows)
 
+    def with_manoeuvre(self, deviation: float) -> PolynomialEstimate:
+        """Allow for a change of the acceleration that begins with the last observation.
+
+        Its components are normal, independent of the errors of the estimate, and last; so they add
+        ``deviation**2 (t - reference_time)**4 / 4`` to the variance of the position at a time t. For noise that is not
+        the same in all directions they are taken in proportion to it, the smallest with the deviation given: then the
+        error stays one of a regression.
+
+        Parameters
+        ----------
+        deviation : float
+            Standard deviation of a component, m/s^2; 0: no change.
+
+        Returns
+        -------
+        PolynomialEstimate
+        """
+        if deviation == 0.0:
+            return self
+        last, p = (self.reference_time - self.center_time) / self.time_scale, 3
+        coefficients, covariance = np.zeros((p, 2)), np.zeros((p, 2, p, 2))
+        coefficients[: self.order + 1] = self.coefficients
+        covariance[: self.order + 1, :, : self.order + 1] = self.coefficient_covariance
+        shift = 0.5 * self.time_scale**2 * np.array([last * last, -2.0 * last, 1.0])
+        change = manoeuvre_covariance(deviation, self.noise_covariance)
+        covariance += np.einsum("j,ab,k->jakb", shift, change, shift)
+        return replace(
+            self,
+            order=p - 1,
+            regressors=None if self.regressors is None else p,
+            coefficients=coefficients,
+            coefficient_covariance=covariance,
+        )
+
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
         """Centre and covariance over [start, stop], s: one piece, exact."""
         check_span(start, stop)
@@ -221,6 +260,16 @@ class PolynomialEstimate(MotionEstimate):
             return np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error
         blocks = np.einsum("ajn,jckd,bkn->abncd", both, self.coefficient_covariance, both)
         return standardised_speed(blocks[0, 0], blocks[0, 1], blocks[1, 1])
+
+
+def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
+    """Covariance (2, 2), m^2/s^4, of a change of acceleration: in proportion to the noise (2, 2), m^2.
+
+    The smallest of its standard deviations is the one given, m/s^2.
+    """
+    mean, half = 0.5 * (noise[0, 0] + noise[1, 1]), 0.5 * (noise[0, 0] - noise[1, 1])
+    least = float(mean - math.hypot(float(half), float(noise[0, 1])))
+    return np.asarray(deviation**2 / least * noise)
 
 
 def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.dynamics import Dynamics, RandomWalk, dynamics_of
+from scp_planner.estimation.dynamics import Dynamics, RandomWalk, WhiteJerk, dynamics_of
 from scp_planner.estimation.error_laws import ErrorLaw, NormalErrors, StudentErrors
 from scp_planner.estimation.motion_estimate import (
     POLYNOMIAL_TERMS,
@@ -158,6 +158,11 @@ class ProcessEstimate(MotionEstimate):
         return NormalErrors() if self.tails is None else StudentErrors(self.tails.degrees_of_freedom)
 
     @property
+    def earliest(self) -> float:
+        """The time of the last observation, s."""
+        return self.reference_time
+
+    @property
     def velocity(self) -> Array:
         """Estimated velocity at the reference time: (2,) m/s."""
         return self.mean[1]
@@ -181,6 +186,8 @@ class ProcessEstimate(MotionEstimate):
         first, last = float(self._lead(start)), float(self._lead(stop))
         bends = () if self.tails is None else self.tails.lead_time
         leads = np.array([first, *(lead for lead in bends if first < lead < last), last])
+        if isinstance(self.dynamics, WhiteJerk):
+            return self._expanded(leads, self.dynamics.diffusion)
         fitted = self._interpolated(leads)
         for _ in range(_MOST_HALVINGS):
             if fitted.center_error <= CENTER_TOLERANCE and fitted.covariance_error <= COVARIANCE_TOLERANCE:
@@ -236,6 +243,28 @@ class ProcessEstimate(MotionEstimate):
         blocks = np.einsum("...ij,jakb,...lk->...ilab", f[..., :2, :], p, f[..., :2, :])
         blocks = blocks + q[..., :2, :2, None, None] * np.eye(2)
         return blocks[..., 0, 0, :, :], blocks[..., 0, 1, :, :], blocks[..., 1, 1, :, :]
+
+    def _expanded(self, leads: Array, diffusion: float) -> MotionPolynomials:
+        """Expand a constant acceleration with white jerk between leads (S + 1,), s: exact, of degree 6 at most."""
+        state = FilterState(
+            np.full(len(leads) - 1, self.reference_time),
+            np.repeat(self.mean[None], len(leads) - 1, axis=0),
+            np.repeat(self.state_covariance[None], len(leads) - 1, axis=0),
+        )
+        predict_state(self.dynamics, state, self.reference_time + leads[:-1])
+        center = state.mean / np.array([1.0, 1.0, 2.0])[:, None]
+        covariance = np.zeros((len(leads) - 1, 7, 3))
+        blocks = state.covariance.reshape(-1, 3, 2, 3, 2)
+        for i in range(3):
+            for j in range(3):
+                block = blocks[:, i, :, j] / (math.factorial(i) * math.factorial(j))
+                covariance[:, i + j] += 0.5 * (block + np.swapaxes(block, 1, 2))[:, [0, 0, 1], [0, 1, 1]]
+        covariance[:, 5] += diffusion / 20.0 * np.array([1.0, 0.0, 1.0])
+        inflation = self._inflation(leads)
+        slopes = np.diff(inflation) / np.diff(leads)
+        grown = inflation[:-1, None, None] * covariance
+        grown[:, 1:] += slopes[:, None, None] * covariance[:, :-1]
+        return MotionPolynomials(self.reference_time + leads, center, grown[:, : 6 if self.tails is None else 7])
 
     def _interpolated(self, leads: Array) -> MotionPolynomials:
         """Interpolate between leads (S + 1,), s, at each piece's Chebyshev-Lobatto nodes: neighbours meet."""

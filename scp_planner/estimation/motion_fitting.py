@@ -25,7 +25,9 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
+from scp_planner.estimation.conformal import conformal_quantile
 from scp_planner.estimation.dynamics import dynamics_of
+from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.estimation.motion_filter import FilterState, first_state, predict_state, update_state
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -65,6 +67,7 @@ def fit_motion_model(
     window: int = 8,
     lead_times: Sequence[float] = LEAD_TIMES,
     tails: bool = True,
+    conformal: float | None = None,
 ) -> ProcessModel:
     """Fit a motion with process noise to tracks.
 
@@ -79,6 +82,10 @@ def fit_motion_model(
         Increasing; times after the last observation for which the tails are fitted.
     tails : bool
         Whether they are; else errors are taken for normal.
+    conformal : float, optional
+        A probability between 0 and 1, such as 0.95: the level at which regions for the lead times are split-conformal
+        (`scp_planner.estimation.conformal`). Motion and tails are then fitted to every other track, and the sizes of
+        the regions taken from the rest.
 
     Returns
     -------
@@ -93,10 +100,16 @@ def fit_motion_model(
         raise EstimationError(f"kind: {kind!r} is not one of {', '.join(_STARTS)}")
     if window < 1:
         raise EstimationError(f"window: {window!r} is not a positive number")
-    model = _most_likely(tracks, kind)
-    if tails:
-        errors = prediction_errors(tracks, model, window=window, lead_times=lead_times)
+    if conformal is not None and not 0.0 < conformal < 1.0:
+        raise EstimationError(f"conformal: {conformal!r} is not between 0 and 1")
+    fitted = tracks if conformal is None else tracks.halves()[0]
+    model = _most_likely(fitted, kind)
+    if tails or conformal is not None:
+        errors = prediction_errors(fitted, model, window=window, lead_times=lead_times)
         model = model.model_copy(update={"tails": fit_tails(errors)})
+    if conformal is not None:
+        errors = prediction_errors(tracks.halves()[1], model, window=window, lead_times=lead_times)
+        model = model.model_copy(update={"tails": conformal_tails(errors, model.tails, 1.0 - conformal)})
     about = FittedTo(source=tracks.source, tracks=len(tracks), observations=tracks.observations, window=window)
     return model.model_copy(update={"fitted_to": about})
 
@@ -250,6 +263,40 @@ def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
         degrees_of_freedom=degrees,
         lead_time=tuple(e.lead_time for e in usable),
         inflation=tuple(inflations.tolist()),
+    )
+
+
+def conformal_tails(errors: Sequence[PredictionErrors], tails: Tails | None, alpha: float) -> Tails:
+    """Inflate covariances so that a region of one level is split-conformal at each lead time.
+
+    Parameters
+    ----------
+    errors : sequence of PredictionErrors
+        Of tracks that nothing was fitted to.
+    tails : Tails or None
+        Whose shape is kept; None: nearly normal.
+    alpha : float
+        1 - level.
+
+    Returns
+    -------
+    Tails
+
+    Raises
+    ------
+    EstimationError
+        If there are too few tracks for that level, at every lead time.
+    """
+    degrees = _DEGREES[1] if tails is None else tails.degrees_of_freedom
+    scale = StudentErrors(degrees).pointwise_scale(alpha)
+    found = [(e.lead_time, conformal_quantile(e.squares, alpha, len(np.unique(e.tracks)))) for e in errors]
+    usable = [(lead, quantile / scale) for lead, quantile in found if 0.0 < quantile < math.inf]
+    if not usable:
+        raise EstimationError(f"tracks: too few are left to find regions of level {1.0 - alpha:g} from")
+    return Tails(
+        degrees_of_freedom=degrees,
+        lead_time=tuple(lead for lead, _ in usable),
+        inflation=tuple(inflation for _, inflation in usable),
     )
 
 

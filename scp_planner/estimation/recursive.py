@@ -147,6 +147,26 @@ class RecursiveEstimator:
             self._last,
         )
 
+    def grow(self, obstacles: int) -> None:
+        """Make room for more obstacles, so many in all, of which nothing has been seen."""
+        given = None if self._sigma is None else np.eye(2)
+        fresh = RecursiveEstimator(obstacles, self.order, given, varying=self._varying, forgetting=self.forgetting)
+        old = len(self._count)
+        for name, value in vars(fresh).items():
+            if isinstance(value, np.ndarray):
+                value = value.copy() if name == "_sigma" else value  # it is one for all
+                last = name in ("_factor", "_scatter", "_moments", "_weights")
+                (value[..., :old] if last else value[:old])[...] = getattr(self, name)
+                setattr(self, name, value)
+
+    def set_covariance(self, obstacle: int, covariance: Array) -> None:
+        """Change the known covariance (2, 2), m^2, of the observations of an obstacle."""
+        if self._sigma is None:
+            raise EstimationError("covariance: it is not known here")
+        if not self._sigma.flags.writeable:
+            self._sigma = self._sigma.copy()
+        self._sigma[obstacle] = covariance
+
     def reset(self, obstacle: int = 0) -> None:
         """Forget all that was seen of an obstacle."""
         for array in (self._factor, self._scatter, self._moments, self._weights):

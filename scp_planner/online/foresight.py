@@ -1,4 +1,10 @@
-"""How uncertain a zone will be when the vehicle gets there."""
+"""Foreseen zones: those that will be looked at when the vehicle gets there.
+
+The zone of an obstacle at a time t, predicted now, grows with t; but by then newer observations will have been made.
+The planner never needs to know more than where an obstacle will be within its *foresight*, about the time that it needs
+to stop. So beyond the foresight the foreseen zone does not grow, about the centre that is expected now; it even
+shrinks, as an obstacle that is seen for longer is known better.
+"""
 
 from __future__ import annotations
 
@@ -27,26 +33,32 @@ class Learning:
         Observations.
     span : float
         From the first to the last of them, s.
+    change : float
+        Variance of a change of acceleration that may begin at any moment, about which nothing will be learnt, over that
+        of the noise, 1/s^4.
     """
 
     order: int
     count: int
     span: float
+    change: float = 0.0
 
 
 def _variances(learning: Sequence[Learning], lead: float) -> Array:
     """Relative variances of K predictions so far ahead, s, after observing for so much longer as `LONGER`, (K, n).
 
     With n observations spread evenly over T one is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
-    polynomials.
+    polynomials, times the noise; what a change of acceleration adds stays.
     """
     orders = np.array([one.order for one in learning])[:, None]
     now = np.array([one.span for one in learning])[:, None]
+    count = np.array([one.count for one in learning])[:, None]
+    change = np.array([one.change for one in learning])[:, None]
     span = now + LONGER
     s = 1.0 + 2.0 * lead / span
     squared = s * s
     growth = 1.0 + 3.0 * squared * (orders >= 1) + 1.25 * (3.0 * squared - 1.0) ** 2 * (orders >= 2)
-    return growth * now / span
+    return growth * now / span + 0.25 * change * count * lead**4
 
 
 def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning], now: float = 0.0) -> ZoneBatch:

@@ -1,23 +1,241 @@
-"""Estimated motions of many obstacles at once."""
+"""Zones of many obstacles at once: polynomial motions of one order whose noise is known."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.estimation.confidence import shared_alpha, uniform_scale
 from scp_planner.estimation.error_laws import NormalErrors
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
-from scp_planner.mathematics.polynomials import shift_matrices
+from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
+from scp_planner.estimation.recursive import SquareRoots
+from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
+from scp_planner.online.noticing import Mixture
+from scp_planner.online.track import Prediction, Track
+from scp_planner.scenario.models import Confidence, ConfidenceLevel
+from scp_planner.threat_zones.of_scenario import HORIZON
+from scp_planner.threat_zones.zone import ThreatZone
 
 PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
 
 
 _NORMAL = NormalErrors()
-
-
 _ONE = np.ones(1)
+
+
+@dataclass(frozen=True)
+class Level:
+    """The level of confidence that zones are made for.
+
+    Attributes
+    ----------
+    confidence : Confidence
+    estimated : int
+        How many obstacles are not known exactly.
+    """
+
+    confidence: Confidence
+    estimated: int
+
+    def scale(self, length: float, terms: int | None) -> float:
+        """Give q for a motion of known noise, by its standardised length and, if it is polynomial, its terms."""
+        alpha = 1.0 - self.confidence.probability
+        match self.confidence.level:
+            case ConfidenceLevel.PER_TIME:
+                return _NORMAL.pointwise_scale(alpha)
+            case ConfidenceLevel.JOINT:
+                alpha = shared_alpha(alpha, self.estimated)
+        return uniform_scale(alpha, length, _NORMAL, terms)
+
+
+def zones_together(
+    tracks: Sequence[Track], roots: Sequence[SquareRoots], start: float, level: Level, manoeuvre: float = 0.0
+) -> list[ThreatZone]:
+    """Make the zones of polynomial motions of one order whose noise is known, all at once.
+
+    Parameters
+    ----------
+    tracks : sequence of Track
+    roots : sequence of SquareRoots
+        What the estimate of each is made from.
+    start : float
+        Absolute time from which on the zones hold, s.
+    level : Level
+    manoeuvre : float
+        Standard deviation of a change of acceleration that may begin with the last observation, m/s^2.
+
+    Returns
+    -------
+    list of ThreatZone
+        One for each track, in order.
+    """
+    order = tracks[0].model.order
+    factor = np.concatenate([root.factor for root in roots])
+    right = np.concatenate([root.right for root in roots])
+    middle = np.concatenate([root.center for root in roots])
+    origin = np.concatenate([root.origin for root in roots])
+    first = np.array([track.times[0] for track in tracks])
+    last = np.array([track.times[-1] for track in tracks])
+    inverse = np.linalg.inv(factor)
+    spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ right
+    sigma = np.array([track.known_noise for track in tracks])
+    if manoeuvre > 0.0:
+        order = 2
+        spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, manoeuvre**2 / _least(sigma))
+    shift = _shift(order, start - middle, _ONE)
+    count, terms = len(tracks), order + 1
+    center = shift @ coefficients
+    center[:, 0] += origin
+    local = shift @ spread @ shift.transpose(0, 2, 1)
+    growth = local.reshape(count, -1) @ _products(terms)
+    noise = sigma[:, [0, 0, 1], [0, 1, 1]]
+    half = np.where(last > first, 0.5 * (last - first), 1.0)
+    about = _shift(order, 0.5 * (first + last) - middle, half)
+    lengths = _lengths(
+        about @ spread @ about.transpose(0, 2, 1),
+        (start - 0.5 * (first + last)) / half,
+        (start + HORIZON - 0.5 * (first + last)) / half,
+    )
+    return _made(
+        tracks, start, center, growth[:, :, None] * noise[:, None], [level.scale(float(one), terms) for one in lengths]
+    )
+
+
+def zones_of_mixtures(tracks: Sequence[Track], mixtures: Mixture, start: float, level: Level) -> list[ThreatZone]:
+    """Make the zones of motions that mixtures of filters predict, all at once.
+
+    Parameters
+    ----------
+    tracks : sequence of Track
+    mixtures : Mixture
+        Of each, at the start.
+    start : float
+        Absolute time from which on the zones hold, s.
+    level : Level
+
+    Returns
+    -------
+    list of ThreatZone
+    """
+    p, shape = mixtures.covariance, mixtures.shape
+    (swerve, jerk) = mixtures.diffusion.T[:, :, None, None] * shape
+    error = np.stack(
+        [
+            p[:, 0, :, 0],
+            2.0 * _even(p[:, 0, :, 1]),
+            p[:, 1, :, 1] + _even(p[:, 0, :, 2]),
+            _even(p[:, 1, :, 2]) + swerve / 3.0,
+            0.25 * p[:, 2, :, 2],
+            jerk / 20.0,
+        ],
+        axis=1,
+    )
+    # of the error with its rate, where the two parts of the mixed terms differ
+    cross = np.stack(
+        [
+            p[:, 0, :, 1],
+            p[:, 1, :, 1] + p[:, 0, :, 2],
+            p[:, 1, :, 2] + 0.5 * p[:, 2, :, 1] + 0.5 * swerve,
+            0.5 * p[:, 2, :, 2],
+            jerk / 8.0,
+        ],
+        axis=1,
+    )
+    rate = np.stack([p[:, 1, :, 1], 2.0 * _even(p[:, 1, :, 2]) + swerve, p[:, 2, :, 2], jerk / 3.0], axis=1)
+    scales = [level.scale(float(length), None) for length in _lengths_of_mixtures(error, cross, rate)]
+    center = mixtures.mean / np.array([1.0, 1.0, 2.0])[:, None]
+    return _made(tracks, start, center, error[:, :, [0, 0, 1], [0, 1, 1]], scales)
+
+
+def times_linear(covariances: PiecewisePolynomials, leads: Array, factors: Array) -> PiecewisePolynomials:
+    """Multiply polynomials by a factor that is linear between leads after their start, and constant after the last.
+
+    Parameters
+    ----------
+    covariances : PiecewisePolynomials
+        Of one zone.
+    leads : (H,) array
+        s, from 0 on, increasing.
+    factors : (H,) array
+
+    Returns
+    -------
+    PiecewisePolynomials
+    """
+    breaks, whole = covariances.breakpoints[0], covariances.coefficients[0]
+    edges = np.unique(np.concatenate([breaks, breaks[0] + leads[breaks[0] + leads < breaks[-1]]]))
+    begins = edges[:-1]
+    piece = np.searchsorted(breaks, begins, "right") - 1
+    powers = whole.shape[1]
+    shifted = shift_matrices(powers, begins - breaks[piece]) @ whole[piece]
+    at = np.interp(edges - breaks[0], leads, factors)
+    slopes = np.diff(at) / np.diff(edges)
+    product = np.zeros((len(begins), powers + 1, whole.shape[2]))
+    product[:, :-1] = at[:-1, None, None] * shifted
+    product[:, 1:] += slopes[:, None, None] * shifted
+    return PiecewisePolynomials(edges[None], product[None])
+
+
+def _even(blocks: Array) -> Array:
+    """Symmetric parts of blocks (K, 2, 2)."""
+    return np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1)))
+
+
+def _made(
+    tracks: Sequence[Track], start: float, center: Array, covariance: Array, scales: Sequence[float]
+) -> list[ThreatZone]:
+    """Zones of centres (K, p, 2) and covariances (K, m, 3), polynomials of the time since the start, and scales."""
+    scaled = np.array(scales)[:, None, None] * covariance
+    breaks = np.array([[start, start + HORIZON]])
+    zones = []
+    for k, track in enumerate(tracks):
+        track.predicted = Prediction(start, center[k], covariance[k], _NORMAL)
+        zones.append(
+            ThreatZone(
+                track.id,
+                track.body.radius + track.margin,
+                PiecewisePolynomials(breaks, center[k, None, None]),
+                PiecewisePolynomials(breaks, scaled[k, None, None]),
+                track.body.outlines,
+            )
+        )
+    return zones
+
+
+def _least(sigma: Array) -> Array:
+    """Smaller eigenvalues of covariances (K, 2, 2)."""
+    mean, half = 0.5 * (sigma[:, 0, 0] + sigma[:, 1, 1]), 0.5 * (sigma[:, 0, 0] - sigma[:, 1, 1])
+    return np.asarray(mean - np.hypot(half, sigma[:, 0, 1]))
+
+
+def _with_manoeuvre(spread: Array, coefficients: Array, last: Array, change: Array) -> tuple[Array, Array]:
+    """Allow for changes of acceleration at times ``last``; see `PolynomialEstimate.with_manoeuvre`."""
+    count, terms = spread.shape[:2]
+    wider, longer = np.zeros((count, 3, 3)), np.zeros((count, 3, 2))
+    wider[:, :terms, :terms], longer[:, :terms] = spread, coefficients
+    shift = 0.5 * np.stack([last * last, -2.0 * last, np.ones(count)], axis=1)
+    wider += change[:, None, None] * shift[:, :, None] * shift[:, None]
+    return wider, longer
+
+
+def _lengths_of_mixtures(error: Array, cross: Array, rate: Array) -> Array:
+    """Standardised lengths over `HORIZON` of K motions, (K,).
+
+    From the covariances of the error (K, 6, 2, 2), of it with its rate (K, 5, 2, 2), and of its rate (K, 4, 2, 2),
+    polynomials of time. Errors turn in the time in which the velocity blurs the position, then ever more slowly.
+    """
+    nodes, weights = _quadrature()
+    scale = np.sqrt(np.trace(error[:, 0], axis1=1, axis2=2) / np.trace(rate[:, 0], axis1=1, axis2=2))
+    last = np.log1p(HORIZON / scale)
+    grown = scale[:, None] * np.exp(last[:, None] * nodes)
+    powers = (grown - scale[:, None])[:, :, None] ** np.arange(6)
+    at = [np.einsum("knp,kpab->knab", powers[:, :, : part.shape[1]], part) for part in (error, cross, rate)]
+    speed = standardised_speed(*(part.reshape(-1, 2, 2) for part in at)).reshape(grown.shape)
+    return last * ((grown * speed) @ weights)
 
 
 def _shift(order: int, shift: Array, scale: Array) -> Array:

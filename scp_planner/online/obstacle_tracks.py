@@ -1,53 +1,57 @@
-"""Zones that follow observations: what a replanning vehicle knows of its obstacles, and how far it can foresee.
+"""Zones that follow observations: what a replanning vehicle knows of its obstacles.
 
-Every obstacle has a recursive estimate, updated by each observation in time that does not grow with their number.
-Zones of all obstacles are made together, with the level of confidence that the scenario asks for.
-
-*Foreseen* zones are those that will be looked at when the vehicle gets there. The zone of an obstacle at a time t,
-predicted now, grows with t; but by then newer observations will have been made. The planner never needs to know
-more than where an obstacle will be within its *foresight*, about the time that it needs to stop. So beyond the
-foresight the foreseen zone does not grow, about the centre that is expected now; it even shrinks, as an obstacle that
-is seen for longer is known better.
+Every obstacle has a recursive estimate (`scp_planner.online.track`), updated by each observation in time that does not
+grow with their number. Zones of all obstacles are made together (`scp_planner.online.many_zones`), with the level of
+confidence that the scenario asks for; what they will have become when the vehicle gets there,
+`scp_planner.online.foresight` tells.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from bisect import bisect, bisect_left
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.errors import EstimationError
-from scp_planner.estimation.confidence import region_scale, shared_alpha, uniform_scale
-from scp_planner.estimation.estimate import estimate_motion
-from scp_planner.estimation.least_squares import MotionPrior
-from scp_planner.estimation.motion_estimate import MotionEstimate
-from scp_planner.estimation.motion_filter import MotionFilter, ProcessEstimate
-from scp_planner.estimation.recursive import RecursiveEstimator
+from scp_planner.estimation.confidence import marginal_scale, region_scale
+from scp_planner.estimation.conformal import AdaptiveScales
+from scp_planner.estimation.error_laws import NormalErrors
+from scp_planner.estimation.motion_estimate import PolynomialEstimate
+from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foresight import Learning
-from scp_planner.online.many_zones import _NORMAL, _ONE, _lengths, _products, _shift
-from scp_planner.online.track import MOST_LATE, Prediction, Track
-from scp_planner.scenario.models import (
-    Confidence,
-    ConfidenceLevel,
-    Model,
-    Observations,
-    Obstacle,
-    Prior,
-    Shape,
-    Vector,
+from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures, zones_together
+from scp_planner.online.noticing import Bank, NoiseWatch, Widening, neighbour_differences
+from scp_planner.online.track import (
+    MOST_LATE,
+    NoticingTrack,
+    PolynomialTrack,
+    Prediction,
+    ProcessTrack,
+    Seen,
+    Track,
+    TrackEstimator,
 )
-from scp_planner.settings.online import GATE_PROBABILITY, SceneNewcomers
+from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior, Shape, Vector
+from scp_planner.settings.online import Regions, SceneNewcomers, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, estimated_body, known_zone
 from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
+HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
+"""Units of time ahead, at which predictions are compared with what came: the next observation, and later ones."""
+LATENESS = 0.1
+"""An observation is compared with a prediction for it that is no older than that by this share of the longest."""
+FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
+"""Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
+INTERPOLATED = 0.01
+"""...which loses so much of a variance in between, at most."""
 
 
 class ObstacleTracks:
@@ -60,8 +64,8 @@ class ObstacleTracks:
     margin : float
         Added to all zones, units of length.
     newcomers : SceneNewcomers
-    gate_probability : float
-        See GATE_PROBABILITY; 0 for no gate.
+    watch : Watch
+        What is noticed, and what is allowed for.
     """
 
     def __init__(
@@ -69,31 +73,96 @@ class ObstacleTracks:
         confidence: Confidence,
         margin: float = 0.0,
         newcomers: SceneNewcomers | None = None,
-        gate_probability: float = GATE_PROBABILITY,
+        watch: Watch | None = None,
     ) -> None:
         self.confidence = confidence
         self.margin = margin
         self.newcomers = newcomers or SceneNewcomers()
-        self.gate_probability = gate_probability
+        self.watch = watch or Watch()
+        self.manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
         self.tracks: dict[str, Track] = {}
+        self.noise = NoiseWatch()
+        self.scales = AdaptiveScales(1.0 - confidence.probability, len(HORIZONS))
+        self._banks: dict[int, Bank] = {}
 
-    def add(self, obstacle: Obstacle) -> None:
-        """Take in an obstacle of a scenario, with its motion or its observations."""
-        track = self._new_track(obstacle.id, obstacle.shape, obstacle.model, obstacle.margin)
-        if obstacle.motion is not None:
-            track.fixed = obstacle.motion
-        elif obstacle.observations is not None:
-            seen = obstacle.observations
-            each: list[Array | None] = [None] * len(seen.time)
-            if seen.covariance is not None:
-                given = np.array(seen.covariance)
-                if given.ndim == 3:
-                    track.varying, each = True, list(given)
-                else:
-                    track.covariance = given
-            track.times, track.positions, track.covariances = list(seen.time), list(seen.position), each
-            self._relearn(track)
-        self.tracks[track.id] = track
+    def add(self, *obstacles: Obstacle) -> None:
+        """Take in obstacles of a scenario, with their motions or their observations."""
+        together: list[Track] = []
+        for obstacle in obstacles:
+            track = self._new_track(obstacle.id, obstacle.shape, obstacle.model, obstacle.margin)
+            self.tracks[track.id] = track
+            if obstacle.motion is not None:
+                track.fixed = obstacle.motion
+            elif obstacle.observations is not None:
+                _remember(track, obstacle.observations)
+                together.append(track)
+        self._learn_together([track for track in together if track.simple and self.watch.alarm_probability > 0.0])
+        for track in together:
+            if track.estimator is None:
+                track.relearn(self.newcomers, self._make)
+
+    def _learn_together(self, tracks: Sequence[Track]) -> None:
+        """Learn from what has been seen of obstacles before: first how much noise there is, then how they move."""
+        for track in tracks:
+            track.begin(self._make)
+        for track in tracks:
+            whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(track.covariance)))
+            self._judge_noise(neighbour_differences(np.array(track.times), np.array(track.positions), whiten))
+        for order, bank in self._banks.items():
+            self._replay(bank, [track for track in tracks if track.model.order == order])
+
+    def _replay(self, bank: Bank, tracks: list[Track]) -> None:
+        """Let a bank learn from all that has been seen of obstacles, but for outliers."""
+        gate = -2.0 * math.log(self.watch.gate_probability) if self.watch.gate_probability > 0.0 else math.inf
+        wild: dict[str, list[int]] = {track.id: [] for track in tracks}
+        for place in range(max((len(track.times) for track in tracks), default=0)):
+            some = [track for track in tracks if len(track.times) > place]
+            slots = np.array([track.estimator.slot for track in some if track.estimator], dtype=np.intp)
+            times = np.array([track.times[place] for track in some])
+            positions = np.array([track.positions[place] for track in some])
+            keep = bank.surprise(slots, times, positions) <= gate
+            for number, track in enumerate(some):
+                before = wild[track.id][1 - MOST_SUSPECTS :]
+                if not keep[number] and before == list(range(place + 1 - MOST_SUSPECTS, place)):
+                    keep[number] = True  # so many are no outliers
+                    bank.alarm(slots[number : number + 1], np.array([MOST_SUSPECTS]))
+                elif not keep[number]:
+                    wild[track.id].append(place)
+            bank.update(slots[keep], times[keep], positions[keep])
+        for track in tracks:
+            left_out = set(wild[track.id])
+            for name in ("times", "positions", "covariances"):
+                setattr(track, name, [one for k, one in enumerate(getattr(track, name)) if k not in left_out])
+
+    def _make(self, track: Track) -> TrackEstimator:
+        """Make the estimator of a track."""
+        process, covariance = track.model.process, track.covariance
+        if process is not None:
+            return ProcessTrack(process)
+        if covariance is None or not track.simple or self.watch.alarm_probability <= 0.0:
+            return PolynomialTrack(track.model.order, covariance, track.varying)
+        return NoticingTrack(self._bank(track.model.order), covariance)
+
+    def _bank(self, order: int) -> Bank:
+        bank = self._banks.get(order)
+        if bank is None:
+            deviations = self.newcomers
+            widening = Widening(deviations.velocity_deviation, deviations.acceleration_deviation)
+            bank = self._banks[order] = Bank(order, widening, self.watch.alarm_probability)
+            bank.set_noise(self.noise.factor)
+        return bank
+
+    def _judge_noise(self, differences: Array) -> None:
+        """Take the noise for what it is seen to be."""
+        if not self.noise.take_in(differences):
+            return
+        logger.info("noise: taken for %.3g times the variance that is declared", self.noise.factor)
+        for bank in self._banks.values():
+            bank.set_noise(self.noise.factor)
+        for track in self.tracks.values():
+            track.noise_factor = self.noise.factor
+            if track.estimator is not None and not isinstance(track.estimator, NoticingTrack):
+                track.relearn(self.newcomers, self._make)
 
     def add_unseen(self, name: str, shape: Shape, model: Model, margin: float, covariance: Array | None) -> None:
         """Take in an obstacle that will be observed from now on."""
@@ -101,9 +170,16 @@ class ObstacleTracks:
         track.covariance, track.newcomer = covariance, True
         self.tracks[name] = track
 
+    def remove(self, name: str) -> None:
+        """Forget an obstacle."""
+        track = self.tracks.pop(name)
+        self.scales.forget(name)
+        if track.estimator is not None:
+            track.estimator.close()
+
     def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> Track:
         margin += self.margin
-        return Track(name, shape, model, margin, estimated_body(shape, model))
+        return Track(name, shape, model, margin, estimated_body(shape, model), noise_factor=self.noise.factor)
 
     def observe(
         self, name: str, time: float, position: tuple[float, float], covariance: Array | None = None
@@ -126,130 +202,99 @@ class ObstacleTracks:
         str or None
             What is wrong with it, if it was not used.
         """
-        track = self.tracks[name]
+        track, one = self.tracks[name], Seen(time, position, covariance)
         if track.fixed is not None:
             track.fixed, track.newcomer = None, True  # it does not move as was known
-        same = slice(bisect_left(track.times, time), bisect(track.times, time))
-        if position in track.positions[same] or (time, position) in ((t, z) for t, z, _ in track.suspects):
+        if track.came_already(one):
             return "it came twice"
-        if self._comes_too_late(track, time):
+        if track.comes_too_late(one):
             return f"it came too late, after {MOST_LATE} that were seen after it"
-        if self._improbable(track, time, position, covariance):
-            track.suspects.append((time, position, covariance))
+        if track.is_improbable(one, self.watch.gate_probability, self.newcomers):
+            track.suspects.append(one)
             if len(track.suspects) < MOST_SUSPECTS:
                 return "it is improbable after what was seen before"
             logger.info("obstacle %s: learnt anew, it moves otherwise than estimated", name)
-            suspects = sorted(track.suspects, key=lambda one: one[0])
-            track.times = [t for t, _, _ in suspects]
-            track.positions = [z for _, z, _ in suspects]
-            track.covariances = [c for _, _, c in suspects]
-            track.newcomer, track.predicted, track.suspects = True, None, []
-            self._relearn(track)
+            track.learn_anew(self.newcomers, self._make)
             return None
         track.suspects = []
-        self._insert(track, time, position, covariance)
+        if self.watch.regions is Regions.ADAPTIVE:
+            self._compare(track, one)
+        track.insert(one, self.newcomers, self._make)
+        if track.estimator is not None and track.estimator.bank is not None:
+            self._judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
         return None
-
-    def _insert(self, track: Track, time: float, position: tuple[float, float], covariance: Array | None) -> None:
-        place = bisect(track.times, time)
-        late = place < len(track.times)
-        track.times.insert(place, time)
-        track.positions.insert(place, position)
-        track.covariances.insert(place, covariance)
-        if covariance is not None and not track.varying:
-            if track.covariance is None and len(track.times) == 1:
-                track.covariance = covariance
-            if track.covariance is None or not np.array_equal(covariance, track.covariance):
-                track.varying = True
-                self._relearn(track)
-                return
-        if track.estimator is None:
-            self._relearn(track)
-        elif late and isinstance(track.estimator, MotionFilter):
-            self._learn_again(track, place)
-        else:
-            self._update(track, time, position, self._noise_of(track, covariance))
-
-    def _comes_too_late(self, track: Track, time: float) -> bool:
-        """Whether the filter as it was when an observation was made is not kept any more."""
-        after = len(track.times) - bisect(track.times, time)
-        return isinstance(track.estimator, MotionFilter) and after > len(track.filters)
-
-    def _learn_again(self, track: Track, place: int) -> None:
-        """Go back to the filter before an observation that has just been put in its place, and learn on from there."""
-        for _ in range(len(track.times) - 1 - place):
-            track.estimator = track.filters.pop()
-        for i in range(place, len(track.times)):
-            self._update(track, track.times[i], track.positions[i], self._noise_of(track, track.covariances[i]))
-
-    def _update(self, track: Track, time: float, position: tuple[float, float], noise: Array) -> None:
-        estimator = track.estimator
-        each = noise if track.varying or isinstance(estimator, MotionFilter) else None
-        if isinstance(estimator, MotionFilter):
-            track.filters.append(estimator.copy())
-        try:
-            if estimator is not None:
-                estimator.update(time, np.array([position]), each)
-        except EstimationError as error:
-            logger.info("obstacle %s: an observation is not used: %s", track.id, error)
-
-    def _relearn(self, track: Track) -> None:
-        """Make the estimator anew from all that was seen."""
-        track.filters.clear()
-        if track.model.process is not None:
-            track.estimator = MotionFilter(track.model.process)
-        elif track.varying:
-            track.estimator = RecursiveEstimator(1, track.model.order, varying=True)
-        else:
-            track.estimator = RecursiveEstimator(1, track.model.order, track.covariance)
-        for time, position, covariance in zip(track.times, track.positions, track.covariances, strict=True):
-            self._update(track, time, position, self._noise_of(track, covariance))
-
-    def _noise_of(self, track: Track, covariance: Array | None) -> Array:
-        if covariance is not None:
-            return covariance
-        if track.covariance is not None:
-            return track.covariance
-        own = track.model.process.noise_deviation if track.model.process else self.newcomers.noise_deviation
-        return own**2 * np.eye(2)
-
-    def _improbable(self, track: Track, time: float, position: tuple[float, float], covariance: Array | None) -> bool:
-        if track.predicted is None or self.gate_probability <= 0.0:
-            return False
-        noise = self._noise_of(track, covariance)
-        return track.predicted.exceedance(time, position, noise) < self.gate_probability
 
     def zones(self, start: float) -> tuple[ThreatZone, ...]:
         """Zones of all obstacles that have been seen, from a time on, s."""
         tracks = [track for track in self.tracks.values() if track.seen]
         estimated = sum(track.uncertain for track in tracks)
-        made: dict[str, ThreatZone] = {}
-        for order in range(3):
-            group = [
-                track
-                for track in tracks
-                if track.fixed is None and track.simple and track.model.order == order and track.settled
-            ]
-            if group:
-                made.update(self._together(group, start, estimated))
+        level = Level(self.confidence, estimated)
+        made = self._together(tracks, start, level)
         for track in tracks:
             if track.fixed is not None:
                 made[track.id] = known_zone(
                     track.id, track.shape, track.margin, track.fixed, self.confidence, estimated
                 )
             elif track.id not in made:
-                made[track.id] = self._alone(track, start, estimated)
+                made[track.id] = self._alone(track, start, level)
+            if self.watch.regions is Regions.ADAPTIVE and track.predicted is not None and track.fixed is None:
+                track.foretold.append(track.predicted)
+                track.zone = made[track.id] = self._scaled(track, made[track.id])
         return tuple(made[track.id] for track in tracks)
 
-    def _alone(self, track: Track, start: float, estimated: int) -> ThreatZone:
-        estimate = self._estimate(track)
-        if isinstance(estimate, ProcessEstimate):
-            start = max(start, estimate.reference_time)
+    def _compare(self, track: Track, one: Seen) -> None:
+        """Learn from what is seen how large regions have to be."""
+        noise = track.noise_of(one.covariance, self.newcomers)
+        border = NormalErrors().pointwise_scale(self.scales.alpha)
+        for number, horizon in enumerate(HORIZONS):
+            before = [each for each in track.foretold if each.origin <= one.time - horizon]
+            if before and one.time - before[-1].origin <= horizon + LATENESS * max(HORIZONS):
+                square = before[-1].square(one.time, one.position, noise)
+                if square is not None:
+                    self.scales.take_in(number, track.id, square / border)
+
+    def _scaled(self, track: Track, zone: ThreatZone) -> ThreatZone:
+        """A zone whose covariances are scaled by what has come of predictions, linearly between the horizons."""
+        covariances = zone.covariances
+        if covariances is None:
+            return zone
+        factors = self.scales.scales(track.id)
+        return replace(zone, covariances=times_linear(covariances, HORIZONS, factors))
+
+    def _together(self, tracks: Sequence[Track], start: float, level: Level) -> dict[str, ThreatZone]:
+        """Zones of those tracks that can be made together with others."""
+        groups: dict[int, list[tuple[Track, SquareRoots]]] = {}
+        alarmed: dict[int, list[Track]] = {}
+        for track in tracks:
+            if track.fixed is not None or track.estimator is None or not track.simple:
+                continue
+            roots = track.estimator.roots
+            if track.alarmed:
+                alarmed.setdefault(track.model.order, []).append(track)
+            elif track.settled and roots is not None:
+                groups.setdefault(track.model.order, []).append((track, roots))
+        made: dict[str, ThreatZone] = {}
+        for order in sorted(groups):
+            some = [track for track, _ in groups[order]]
+            zones = zones_together(some, [roots for _, roots in groups[order]], start, level, self.manoeuvre)
+            made.update(zip((track.id for track in some), zones, strict=True))
+        for order, some in sorted(alarmed.items()):
+            slots = np.array([track.estimator.slot for track in some if track.estimator is not None], dtype=np.intp)
+            mixtures = self._banks[order].mixed(slots, np.full(len(slots), start))
+            for track, zone in zip(some, zones_of_mixtures(some, mixtures, start, level), strict=True):
+                track.zone = made[track.id] = zone
+        return made
+
+    def _alone(self, track: Track, start: float, level: Level) -> ThreatZone:
+        estimate = track.estimate(self.newcomers)
+        if isinstance(estimate, PolynomialEstimate) and track.settled:
+            estimate = estimate.with_manoeuvre(self.manoeuvre)
+        start = max(start, estimate.earliest)
         scale = region_scale(
             str(self.confidence.level),
             self.confidence.probability,
             estimate,
-            obstacles=estimated,
+            obstacles=level.estimated,
             start=start,
             stop=start + HORIZON,
         )
@@ -263,98 +308,30 @@ class ObstacleTracks:
             track.body.outlines,
         )
 
-    def _estimate(self, track: Track) -> MotionEstimate:
-        if isinstance(track.estimator, MotionFilter):
-            return track.estimator.estimate()
-        prior = self._prior(track)
-        try:
-            assert track.estimator is not None, "it has been seen"
-            return track.estimator.estimate(0, prior)
-        except EstimationError:
-            noise = [self._noise_of(track, one) for one in track.covariances]
-            return estimate_motion(
-                track.times, track.positions, np.array(noise), track.model.order, self._newcomers_prior(track)
-            )
-
-    def _prior(self, track: Track) -> MotionPrior | None:
-        given = track.model.prior
-        if given is not None:
-            velocity, acceleration = given.velocity_deviation, given.acceleration_deviation
-            return MotionPrior(
-                given.velocity,
-                math.inf if velocity is None else velocity,
-                given.acceleration,
-                math.inf if acceleration is None else acceleration,
-            )
-        return None if track.settled else self._newcomers_prior(track)
-
-    def _newcomers_prior(self, track: Track) -> MotionPrior:
-        deviations = self.newcomers
-        return MotionPrior(
-            (0.0, 0.0),
-            deviations.velocity_deviation if track.model.order >= 1 else math.inf,
-            (0.0, 0.0),
-            deviations.acceleration_deviation if track.model.order >= 2 else math.inf,
-        )
-
-    def _together(self, tracks: list[Track], start: float, estimated: int) -> dict[str, ThreatZone]:
-        """Make zones of polynomial motions whose noise is known, all at once."""
-        order = tracks[0].model.order
-        roots = [track.estimator.roots for track in tracks if isinstance(track.estimator, RecursiveEstimator)]
-        factor = np.concatenate([root.factor for root in roots])
-        right = np.concatenate([root.right for root in roots])
-        middle = np.concatenate([root.center for root in roots])
-        origin = np.concatenate([root.origin for root in roots])
-        first = np.array([track.times[0] for track in tracks])
-        last = np.array([track.times[-1] for track in tracks])
-        inverse = np.linalg.inv(factor)
-        spread = inverse @ inverse.transpose(0, 2, 1)
-        shift = _shift(order, start - middle, _ONE)
-        count, terms = len(tracks), order + 1
-        center = shift @ (inverse @ right)
-        center[:, 0] += origin
-        local = shift @ spread @ shift.transpose(0, 2, 1)
-        growth = local.reshape(count, -1) @ _products(terms)
-        noise = np.array([track.covariance for track in tracks])[:, [0, 0, 1], [0, 1, 1]]
-        half = np.where(last > first, 0.5 * (last - first), 1.0)
-        about = _shift(order, 0.5 * (first + last) - middle, half)
-        lengths = _lengths(
-            about @ spread @ about.transpose(0, 2, 1),
-            (start - 0.5 * (first + last)) / half,
-            (start + HORIZON - 0.5 * (first + last)) / half,
-        )
-        covariance = growth[:, :, None] * noise[:, None, :]
-        scales = np.array([self._scale(float(length), terms, estimated) for length in lengths])
-        scaled = scales[:, None, None] * covariance
-        breaks = np.array([[start, start + HORIZON]])
-        zones = {}
-        for k, track in enumerate(tracks):
-            track.predicted = Prediction(start, center[k], covariance[k], _NORMAL)
-            zones[track.id] = ThreatZone(
-                track.id,
-                track.body.radius + track.margin,
-                PiecewisePolynomials(breaks, center[k, None, None]),
-                PiecewisePolynomials(breaks, scaled[k, None, None]),
-                track.body.outlines,
-            )
-        return zones
-
-    def _scale(self, length: float, terms: int, estimated: int) -> float:
-        alpha = 1.0 - self.confidence.probability
-        match self.confidence.level:
-            case ConfidenceLevel.PER_TIME:
-                return _NORMAL.pointwise_scale(alpha)
-            case ConfidenceLevel.JOINT:
-                alpha = shared_alpha(alpha, estimated)
-        return uniform_scale(alpha, length, _NORMAL, terms)
-
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""
-        return {
-            track.id: Learning(track.model.order, len(track.times), track.times[-1] - track.times[0])
-            for track in self.tracks.values()
-            if track.times and track.fixed is None and track.model.process is None
-        }
+        learnt = {}
+        for track in self.tracks.values():
+            if track.times and track.fixed is None and track.model.process is None and not track.alarmed:
+                span, change = track.times[-1] - track.times[0], 0.0
+                if track.simple and track.settled:
+                    change = self.manoeuvre**2 / float(np.linalg.eigvalsh(track.known_noise)[0])
+                learnt[track.id] = Learning(track.model.order, len(track.times), span, change)
+        return learnt
+
+    def _foretold(self, zone: ThreatZone) -> Course:
+        """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
+        uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
+        start = float(zone.centers.breakpoints[0, 0])
+        times = start + FORETOLD
+        confidence = self.confidence
+        scale = marginal_scale(str(confidence.level), confidence.probability, len(times), uncertain)
+        covariances = zone.covariance(times) / (scale * (1.0 + INTERPOLATED))
+        return Course.model_construct(
+            time=tuple(times.tolist()),
+            position=tuple((x, y) for x, y in zone.center(times).tolist()),
+            covariance=tuple(_matrix(one) for one in covariances),
+        )
 
     def as_obstacles(self) -> tuple[Obstacle, ...]:
         """Give what is known as obstacles of a scenario, with the planner's margin."""
@@ -364,12 +341,17 @@ class ObstacleTracks:
         common: dict[str, Any] = {"id": track.id, "shape": track.shape, "margin": track.margin}
         if track.fixed is not None:
             return Obstacle.model_construct(**common, motion=track.fixed, observations=None, model=track.model)
+        if track.zone is not None and (track.alarmed or self.watch.regions is Regions.ADAPTIVE):
+            course = self._foretold(track.zone)
+            return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
         each: Any = None
         if track.varying or not track.settled:
-            each = tuple(_matrix(self._noise_of(track, one)) for one in track.covariances)
+            each = tuple(_matrix(track.noise_of(one, self.newcomers)) for one in track.covariances)
         elif track.covariance is not None:
-            each = _matrix(track.covariance)
+            each = _matrix(track.known_noise)
         model = track.model
+        if model.process is None and track.settled:
+            model = model.model_copy(update={"manoeuvre": self.manoeuvre})
         if model.prior is None and model.process is None and not track.settled:
             deviations = self.newcomers
             prior = Prior(
@@ -379,6 +361,18 @@ class ObstacleTracks:
             model = model.model_copy(update={"prior": prior})
         seen = Observations.model_construct(time=tuple(track.times), position=tuple(track.positions), covariance=each)
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)
+
+
+def _remember(track: Track, seen: Observations) -> None:
+    """Put down what has been seen of an obstacle."""
+    each: list[Array | None] = [None] * len(seen.time)
+    if seen.covariance is not None:
+        given = np.array(seen.covariance)
+        if given.ndim == 3:
+            track.varying, each = True, list(given)
+        else:
+            track.covariance = given
+    track.times, track.positions, track.covariances = list(seen.time), list(seen.position), each
 
 
 def _matrix(values: Array) -> tuple[Vector, Vector]:

@@ -21,6 +21,9 @@ class Outcome(StrEnum):
     """The last plan, whose certificate holds with the refreshed zones."""
     REPAIRED = "repaired"
     """The path of the last plan, driven slower."""
+    EVADING = "evading"
+    """A trip that keeps clear of the zones of a lower level, where nothing keeps clear of those of the level asked for.
+    """
     BRAKING = "braking"
     """A stop along the path."""
 

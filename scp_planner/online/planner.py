@@ -8,11 +8,12 @@ obstacles grow with time, so far ahead they may leave no room for any trip; a ve
 certain to its end would often wait for ever. So a plan is also *safe* if the vehicle can begin it and still stop: a
 stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands. The trip itself is
 planned against *foreseen* zones, which are those that will be looked at when the vehicle gets there
-(`scp_planner.online.obstacle_tracks`). With ``Safety.TRIP`` only whole trips will do.
+(`scp_planner.online.foresight`). With ``Safety.TRIP`` only whole trips will do.
 
 **What happens else.** In this order: the last plan is ``kept`` while its certificate holds with the refreshed zones;
-it is ``repaired`` by driving the same path slower; or the vehicle is ``braking`` along its path, certified until it
-stands, or else in the least bad way. From a stop the planner recovers by itself.
+it is ``repaired`` by driving the same path slower; the vehicle is ``braking`` along its path, certified until it
+stands; it is ``evading``, clear of the zones of the highest level that a trip or a stop from it is found for; or it
+brakes in the least bad way. From a stop the planner recovers by itself.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 from threading import Lock
 from time import perf_counter
 from typing import Any
@@ -51,7 +53,7 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from, remaining_trip
 from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
-from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
+from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting, refused
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
@@ -93,6 +95,10 @@ NEARLY_CLEAR = 5e-3
 driven."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
+"""Sizes of regions, as shares of those at the level asked for, that trips keep clear of where nothing does better."""
+EVADING_STEPS = 8
+"""Steps of the loop for each of them."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -173,10 +179,9 @@ class Planner:
             scenario.confidence,
             self._online.margin(scenario.vehicle.max_speed),
             self._online.newcomers,
-            self._online.gate_probability,
+            self._online.watch,
         )
-        for obstacle in scenario.obstacles:
-            self.obstacles.add(obstacle)
+        self.obstacles.add(*scenario.obstacles)
         # Late or not, the vehicle drives on as fast as it may.
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
@@ -311,7 +316,7 @@ class Planner:
         """
         if obstacle not in self.obstacles.tracks:
             raise ValueError(f"remove_obstacle: there is no obstacle {obstacle!r}")
-        del self.obstacles.tracks[obstacle]
+        self.obstacles.remove(obstacle)
 
     @property
     def scenario(self) -> Scenario:
@@ -421,7 +426,7 @@ class Planner:
         for track in list(self.obstacles.tracks.values()):
             if track.times and track.fixed is None and time - track.times[-1] > self._online.forget_after:
                 self.notes.append(f"{track.id}: forgotten, not seen for {self.online.forget_after:g} s")
-                del self.obstacles.tracks[track.id]
+                self.obstacles.remove(track.id)
 
     def at_goal(self, position: ArrayLike) -> bool:
         """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""
@@ -669,6 +674,27 @@ class Planner:
                 return vetted
         return None
 
+    def _evade(self, now: _Replan, ahead: Trajectory | None, why: str) -> OnlinePlan | None:
+        """What keeps clear at the highest level at which anything is found: a stop, or a trip that can be stopped."""
+        moment = now.moment
+        if ahead is None or not moment.growing:
+            return None
+        for share in LOWER_LEVELS:
+            if perf_counter() > now.deadline:
+                break
+            lower = _Replan(moment.with_smaller_zones(share), now.began, now.deadline, now.timings, now.clock)
+            problem = self._problem(lower)
+            loop = ScpLoop(problem, self.solver)
+            for start in chain([ahead], (each.trajectory for each in islice(self._starts(problem, math.inf), 1))):
+                run = loop.run(start, EVADING_STEPS, deadline=now.deadline, trust=FIRST_TRUST, enough=1)
+                steps, trajectory = len(run.record), run.evaluation.trajectory
+                found = self._vetting.vet(lower.moment, problem, trajectory, run.evaluation, steps)
+                if isinstance(found, Vetted):
+                    text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
+                    trip = Vetted(found.trip, refused(found.certificate), None, iterations=steps)
+                    return self._plan_of(trip, now, Outcome.EVADING, text)
+        return None
+
     def _brake(self, now: _Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
         """The first certified stop, or the one that does least harm."""
         moment = now.moment
@@ -688,6 +714,9 @@ class Planner:
                 return self._plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, text)
             if least is None or certificate.clearance.minimum > least[0]:
                 least = certificate.clearance.minimum, trip, certificate
+        evading = self._evade(now, ahead, why)
+        if evading is not None:
+            return evading
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
         harm = "; ".join(str(violation.outside(self._units)) for violation in certificate.violations)

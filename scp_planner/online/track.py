@@ -1,24 +1,229 @@
-"""One obstacle as it is seen."""
+"""One obstacle that is observed: what was seen of it, and what was made of that."""
 
 from __future__ import annotations
 
+import logging
+import math
+from abc import ABC, abstractmethod
+from bisect import bisect, bisect_left
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw
+from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.least_squares import MotionPrior
+from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
-from scp_planner.estimation.recursive import RecursiveEstimator
+from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
+from scp_planner.online.noticing import Bank
 from scp_planner.scenario.models import Course, KnownMotion, Model, Shape
+from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
+from scp_planner.threat_zones.zone import ThreatZone
 
+logger = logging.getLogger(__name__)
+
+KEPT = 64
+"""Predictions of a track that are kept, to see what comes of them."""
 MOST_LATE = 64
 """Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
 again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
 LEARNT = 1.0
 """Units of time. From this span of observations on, a newcomer's motion is estimated without the prior for them."""
+
+
+def prior_of(newcomers: SceneNewcomers, order: int) -> MotionPrior:
+    """Return what is taken for granted of a newcomer whose motion is a polynomial of an order."""
+    return MotionPrior(
+        (0.0, 0.0),
+        newcomers.velocity_deviation if order >= 1 else math.inf,
+        (0.0, 0.0),
+        newcomers.acceleration_deviation if order >= 2 else math.inf,
+    )
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One observation.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    position : (x, y)
+        m.
+    covariance : (2, 2) array or None
+        m^2; None: that of the obstacle's others.
+    """
+
+    time: float
+    position: tuple[float, float]
+    covariance: Array | None = None
+
+
+class TrackEstimator(ABC):
+    """What is made of the observations of one obstacle, whichever model its motion follows.
+
+    Attributes
+    ----------
+    in_order : bool
+        Whether observations have to be taken in in order of time; then it can :meth:`go_back`.
+    bank, slot
+        The bank that it is in, if it is in one, and where.
+    """
+
+    in_order: bool = False
+    bank: Bank | None = None
+    slot: int = 0
+
+    @abstractmethod
+    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
+        """Take in an observation and its covariance (2, 2), m^2."""
+
+    @abstractmethod
+    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
+        """Give the estimate, with what is known beforehand of a polynomial motion."""
+
+    def reaches_back(self, later: int) -> bool:
+        """Whether an observation can be taken in that comes after so many later ones."""
+        return True
+
+    def go_back(self, later: int) -> None:
+        """Be again what it was before the last so many observations."""
+        raise NotImplementedError("observations may come in any order")
+
+    @property
+    def roots(self) -> SquareRoots | None:
+        """What the estimate of a polynomial motion is made from."""
+        return None
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether it has been noticed to move otherwise than foretold."""
+        return False
+
+    def close(self) -> None:  # noqa: B027 - most hold nothing that others could use
+        """Leave what it holds to others."""
+
+
+class PolynomialTrack(TrackEstimator):
+    """A polynomial motion.
+
+    Parameters
+    ----------
+    order : int
+    covariance : (2, 2) array or None
+        Of all observations, m^2; None: to be estimated.
+    varying : bool
+        Each observation has a covariance of its own.
+    """
+
+    def __init__(self, order: int, covariance: Array | None, varying: bool) -> None:
+        self._varying = varying
+        given = None if varying else covariance
+        self._recursive = RecursiveEstimator(1, order, given, varying=varying)
+
+    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
+        """Take in an observation; its covariance matters if it varies."""
+        self._recursive.update(time, np.array([position]), noise if self._varying else None)
+
+    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
+        """Give the estimate."""
+        return self._recursive.estimate(0, prior)
+
+    @property
+    def roots(self) -> SquareRoots:
+        """What the estimate is made from."""
+        return self._recursive.roots
+
+
+class NoticingTrack(TrackEstimator):
+    """A polynomial motion that is believed as long as its predictions hold; see `scp_planner.online.noticing`.
+
+    Parameters
+    ----------
+    bank : Bank
+    covariance : (2, 2) array
+        Of all observations, as declared, m^2.
+    """
+
+    bank: Bank
+
+    def __init__(self, bank: Bank, covariance: Array) -> None:
+        self.bank, self.slot = bank, bank.take(covariance)
+
+    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
+        """Take in an observation."""
+        slot, place = self.slot, np.array([position])
+        if time < self.bank.last[slot]:
+            self.bank.take_in_late(slot, time, place[0])
+        else:
+            self.bank.update(np.array([slot]), np.array([time]), place)
+
+    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
+        """Give the estimate of the polynomial motion."""
+        return self.bank.polynomials.estimate(self.slot, prior)
+
+    @property
+    def roots(self) -> SquareRoots:
+        """What the estimate is made from."""
+        roots, some = self.bank.polynomials.roots, slice(self.slot, self.slot + 1)
+        return SquareRoots(**{name: value[some] for name, value in vars(roots).items()})
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether it has been noticed to move otherwise than foretold."""
+        return bool(self.bank.alarmed[self.slot])
+
+    def close(self) -> None:
+        """Leave its slot to others."""
+        self.bank.give_back(self.slot)
+
+
+class ProcessTrack(TrackEstimator):
+    """A motion with process noise, by its model.
+
+    Attributes
+    ----------
+    filter : MotionFilter
+        What is known of it.
+    filters : deque of MotionFilter
+        The same before each of the newest observations.
+    """
+
+    in_order = True
+
+    def __init__(self, process: ProcessModel) -> None:
+        self.filter = MotionFilter(process)
+        self.filters: deque[MotionFilter] = deque(maxlen=MOST_LATE)
+
+    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
+        """Take in an observation."""
+        self.filters.append(self.filter.copy())
+        self.filter.update(time, np.array([position]), noise)
+
+    def reaches_back(self, later: int) -> bool:
+        """Whether the filter as it was then is still kept."""
+        return later <= len(self.filters)
+
+    def go_back(self, later: int) -> None:
+        """Be again what it was before the last so many observations."""
+        for _ in range(later):
+            self.filter = self.filters.pop()
+
+    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
+        """Give the estimate."""
+        return self.filter.estimate()
+
+
+EstimatorMaker = Callable[["Track"], TrackEstimator]
+"""Makes the estimator of a track, which has seen nothing."""
 
 
 @dataclass
@@ -40,10 +245,18 @@ class Track:
         Each observation has a covariance of its own.
     times, positions, covariances : lists
         What was seen, in order of time.
-    suspects : list of (time, position, covariance)
+    suspects : list of Seen
         The newest observations, if the gate left them out.
-    filters : deque of MotionFilter
-        Where the motion is a process: the filter before each of the newest observations.
+    estimator : TrackEstimator or None
+        What was made of the observations.
+    noise_factor : float
+        Variance of the noise as a multiple of what is declared.
+    predicted : Prediction or None
+        Where the next observation is expected.
+    foretold : deque of Prediction
+        The last predictions, the newest last, where regions follow what came of them.
+    zone : ThreatZone or None
+        The last one, once it has been noticed to move otherwise than foretold.
     """
 
     id: str
@@ -58,10 +271,12 @@ class Track:
     times: list[float] = field(default_factory=list)
     positions: list[tuple[float, float]] = field(default_factory=list)
     covariances: list[Array | None] = field(default_factory=list)
-    suspects: list[tuple[float, tuple[float, float], Array | None]] = field(default_factory=list)
-    estimator: RecursiveEstimator | MotionFilter | None = None
+    suspects: list[Seen] = field(default_factory=list)
+    estimator: TrackEstimator | None = None
+    noise_factor: float = 1.0
     predicted: Prediction | None = None
-    filters: deque[MotionFilter] = field(default_factory=lambda: deque(maxlen=MOST_LATE))
+    foretold: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
+    zone: ThreatZone | None = None
 
     @property
     def seen(self) -> bool:
@@ -92,11 +307,126 @@ class Track:
         return self.distinct >= least
 
     @property
+    def alarmed(self) -> bool:
+        """Whether it has been noticed to move otherwise than foretold."""
+        return self.estimator is not None and self.estimator.alarmed
+
+    @property
     def simple(self) -> bool:
         """Whether its zone can be made together with others: one known covariance, no prior, no process noise."""
         return (
             self.model.process is None and self.model.prior is None and self.covariance is not None and not self.varying
         )
+
+    # what is made of it
+
+    def noise_of(self, covariance: Array | None, newcomers: SceneNewcomers) -> Array:
+        """Covariance (2, 2), m^2, of an observation that came with one, or without."""
+        declared = self.covariance if covariance is None else covariance
+        if declared is not None:
+            return self.noise_factor * declared
+        own = self.model.process.noise_deviation if self.model.process else newcomers.noise_deviation
+        return own**2 * np.eye(2)
+
+    @property
+    def known_noise(self) -> Array:
+        """Covariance (2, 2), m^2, of every observation, where it is the same for all."""
+        assert self.covariance is not None, "it is known"
+        return np.asarray(self.noise_factor * self.covariance)
+
+    def insert(self, one: Seen, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+        """Take in an observation, in its place in time."""
+        place = bisect(self.times, one.time)
+        late = place < len(self.times)
+        self.times.insert(place, one.time)
+        self.positions.insert(place, one.position)
+        self.covariances.insert(place, one.covariance)
+        if one.covariance is not None and not self.varying:
+            if self.covariance is None and len(self.times) == 1:
+                self.covariance = one.covariance
+            if self.covariance is None or not np.array_equal(one.covariance, self.covariance):
+                self.varying = True
+                self.relearn(newcomers, make)
+                return
+        if self.estimator is None:
+            self.relearn(newcomers, make)
+        elif late and self.estimator.in_order:
+            self.estimator.go_back(len(self.times) - 1 - place)
+            self._learn(self.estimator, newcomers, place)
+        else:
+            self._update(self.estimator, one, newcomers)
+
+    def relearn(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+        """Make the estimator anew from all that was seen."""
+        self._learn(self.begin(make), newcomers)
+
+    def _learn(self, estimator: TrackEstimator, newcomers: SceneNewcomers, first: int = 0) -> None:
+        """Take in what was seen, from one of the observations on."""
+        for each in zip(self.times[first:], self.positions[first:], self.covariances[first:], strict=True):
+            self._update(estimator, Seen(*each), newcomers)
+
+    def begin(self, make: EstimatorMaker) -> TrackEstimator:
+        """Begin with an estimator that has seen nothing."""
+        if self.estimator is not None:
+            self.estimator.close()
+        self.estimator = make(self)
+        return self.estimator
+
+    def learn_anew(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
+        """Forget all but the suspects: it moves otherwise than estimated."""
+        suspects = sorted(self.suspects, key=lambda one: one.time)
+        self.times = [one.time for one in suspects]
+        self.positions = [one.position for one in suspects]
+        self.covariances = [one.covariance for one in suspects]
+        self.newcomer, self.predicted, self.suspects = True, None, []
+        self.relearn(newcomers, make)
+
+    def _update(self, estimator: TrackEstimator, one: Seen, newcomers: SceneNewcomers) -> None:
+        try:
+            estimator.update(one.time, one.position, self.noise_of(one.covariance, newcomers))
+        except EstimationError as error:
+            logger.info("obstacle %s: an observation is not used: %s", self.id, error)
+
+    def came_already(self, one: Seen) -> bool:
+        """Whether an observation has come before."""
+        same = slice(bisect_left(self.times, one.time), bisect(self.times, one.time))
+        return one.position in self.positions[same] or any(
+            (one.time, one.position) == (other.time, other.position) for other in self.suspects
+        )
+
+    def comes_too_late(self, one: Seen) -> bool:
+        """Whether what was known when an observation was made is not kept any more."""
+        later = len(self.times) - bisect(self.times, one.time)
+        return self.estimator is not None and not self.estimator.reaches_back(later)
+
+    def is_improbable(self, one: Seen, least: float, newcomers: SceneNewcomers) -> bool:
+        """Whether to see something as far away as this, or farther, is less probable than ``least``."""
+        if self.predicted is None or least <= 0.0:
+            return False
+        noise = self.noise_of(one.covariance, newcomers)
+        return self.predicted.exceedance(one.time, one.position, noise) < least
+
+    def estimate(self, newcomers: SceneNewcomers) -> MotionEstimate:
+        """Give what is known of its motion."""
+        assert self.estimator is not None, "it has been seen"
+        try:
+            return self.estimator.estimate(self._prior(newcomers))
+        except EstimationError:
+            noise = [self.noise_of(one, newcomers) for one in self.covariances]
+            prior = prior_of(newcomers, self.model.order)
+            return estimate_motion(self.times, self.positions, np.array(noise), self.model.order, prior)
+
+    def _prior(self, newcomers: SceneNewcomers) -> MotionPrior | None:
+        given = self.model.prior
+        if given is not None:
+            velocity, acceleration = given.velocity_deviation, given.acceleration_deviation
+            return MotionPrior(
+                given.velocity,
+                math.inf if velocity is None else velocity,
+                given.acceleration,
+                math.inf if acceleration is None else acceleration,
+            )
+        return None if self.settled else prior_of(newcomers, self.model.order)
 
 
 @dataclass(frozen=True)
@@ -120,11 +450,16 @@ class Prediction:
 
     def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
         """Probability to see something as far away as a position, or farther, at a time."""
+        square = self.square(time, position, noise)
+        return 1.0 if square is None else self.errors.exceedance(square)
+
+    def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
+        """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
         lag = time - self.origin
         powers = lag ** np.arange(max(len(self.center), len(self.covariance)))
         x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
         xx, xy, yy = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
         determinant = xx * yy - xy * xy
         if determinant <= 0.0 or xx <= 0.0:
-            return 1.0  # far from its origin, as for what comes very late, the polynomial is no covariance
-        return self.errors.exceedance(float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant))
+            return None  # far from its origin, as for what comes very late, the polynomial is no covariance
+        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)

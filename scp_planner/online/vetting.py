@@ -19,6 +19,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import Motions, certify_trip
 from scp_planner.certificate.verdict import Certificate, Clearance, Ends
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after
 from scp_planner.problem.problem import Problem
@@ -89,6 +90,10 @@ class Moment:
             batch = self._batches[frame] = ZoneBatch(self.zones, frame, self.scenario.vehicle.radius)
         return batch
 
+    def with_smaller_zones(self, share: float) -> Moment:
+        """The same moment with the zones of a lower level: their ellipses are so much smaller, of all obstacles."""
+        return Moment(self.state, self.scenario, tuple(_smaller(zone, share**2) for zone in self.zones))
+
     @property
     def growing(self) -> bool:
         """Whether any zone grows."""
@@ -115,6 +120,14 @@ class Moment:
             batch=self.batch_in(trip.frame),
             motions=motions,
         )
+
+
+def _smaller(zone: ThreatZone, factor: float) -> ThreatZone:
+    """A zone whose covariances are so many times as large."""
+    covariances = zone.covariances
+    if covariances is None:
+        return zone
+    return replace(zone, covariances=PiecewisePolynomials(covariances.breakpoints, factor * covariances.coefficients))
 
 
 @dataclass(frozen=True)

@@ -337,6 +337,10 @@ def prior_or_process(model: Any) -> Iterator[Problem]:
     """A motion with process noise has its own prior."""
     if model.prior is not None and model.process is not None:
         yield Problem(("prior",), model.prior, "must be null where process is given")
+    if model.manoeuvre > 0.0 and model.process is not None:
+        yield Problem(
+            ("manoeuvre",), model.manoeuvre, "must be 0 where process is given, which has manoeuvres of its own"
+        )
 
 
 def times_increase(observations: Any) -> Iterator[Problem]:

@@ -321,6 +321,11 @@ class Model(Part):
         2, description="0 standing, 1 constant velocity, 2 constant acceleration"
     )
     prior: Prior | None = Field(None, description="of velocity and acceleration; null: none")
+    manoeuvre: NotNegative = Field(
+        0.0,
+        description="standard deviation of each component of a change of acceleration that may begin with the last"
+        " observation, m/s2",
+    )
     process: ProcessModel | None = Field(
         None,
         description="motion with process noise in place of order and prior, or the name of its file beside this"

@@ -48,10 +48,19 @@ class SingerAcceleration(Part):
     time_constant: Positive = Field(description="of a manoeuvre, s")
 
 
+class RandomWalkAcceleration(Part):
+    """The acceleration is a random walk: jerk is white noise. The expected acceleration stays."""
+
+    kind: Literal["random_walk_acceleration"] = "random_walk_acceleration"
+    diffusion: Positive = Field(description="growth of the variance of an acceleration component, m2/s5")
+    acceleration_deviation: Positive = Field(description="of an acceleration component before anything was seen, m/s2")
+
+
 _KINDS: dict[str, type[Part]] = {
     "random_walk": RandomWalkVelocity,
     "mean_reverting": MeanRevertingVelocity,
     "singer": SingerAcceleration,
+    "random_walk_acceleration": RandomWalkAcceleration,
 }
 
 
@@ -65,7 +74,8 @@ def _process_case(data: Any) -> str | None:
 Process = Annotated[
     Annotated[RandomWalkVelocity, Tag(variant("random_walk"))]
     | Annotated[MeanRevertingVelocity, Tag(variant("mean_reverting"))]
-    | Annotated[SingerAcceleration, Tag(variant("singer"))],
+    | Annotated[SingerAcceleration, Tag(variant("singer"))]
+    | Annotated[RandomWalkAcceleration, Tag(variant("random_walk_acceleration"))],
     Discriminator(
         _process_case,
         custom_error_type="process",

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 from scp_planner.scenario.process_model import (
     MeanRevertingVelocity,
     ProcessModel,
+    RandomWalkAcceleration,
     RandomWalkVelocity,
     SingerAcceleration,
 )
@@ -114,15 +115,25 @@ class NaturalUnits(Units):
 
     def model(self, model: Model) -> Model:
         """Return what is known of a motion in these units."""
-        if model.prior is None and model.process is None:
+        if model.prior is None and model.process is None and model.manoeuvre == 0.0:
             return model
-        prior = None if model.prior is None else self._prior(model.prior)
-        return changed(model, prior=prior, process=None if model.process is None else self.process(model.process))
+        return changed(
+            model,
+            prior=None if model.prior is None else self._prior(model.prior),
+            manoeuvre=model.manoeuvre / self.acceleration,
+            process=None if model.process is None else self.process(model.process),
+        )
 
     def process(self, model: ProcessModel) -> ProcessModel:
         """Return a motion with process noise in these units."""
-        process: RandomWalkVelocity | MeanRevertingVelocity | SingerAcceleration = model.process
-        sizes = {"diffusion": self.factor("m2/s3"), "time_constant": self.time, "deviation": self.acceleration}
+        process: RandomWalkVelocity | MeanRevertingVelocity | SingerAcceleration | RandomWalkAcceleration
+        process = model.process
+        sizes = {
+            "diffusion": self.factor("m2/s5" if isinstance(process, RandomWalkAcceleration) else "m2/s3"),
+            "time_constant": self.time,
+            "deviation": self.acceleration,
+            "acceleration_deviation": self.acceleration,
+        }
         tails = model.tails
         return changed(
             model,

@@ -13,6 +13,10 @@ from scp_planner.units import Units
 
 GATE_PROBABILITY = 1e-7
 """An observation that is less probable than this, by what was seen before, is taken for a fault of the sensor..."""
+RARE = 1e-6
+"""Probability below which a window is improbable. Ten times that would notice a change a thirtieth sooner only."""
+MANOEUVRE = 0.03
+"""Standard deviation of a change of acceleration that may begin at any moment, over that of newcomers'."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,44 @@ def _safeties() -> tuple[str, ...]:
     return tuple(each.value for each in Safety)
 
 
+class Regions(StrEnum):
+    """What the sizes of zones follow."""
+
+    MODEL = "model"
+    """The motion that is estimated, whichever is noticed to hold."""
+    ADAPTIVE = "adaptive"
+    """That, times scales that follow how often it was right, by obstacle and horizon; see
+    `scp_planner.estimation.conformal`."""
+
+
+def _regions() -> tuple[str, ...]:
+    return tuple(each.value for each in Regions)
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What is noticed of obstacles and of the sensor, and what they are allowed that has not been noticed yet.
+
+    Attributes
+    ----------
+    gate_probability : float
+        An observation less probable than this is left out. 0: none is.
+    alarm_probability : float
+        A window of the newest observations less probable than this is an alarm: then zones follow a freer motion, see
+        `scp_planner.online.noticing`. 0: there are no alarms, and the noise is believed too.
+    manoeuvre : float
+        Standard deviation of a change of acceleration that may begin at any moment, as a multiple of that of
+        newcomers' accelerations. Larger: zones that grow faster, and slower trips.
+    regions : Regions
+        What the sizes of zones follow.
+    """
+
+    gate_probability: float = GATE_PROBABILITY
+    alarm_probability: float = RARE
+    manoeuvre: float = MANOEUVRE
+    regions: Regions = Regions.MODEL
+
+
 @dataclass(frozen=True)
 class OnlineSettings(Knobs):
     """Settings of :class:`scp_planner.Planner`.
@@ -87,8 +129,8 @@ class OnlineSettings(Knobs):
     safety : Safety
         What must be certified before a plan is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
     foresight : float or None
-        Time that zones are looked at as they are foreseen, see `scp_planner.online.obstacle_tracks`. None: the time to
-        react, to the next replan and to stop, and somewhat more, since a stop need not begin at once.
+        Time that zones are looked at as they are foreseen, see `scp_planner.online.foresight`. None: the time to react,
+        to the next replan and to stop, and somewhat more, since a stop need not begin at once.
     iterations : int
         Steps of the loop in one replan, at most; one is enough where it ends clear of all zones, and half as many where
         the vehicle is where the last plan has it. More: better plans sooner, and longer replans.
@@ -112,6 +154,15 @@ class OnlineSettings(Knobs):
         What is taken for granted of obstacles that have only just been seen.
     gate_probability : float
         An observation less probable than this is left out, see `scp_planner.online.obstacle_tracks`.
+    alarm_probability : float
+        A window of observations less probable than this is an alarm: then zones follow a freer motion, see
+        `scp_planner.online.noticing`. 0: there are no alarms, and the noise that the sensor declares is believed too.
+    manoeuvre : float
+        Standard deviation of a change of acceleration that an obstacle may begin at any moment, as a multiple of that
+        of newcomers' accelerations. Larger: zones that grow faster, and slower trips.
+    regions : Regions
+        What the sizes of zones follow: ``model``, the motion that is noticed to hold; ``adaptive``, that times scales
+        that keep the level in the long run, see `scp_planner.estimation.conformal`.
     forget_after : float
         An obstacle that has not been seen for so long has gone.
     """
@@ -130,6 +181,9 @@ class OnlineSettings(Knobs):
     reserve: Annotated[float, Range(0.0, 60.0, "s")] = 5e-3
     newcomers: Newcomers = field(default_factory=Newcomers)
     gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
+    alarm_probability: Annotated[float, Range(0.0, 0.1)] = RARE
+    manoeuvre: Annotated[float, Range(0.0, 1000.0)] = MANOEUVRE
+    regions: Annotated[Regions, Choice(_regions)] = Regions.MODEL
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
     def for_scene(self, units: Units) -> SceneOnlineSettings:
@@ -151,6 +205,11 @@ class OnlineSettings(Knobs):
         """
         newcomers = decided(self.newcomers, Newcomers, SceneNewcomers, units)
         return decided(replace(self, newcomers=newcomers), OnlineSettings, SceneOnlineSettings, units)
+
+    @property
+    def watch(self) -> Watch:
+        """What is noticed, and what is allowed for."""
+        return Watch(self.gate_probability, self.alarm_probability, self.manoeuvre, self.regions)
 
     def margin(self, max_speed: float) -> float:
         """What is added to zones, m: tracking error, and what the vehicle drives in its reaction time."""

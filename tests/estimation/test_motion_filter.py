@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 from scp_planner.errors import EstimationError, MotionModelError, ScenarioError
 from scp_planner.estimation.confidence import region_scale
-from scp_planner.estimation.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, dynamics_of
+from scp_planner.estimation.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
 from scp_planner.estimation.error_laws import NormalErrors, StudentErrors
 from scp_planner.estimation.motion_filter import (
     CENTER_TOLERANCE,
@@ -32,6 +32,7 @@ KINDS = {
     "random_walk": {"diffusion": 0.2},
     "mean_reverting": {"diffusion": 0.2, "time_constant": 1.5},
     "singer": {"deviation": 0.6, "time_constant": 0.8},
+    "random_walk_acceleration": {"diffusion": 0.2, "acceleration_deviation": 0.4},
 }
 KIND = pytest.mark.parametrize("kind", list(KINDS))
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -52,6 +53,8 @@ def kernel(kind: str) -> Callable[[float, float], float]:
         weight, between = (lambda t, a: t - a), None
     elif kind == "mean_reverting":
         weight, between = (lambda t, a: np.ones_like(a)), (lambda d: 0.5 * q * tau * np.exp(-d / tau))
+    elif kind == "random_walk_acceleration":
+        weight, between = (lambda t, a: 0.5 * (t - a) ** 2), None
     else:
         weight, between = (lambda t, a: t - a), (lambda d: KINDS[kind]["deviation"] ** 2 * np.exp(-d / tau))
 
@@ -60,7 +63,7 @@ def kernel(kind: str) -> Callable[[float, float], float]:
         return low + half * (1 + NODES), half * WEIGHTS
 
     def covariance(t: float, s: float) -> float:
-        total = 1.3**2 * t * s
+        total = 1.3**2 * t * s + (0.5 * KINDS[kind].get("acceleration_deviation", 0.0) * t * s) ** 2
         a, wa = interval(0.0, t)
         if between is None:  # white noise: only equal times
             a, wa = interval(0.0, min(t, s))
@@ -108,6 +111,7 @@ def test_dynamics_are_those_of_their_differential_equations(lag: float, tau: flo
     cases: list[tuple[Dynamics, list[list[float]], list[float]]] = [
         (RandomWalk(0.3), [[0, 1], [0, 0]], [0, 0.3]),
         (MeanReverting(0.3, tau), [[0, 1, 0], [0, -1 / tau, 1 / tau], [0, 0, 0]], [0, 0.3, 0]),
+        (WhiteJerk(0.3, 0.5), [[0, 1, 0], [0, 0, 1], [0, 0, 0]], [0, 0, 0.3]),
         (Singer(0.7, tau), [[0, 1, 0], [0, 0, 1], [0, 0, -1 / tau]], [0, 0, 2 * 0.7**2 / tau]),
     ]
     for dynamics, drift, noise in cases:
@@ -190,22 +194,23 @@ def test_polynomials_are_near_and_on_the_safe_side(kind: str, tails: Tails | Non
     assert np.all(np.diff(pieces.breakpoints) > 0)
     assert pieces.center_error <= CENTER_TOLERANCE
     assert pieces.covariance_error <= 2 * COVARIANCE_TOLERANCE
-    if kind == "random_walk":
+    if kind.startswith("random_walk"):
         assert (pieces.center_error, pieces.covariance_error) == (0.0, 0.0)
         assert len(pieces.center) == (1 if tails is None else 5)  # kinks of the inflation
     rounding = 1e-7  # of a clock of 1e9 s
     ends = []
     for i, center in enumerate(pieces.center):
         t = np.linspace(*pieces.breakpoints[i : i + 2], 37)
-        powers = (t - pieces.breakpoints[i])[:, None] ** np.arange(5)
+        powers = (t - pieces.breakpoints[i])[:, None] ** np.arange(7)
+        rows, columns = powers[:, : len(pieces.covariance[i])], powers[:, : len(center)]
         true = seen.covariance(t)
-        assert np.abs(powers @ center - seen.position(t)).max() <= pieces.center_error + 10 * rounding
-        xx, xy, yy = (powers @ pieces.covariance[i]).T
+        assert np.abs(columns @ center - seen.position(t)).max() <= pieces.center_error + 10 * rounding
+        xx, xy, yy = (rows @ pieces.covariance[i]).T
         given = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
         relative = np.linalg.eigvals(np.linalg.solve(true, given)).real
         assert relative.min() >= 1 - 100 * rounding
         assert relative.max() <= 1 + pieces.covariance_error + 100 * rounding
-        ends.append((powers @ center)[[0, -1]])
+        ends.append((columns @ center)[[0, -1]])
     for before, after in pairwise(ends):
         assert before[1] == pytest.approx(after[0], abs=1e-6)  # no jumps
 

@@ -7,8 +7,9 @@ import pytest
 
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import MOST_LATE
+from scp_planner.online.track import MOST_LATE, ProcessTrack
 from scp_planner.scenario.models import Confidence, Disc, Model
+from scp_planner.settings.online import Watch
 
 STEP = 0.1  # s between observations
 PROCESS = {
@@ -24,14 +25,14 @@ def observed(count: int) -> tuple[list[float], list[tuple[float, float]]]:
 
 
 def unseen(model: Model | None = None) -> ObstacleTracks:
-    tracks = ObstacleTracks(Confidence(), gate_probability=0.0)
+    tracks = ObstacleTracks(Confidence(), watch=Watch(gate_probability=0.0))
     tracks.add_unseen("one", Disc(disc=0.5), model or Model(**PROCESS), 0.0, 0.01 * np.eye(2))
     return tracks
 
 
-def filter_of(tracks: ObstacleTracks) -> MotionFilter:
+def process_of(tracks: ObstacleTracks) -> ProcessTrack:
     estimator = tracks.tracks["one"].estimator
-    assert isinstance(estimator, MotionFilter)
+    assert isinstance(estimator, ProcessTrack)
     return estimator
 
 
@@ -45,7 +46,7 @@ def seen(order: list[int]) -> ObstacleTracks:
 
 
 def assert_same(one: ObstacleTracks, other: ObstacleTracks) -> None:
-    a, b = filter_of(one), filter_of(other)
+    a, b = process_of(one).filter, process_of(other).filter
     assert np.array_equal(a.observations, b.observations)
     for part in ("times", "mean", "covariance"):
         assert np.array_equal(getattr(a._state, part), getattr(b._state, part))
@@ -86,7 +87,7 @@ def test_a_late_observation_costs_no_more_after_a_long_time(monkeypatch: pytest.
             before = updates
             tracks.observe("one", times[k - 5], places[k - 5])
             assert updates - before == 4  # itself, and the three that were seen after it
-    assert len(tracks.tracks["one"].filters) == MOST_LATE
+    assert len(process_of(tracks).filters) == MOST_LATE
 
 
 def test_what_comes_too_late_is_told_and_left_out() -> None:
@@ -109,7 +110,7 @@ def test_polynomial_motions_take_what_comes_very_late() -> None:
 
 def test_the_copy_of_a_filter_goes_on_by_itself() -> None:
     times, places = observed(12)
-    first = filter_of(seen(list(range(10))))
+    first = process_of(seen(list(range(10)))).filter
     before = first._state.covariance.copy()
     other = first.copy()
     other.update(times[10], np.array([places[10]]), 0.01 * np.eye(2))

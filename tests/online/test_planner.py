@@ -667,3 +667,32 @@ def test_what_comes_far_too_late_is_not_gated_by_a_covariance_that_is_none() -> 
     noise = 0.01 * np.eye(2)
     assert prediction.exceedance(10.0, (3.0, 0.0), noise) < 0.01
     assert prediction.exceedance(5.0, (3.0, 0.0), noise) == 1.0
+
+
+def test_trip_of_a_lower_level_is_driven_where_none_keeps_clear_at_the_level_asked_for() -> None:
+    """Somebody is seen to have turned towards the vehicle; it is not certified, and says so, but goes round."""
+    scenario = scene(observed(seen("a", (12.0, -6.0), (0.0, 0.8), 0.1, order=2)), start={"speed": 2.5})
+    planner = Planner(scenario)
+    begin(planner, scenario)
+    rng, evading = np.random.default_rng(3), []
+    for k in range(1, 50):
+        time = 0.1 * k
+        since = max(time - 1.0, 0.0)
+        place = np.array([12.0 - 0.9 * since**2, -6.0 + 0.8 * time + 0.6 * since**2])
+        planner.observe("a", time, place + 0.1 * rng.standard_normal(2))
+        plan = follow(planner, time)
+        if plan.outcome is Outcome.EVADING:
+            evading.append(plan)
+            assert not plan.certified and not plan.safe and plan.status is PlanStatus.INFEASIBLE
+            assert plan.reason is not None
+            share = float(plan.reason.rsplit("is ", 1)[1].split(" times")[0])
+            (zone,) = planner.zones
+            times = np.linspace(time, min(time + 0.5, plan.arrival_time), 20)
+            offset = plan.position(times) - zone.center(times)
+            directions = offset / np.linalg.norm(offset, axis=1)[:, None]
+            spread = np.sqrt(np.einsum("ka,kab,kb->k", directions, zone.covariance(times), directions))
+            # beyond the smaller zone's tangent in the direction of the offset, which is no farther than the zone
+            room = np.linalg.norm(offset, axis=1) - zone.radius - scenario.vehicle.radius
+            assert np.all(room >= share * spread.min() - 1e-6)
+    assert evading
+    assert planner.obstacles.tracks["a"].alarmed

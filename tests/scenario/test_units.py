@@ -10,6 +10,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.certificate.verdict import UNITS
+from scp_planner.scenario.models import Model
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.units import TOP_SPEED, TRIP_LENGTH, NaturalUnits
 from scp_planner.threat_zones.zone import ThreatZone
@@ -128,6 +129,29 @@ def test_every_quantity_is_divided_by_the_unit_of_its_dimension() -> None:
     assert inside.corridor == (((-5.0, -4.0), (15.0, -4.0), (15.0, 5.0), (-5.0, 5.0)),)
     (limit,) = inside.speed_limits
     assert (limit.from_, limit.to, limit.speed, limit.line) == (1.0, 3.0, 2.5, ((-0.5, 0.5), (9.5, 0.5)))
+
+
+def test_manoeuvres_are_divided_by_the_units_of_acceleration_and_of_its_growth() -> None:
+    units = NaturalUnits(length=2.0, time=4.0)
+    assert units.model(Model(manoeuvre=0.4)).manoeuvre == 3.2
+    given = Model.model_validate(
+        {
+            "process": {
+                "process": {"kind": "random_walk_acceleration", "diffusion": 0.004, "acceleration_deviation": 0.8},
+                "velocity_deviation": 2.0,
+                "noise_deviation": 0.5,
+            }
+        }
+    )
+    scaled = units.model(given)
+    assert scaled.process is not None
+    # m^2/s^5: 0.004 4^5 / 2^2
+    assert scaled.process.process.model_dump() == {
+        "kind": "random_walk_acceleration",
+        "diffusion": 1.024,
+        "acceleration_deviation": 6.4,
+    }
+    assert units.inverse.model(scaled) == given
 
 
 def test_what_goes_in_and_out_is_the_same() -> None:

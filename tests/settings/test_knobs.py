@@ -28,7 +28,7 @@ from scp_planner.plotting import View, views
 from scp_planner.scenario.models import ConfidenceLevel
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
-from scp_planner.settings.online import Newcomers, Safety
+from scp_planner.settings.online import Newcomers, Regions, Safety
 from scp_planner.settings.planning import SceneSettings, for_scene
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
@@ -52,9 +52,13 @@ def test_every_setting_says_what_it_does_and_has_a_default_in_its_range(settings
         assert knob.fault(knob.default) is None
         assert knob.fault("neither a number nor a word of it") is not None
     if knob.kind is float and isinstance(knob.allowed, Range):
-        assert knob.unit or knob.name in {"limit_margin", "gate_probability", "effort"}, (
-            "a float has a unit or is a ratio"
-        )
+        assert knob.unit or knob.name in {
+            "limit_margin",
+            "gate_probability",
+            "alarm_probability",
+            "manoeuvre",
+            "effort",
+        }, "a float has a unit or is a ratio"
 
 
 @pytest.mark.parametrize(("name", "value"), ENDS)
@@ -174,6 +178,7 @@ def test_a_choice_lists_the_solvers_that_users_add(monkeypatch: pytest.MonkeyPat
 
 TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Safety: ("safety", lambda word: sp.OnlineSettings(safety=word).safety),
+    Regions: ("regions", lambda word: sp.OnlineSettings(regions=word).regions),
     Faulty: ("missing", lambda word: Screening(missing=word).missing),
     Outliers: ("outliers", lambda word: Screening(outliers=word).outliers),
     Noise: ("noise", lambda word: _noise_taken(word)),

@@ -647,6 +647,23 @@ def test_fit_motion_writes_a_model_that_a_scenario_can_refer_to(tmp_path: Path) 
     assert planned.exit_code == 0, planned.stderr
 
 
+def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = ["id,time,x,y"]
+    for person in range(50):
+        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(20, 2)), axis=0)), axis=0)
+        rows += [f"{person},{0.4 * step:.1f},{x:.4f},{y:.4f}" for step, (x, y) in enumerate(course)]
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    inflations = {}
+    for level in ("0.8", "0.95"):
+        result = run("fit-motion", tmp_path / "tracks.csv", "--conformal", level, "-o", tmp_path / "m.json", "--json")
+        assert result.exit_code == 0, result.stderr
+        inflations[level] = json.loads(result.stdout)["tails"]["inflation"]
+    assert inflations["0.8"] != inflations["0.95"]
+    refused = run("fit-motion", tmp_path / "tracks.csv", "--conformal", "2", "-o", tmp_path / "m.json")
+    assert refused.exit_code == 2 and "--conformal" in refused.stderr
+
+
 def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:
     (tmp_path / "tracks.csv").write_text("id,time,x,y\n1,0,0,0\n1,1,1,0\n")
     result = run("fit-motion", tmp_path / "tracks.csv", "--kind", "brownian", "-o", tmp_path / "m.yaml")

@@ -1,0 +1,109 @@
+"""Conformal regions: their guarantees, by counting."""
+
+from __future__ import annotations
+
+import math
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.errors import EstimationError
+from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile
+from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_errors
+from scp_planner.estimation.track_files import Track
+from scp_planner.estimation.tracks import Tracks
+from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.scenario.models import Disc, Model
+from scp_planner.settings.online import Regions, Watch
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.25, 0.5])
+def test_next_score_is_inside_as_often_as_promised(alpha: float) -> None:
+    """Whichever of 6 exchangeable scores comes last: counted over all their orders."""
+    held = [order[-1] <= conformal_quantile(order[:-1], alpha) for order in permutations(range(6))]
+    assert 1.0 - alpha <= np.mean(held) <= 1.0 - alpha + 1.0 / 6.0
+
+
+def test_too_few_scores_make_a_region_of_everything() -> None:
+    assert conformal_quantile(np.arange(18), 0.05) == math.inf
+    assert conformal_quantile(np.arange(19), 0.05) == 18.0
+    assert conformal_quantile([], 0.5) == math.inf
+    # of two tracks only, whatever the number of their errors
+    assert conformal_quantile(np.arange(1000), 0.05, groups=2) == math.inf
+
+
+@pytest.mark.parametrize(("scores", "alpha", "what"), [([1.0], 0.0, "alpha"), ([math.nan], 0.1, "scores")])
+def test_misuse_is_refused(scores: list[float], alpha: float, what: str) -> None:
+    with pytest.raises(EstimationError, match=what):
+        conformal_quantile(scores, alpha)
+
+
+@pytest.mark.parametrize(("alpha", "rate"), [(1.5, 0.1), (0.1, 0.0)])
+def test_scales_refuse_misuse(alpha: float, rate: float) -> None:
+    with pytest.raises(EstimationError):
+        AdaptiveScales(alpha, 1, rate)
+
+
+@pytest.mark.parametrize("kind", ["calm", "growing", "bursts"])
+def test_level_is_kept_in_the_long_run_whatever_comes(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    steps, alpha = 4000, 0.1
+    size = {
+        "calm": np.ones(steps),
+        "growing": np.exp(np.linspace(0.0, 5.0, steps)),
+        "bursts": np.where(np.arange(steps) // 200 % 2, 30.0, 1.0),
+    }[kind]
+    scales = AdaptiveScales(alpha, 1)
+    for square in size * rng.chisquare(2, steps):
+        scales.take_in(0, "a", float(square))
+    # the bound of the head of the module, and what a quantile of the newest errors does better
+    bound = (1.0 + scales.rate) / (scales.rate * steps)
+    assert abs(scales.missed[0] / scales.seen[0] - alpha) <= bound
+    assert scales.missed[0] / scales.seen[0] == pytest.approx(alpha, abs=0.02)
+
+
+def test_new_track_begins_with_what_others_have_taught() -> None:
+    scales = AdaptiveScales(0.1, 2)
+    assert scales.scales("new").tolist() == [1.0, 1.0]
+    for number in range(100):
+        scales.take_in(1, f"t{number}", 9.0)
+    assert scales.scales("new").tolist() == [1.0, 9.0]
+    scales.forget("t1")
+    assert scales.scales("t1").tolist() == [1.0, 9.0]
+
+
+def walkers(count: int, seed: int) -> Tracks:
+    rng = np.random.default_rng(seed)
+    times = 0.4 * np.arange(25)
+    velocity = np.cumsum(0.2 * rng.standard_t(3, (count, 25, 2)), axis=1) + rng.normal(0.0, 1.0, (count, 1, 2))
+    places = np.cumsum(0.4 * velocity, axis=1) + 0.03 * rng.standard_normal(velocity.shape)
+    return Tracks(tuple(Track(f"w{k}", times, place) for k, place in enumerate(places)), source="made")
+
+
+def test_fitted_model_is_split_conformal_at_its_level() -> None:
+    """Its regions hold as many errors of the half that nothing was fitted to as the quantile says, and of others."""
+    tracks, leads = walkers(60, 1), (0.4, 1.2, 2.4)
+    model = fit_motion_model(tracks, lead_times=leads, conformal=0.9)
+    assert model.tails is not None and model.tails.lead_time == leads
+    degrees = model.tails.degrees_of_freedom
+    scale = degrees * math.expm1(-2.0 * math.log(0.1) / degrees)
+    for which, least, most in ((tracks.halves()[1], 0.9, 0.96), (walkers(60, 2), 0.86, 0.97)):
+        for errors, inflation in zip(
+            prediction_errors(which, model, lead_times=leads), model.tails.inflation, strict=True
+        ):
+            assert least <= np.mean(errors.squares <= scale * inflation) <= most
+
+
+def test_zones_follow_what_came_of_them() -> None:
+    """Something that leaps about as no filter foretells: zones become larger than those of the model."""
+    sizes = []
+    for regions in Regions:
+        tracks = ObstacleTracks(sp.Confidence(level="per_time"), watch=Watch(0.0, 0.0, 0.0, regions))
+        tracks.add_unseen("a", Disc(disc=0.3), Model(order=0), 0.0, 0.01 * np.eye(2))
+        for number, place in enumerate(np.cumsum(0.3 * np.random.default_rng(3).standard_normal((120, 2)), axis=0)):
+            tracks.observe("a", 0.1 * number, (float(place[0]), float(place[1])))
+            (zone,) = tracks.zones(0.1 * number)
+        sizes.append(zone.covariance(0.1 * number + np.array([0.0, 1.0, 2.0]))[:, 0, 0])
+    assert np.all(sizes[1] > 10.0 * sizes[0])
