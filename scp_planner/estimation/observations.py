@@ -132,7 +132,7 @@ def check_covariance(covariance: ArrayLike, count: int) -> Array:
         raise EstimationError(f"observations.covariance: its shape is {sigma.shape}; must be (2, 2) or ({count}, 2, 2)")
     xx, xy, yx, yy = (sigma[..., a, b] for a in range(2) for b in range(2))
     size = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         faults = (
             ("finite", ~np.isfinite(sigma).all(axis=(-2, -1))),
             ("symmetric", np.abs(xy - yx) > _SYMMETRY * size),
