@@ -169,7 +169,7 @@ def certify_trip(
     if never is not None:
         return Certificate(False, Clearance(-np.inf), {}, (never,))
     if batch is None:
-        batch = ZoneBatch(threat_zones, trip.frame, scenario.vehicle.radius)
+        batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
     check = _Check(scenario, trip, batch)
     check.precision, check.motions = precision, motions
     if since is not None:

@@ -450,7 +450,7 @@ class _Relaxation:
         self.speeds = _Speeds(scenario, longest)
         self.grid, step = self._grid(cells, len(threat_zones))
         # What touches a zone is not inside it.
-        self.zones = ZoneBatch(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
+        self.zones = ZoneBatch.of(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
         self.times = self.speeds.instants(step)
         self.in_time()
 

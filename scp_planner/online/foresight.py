@@ -9,8 +9,7 @@ shrinks, as an obstacle that is seen for longer is known better.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -100,6 +99,5 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
     later = np.broadcast_to(now + foresight + LONGER, (count, len(LONGER)))
     end = np.full((count, 1), np.inf)
-    seen = copy(batch)
-    seen.covariances = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
-    return seen
+    seen = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
+    return replace(batch, covariances=seen)

@@ -87,7 +87,7 @@ class Moment:
         """The zones in a frame, inflated by the vehicle."""
         batch = self._batches.get(frame)
         if batch is None:
-            batch = self._batches[frame] = ZoneBatch(self.zones, frame, self.scenario.vehicle.radius)
+            batch = self._batches[frame] = ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius)
         return batch
 
     def with_smaller_zones(self, share: float) -> Moment:

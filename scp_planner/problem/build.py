@@ -91,7 +91,7 @@ def build_problem(
     )
     inflation = scenario.vehicle.radius + settings.clearance_margin
     ends = _end_conditions(scenario, frame, space, settings.max_offset)
-    batch = ZoneBatch(zones, frame, inflation).rounded()
+    batch = ZoneBatch.of(zones, frame, inflation).rounded()
     box = Box.of(scenario, frame, settings.box_margin)
     samples = space.time_table(
         np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])

@@ -353,7 +353,7 @@ class Study:
             ZoneKind.REGION: regions,
         }
         inflation = self.scenario.vehicle.radius + PLANNER.clearance_margin
-        batches = {kind: ZoneBatch(some, self.problem.frame, inflation) for kind, some in kinds.items()}
+        batches = {kind: ZoneBatch.of(some, self.problem.frame, inflation) for kind, some in kinds.items()}
         return [
             Record(task, kind, self._measure(replace(self.problem, zones=batch))) for kind, batch in batches.items()
         ]

@@ -7,14 +7,13 @@ by the disc that covers them does not do.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
@@ -84,90 +83,155 @@ class KnownDiscs:
         return PiecewisePolynomials(breakpoints, self.coefficients[:, None])
 
 
+class SortedZones(Sequence[ThreatZone]):
+    """Zones of which those that are discs with one polynomial as their motion are there as numbers, too.
+
+    Attributes
+    ----------
+    discs : KnownDiscs
+        Those discs.
+    others : tuple of int
+        Which zones are none of them, increasing.
+    """
+
+    discs: KnownDiscs
+    others: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class ZoneBatch:
     """All zones of a plan, in the planning frame, for evaluation at many times at once.
 
-    Parameters
+    Attributes
     ----------
-    zones : sequence of ThreatZone
-    frame : PlanningFrame
-        The planning frame (coordinates and clock).
-    inflation : float
-        Added to every radius, m: the vehicle's disc and the planner's own margin.
+    ids : tuple of str
+        Of the L zones; those of parts of one zone are the same.
+    radius : (L,) array
+        m, with the vehicle's disc and the planner's own margin.
+    centers : PiecewisePolynomials
+        m, of the planning clock.
+    uncertain : (u,) array of int
+        Which zones are uncertain, increasing.
+    covariances : PiecewisePolynomials or None
+        (xx, xy, yy) of their scaled covariances, m^2; None without such zones.
+    shaped : (s,) array of int
+        Which zones have an outline, increasing.
+    outlines : Outlines or None
+        Of these, about their centres; None without such zones.
     """
 
-    def __init__(self, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> None:
-        discs = getattr(zones, "discs", None)
-        others = range(len(zones)) if discs is None else zones.others  # type: ignore[attr-defined]
+    ids: tuple[str, ...]
+    radius: Array
+    centers: PiecewisePolynomials
+    uncertain: Index
+    covariances: PiecewisePolynomials | None
+    shaped: Index
+    outlines: Outlines | None
+
+    @classmethod
+    def of(cls, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> ZoneBatch:
+        """Return the batch of zones in world coordinates.
+
+        Parameters
+        ----------
+        zones : sequence of ThreatZone
+            If sorted, discs are taken as the numbers that they are.
+        frame : PlanningFrame
+            The planning frame (coordinates and clock).
+        inflation : float
+            Added to every radius, m: the vehicle's disc and the planner's own margin.
+
+        Returns
+        -------
+        ZoneBatch
+        """
+        discs = zones.discs if isinstance(zones, SortedZones) else _NO_DISCS
+        others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
         numbered = [(k, _Part.of(zones[k], some)) for k in others for some in (zones[k].outlines or (None,))]
         parts = [part for _, part in numbered]
-        ids = [part.id for part in parts]
-        radius, centers = np.array([part.radius for part in parts]), [part.centers for part in parts]
-        place: Index = np.arange(len(parts))
-        if discs is not None and len(discs.index):
-            # Discs first, then all in the order of the zones
-            still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
-            order = np.argsort(still_to_sort, kind="stable")
-            place = np.empty(len(order), dtype=np.intp)
-            place[order] = np.arange(len(order))
-            place = place[len(discs.index) :]
-            ids = [*discs.ids, *ids]
-            ids = [ids[k] for k in order] if parts else ids
-            radius = np.concatenate([discs.radius, radius])[order]
-            self.centers = frame.points_batch([discs.centers, *centers])
-            if parts:
-                self.centers = self.centers.take(order)
-        else:
-            self.centers = frame.points_batch(centers)
-        self.ids = tuple(ids)
-        self.size = len(ids)
-        self.radius = radius + inflation
-        self.velocities = self.centers.derivative
-        uncertain = [k for k, part in zip(place, parts, strict=True) if part.covariances is not None]
-        self.uncertain: Index = np.array(uncertain, dtype=np.intp)
-        self.slot = _slots(self.uncertain, self.size)
-        self.covariances: PiecewisePolynomials | None = None
-        if uncertain:
-            self.covariances = frame.covariances_batch(
-                [part.covariances for part in parts if part.covariances is not None]
-            )
-        shaped = [k for k, part in zip(place, parts, strict=True) if part.outline is not None]
+        # Discs first, then all in the order of the zones
+        still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
+        order = np.argsort(still_to_sort, kind="stable")
+        place = np.empty(len(order), dtype=np.intp)
+        place[order] = np.arange(len(order))
+        place = place[len(discs.index) :]
+        ids = [*discs.ids, *(part.id for part in parts)]
+        radius = np.concatenate([discs.radius, np.array([part.radius for part in parts])])[order]
+        known = [discs.centers] if len(discs.index) else []
+        centers = frame.points_batch([*known, *(part.centers for part in parts)])
+        uncertain = [
+            (k, part.covariances) for k, part in zip(place, parts, strict=True) if part.covariances is not None
+        ]
+        shaped = [(k, part.outline) for k, part in zip(place, parts, strict=True) if part.outline is not None]
         still = np.zeros(2)
-        self._shape(
-            np.array(shaped, dtype=np.intp),
-            [part.outline.moved(still, -frame.heading) for part in parts if part.outline is not None],
+        return cls(
+            ids=tuple(ids[k] for k in order),
+            radius=radius + inflation,
+            centers=centers.take(order) if known and parts else centers,
+            uncertain=np.array([k for k, _ in uncertain], dtype=np.intp),
+            covariances=frame.covariances_batch([one for _, one in uncertain]) if uncertain else None,
+            shaped=np.array([k for k, _ in shaped], dtype=np.intp),
+            outlines=Outlines([outline.moved(still, -frame.heading) for _, outline in shaped]) if shaped else None,
         )
 
-    def _shape(self, shaped: Index, outlines: list[Outline]) -> None:
-        """Set the outlines of some of the zones; the others are discs."""
-        self.shaped = shaped
-        self.outline_slot = _slots(shaped, self.size)
-        self.outlines = Outlines(outlines) if outlines else None
-        self.extent = np.zeros(self.size)
-        self.turning = np.zeros(self.size, dtype=bool)
+    @cached_property
+    def size(self) -> int:
+        """Number of zones, L."""
+        return len(self.ids)
+
+    @cached_property
+    def velocities(self) -> PiecewisePolynomials:
+        """Of the centres, m/s."""
+        return self.centers.derivative
+
+    @cached_property
+    def slot(self) -> Index:
+        """Place of each zone among the uncertain ones, (L,); -1 for those that are not."""
+        return _slots(self.uncertain, self.size)
+
+    @cached_property
+    def outline_slot(self) -> Index:
+        """Place of each zone among those with an outline, (L,); -1 for discs."""
+        return _slots(self.shaped, self.size)
+
+    @cached_property
+    def extent(self) -> Array:
+        """Radius of the disc around the centre that covers each outline, (L,) m."""
+        extent = np.zeros(self.size)
         if self.outlines is not None:
-            self.extent[shaped] = self.outlines.reach
-            self.turning[shaped] = self.outlines.turning
-        self.any_turning = bool(self.turning.any())
+            extent[self.shaped] = self.outlines.reach
+        return extent
+
+    @cached_property
+    def turning(self) -> Mask:
+        """Whether each zone turns with its motion, (L,)."""
+        turning = np.zeros(self.size, dtype=bool)
+        if self.outlines is not None:
+            turning[self.shaped] = self.outlines.turning
+        return turning
+
+    @cached_property
+    def any_turning(self) -> bool:
+        """Whether any zone turns."""
+        return bool(self.turning.any())
 
     def subset(self, index: Index) -> ZoneBatch:
         """Return the batch of some of the zones."""
-        batch = object.__new__(ZoneBatch)
-        batch.ids = tuple(self.ids[i] for i in index)
-        batch.size = len(index)
-        batch.radius = self.radius[index]
-        batch.centers = self.centers.take(index)
-        batch.velocities = batch.centers.derivative
-        slots = self.slot[index]
-        batch.uncertain = np.flatnonzero(slots >= 0)
-        batch.slot = _slots(batch.uncertain, batch.size)
-        batch.covariances = None
-        if self.covariances is not None and len(batch.uncertain):
-            batch.covariances = self.covariances.take(slots[batch.uncertain])
-        slots = self.outline_slot[index]
-        outlines = [] if self.outlines is None else [self.outlines.outlines[k] for k in slots[slots >= 0]]
-        batch._shape(np.flatnonzero(slots >= 0), outlines)
-        return batch
+        uncertain, shaped = self.slot[index], self.outline_slot[index]
+        covariances, outlines = None, None
+        if self.covariances is not None and np.any(uncertain >= 0):
+            covariances = self.covariances.take(uncertain[uncertain >= 0])
+        if self.outlines is not None and np.any(shaped >= 0):
+            outlines = Outlines([self.outlines.outlines[k] for k in shaped[shaped >= 0]])
+        return ZoneBatch(
+            ids=tuple(self.ids[i] for i in index),
+            radius=self.radius[index],
+            centers=self.centers.take(index),
+            uncertain=np.flatnonzero(uncertain >= 0),
+            covariances=covariances,
+            shaped=np.flatnonzero(shaped >= 0),
+            outlines=outlines,
+        )
 
     @cached_property
     def standing(self) -> Index:
@@ -187,20 +251,17 @@ class ZoneBatch:
 
         A scene that has been moved or turned differs in its last bits; so it does not, and is planned to the same trip.
         """
-        batch = copy(self)
-        batch.centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
-        batch.velocities = batch.centers.derivative
-        if self.covariances is not None:
-            batch.covariances = self.covariances.rounded(DECIMALS + 3, DECIMALS + 3)
-        if self.outlines is not None:
-            batch._shape(self.shaped, [outline.rounded(DECIMALS + 2) for outline in self.outlines.outlines])
-        return batch
+        covariances, outlines = self.covariances, self.outlines
+        if covariances is not None:
+            covariances = covariances.rounded(DECIMALS + 3, DECIMALS + 3)
+        if outlines is not None:
+            outlines = Outlines([outline.rounded(DECIMALS + 2) for outline in outlines.outlines])
+        centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
+        return replace(self, centers=centers, covariances=covariances, outlines=outlines)
 
     def inflated(self, extra: Array) -> ZoneBatch:
         """Return the batch with every zone larger by ``extra``, (L,) m."""
-        batch = copy(self)
-        batch.radius = self.radius + extra
-        return batch
+        return replace(self, radius=self.radius + extra)
 
     def distances(self, times: Array, points: Array, exact_below: float = np.inf) -> Array:
         """Signed distances of one moving point to all zones.
@@ -400,6 +461,7 @@ def _cross(first: Array, second: Array) -> Array:
 
 
 _ALL = slice(None)
+_NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:

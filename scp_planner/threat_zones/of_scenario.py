@@ -38,7 +38,7 @@ from scp_planner.scenario.models import (
     Shape,
 )
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones.batch import KnownDiscs
+from scp_planner.threat_zones.batch import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
 STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
@@ -68,7 +68,7 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     return tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
 
 
-class ZonesOf(Sequence[ThreatZone]):
+class ZonesOf(SortedZones):
     """The zones of a scenario in its natural units, each made when it is asked for.
 
     Most of a thousand obstacles are far away, and their zones are never asked for: a batch takes discs whose motion is

@@ -552,7 +552,7 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
     zone, distance = elliptic_zone(reference, seed)
     scenario = the_scene(passing(reference, seed, 3.0).obstacle(0.1), disc("still", (8.0, 1.0)), *CROSSERS)
     zones = (*sp.zones(scenario), replace(zone, radius=distance - RADIUS))
-    check = _Check(scenario, trip, ZoneBatch(zones, trip.frame, RADIUS))
+    check = _Check(scenario, trip, ZoneBatch.of(zones, trip.frame, RADIUS))
     pieces = check._first_pieces()
     edges = np.sort(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
     assert edges[0] == pytest.approx(0.0, abs=1e-12)
@@ -700,7 +700,7 @@ def test_bounds_of_zones_contain_dense_samples(seed: int) -> None:
     curved = rng.normal(size=(5, 2)) * [[1.0], [1.0], [0.3], [0.05], [0.01]]
     known = ThreatZone("known", 0.5, PiecewisePolynomials.single(FRAME.time + 1.0, curved))
     seen, _ = elliptic_zone(reference, seed)
-    batch = ZoneBatch((known, seen), FRAME, RADIUS)
+    batch = ZoneBatch.of((known, seen), FRAME, RADIUS)
     count = 200
     index = rng.integers(0, 2, count)
     middle, half = rng.uniform(0.0, 9.0, count), rng.choice([0.5, 0.05, 0.005], count)
@@ -727,7 +727,7 @@ def test_a_point_on_a_centre_is_not_taken_to_be_clear() -> None:
     still = PiecewisePolynomials.single(0.0, np.array([[2.0, 1.0]]))
     flat = PiecewisePolynomials.single(0.0, np.array([[0.5, 0.0, 0.1]]))
     frame = PlanningFrame((0.0, 0.0), 0.0, 0.0)
-    batch = ZoneBatch((ThreatZone("seen", 0.0, still, flat), ThreatZone("known", 0.0, still)), frame, 0.0)
+    batch = ZoneBatch.of((ThreatZone("seen", 0.0, still, flat), ThreatZone("known", 0.0, still)), frame, 0.0)
     here = MovingPoint(np.ones(1), np.full(1, 0.1), np.array([[2.0, 1.0]]), np.zeros((1, 2)), np.zeros(1))
     assert not np.any(ZoneBounds(batch).crude(here) >= 0.0)
     assert ZoneBounds(batch).fine(np.zeros(1, dtype=int), np.zeros(1, dtype=int), here).value[0] < -0.3

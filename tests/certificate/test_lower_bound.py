@@ -114,7 +114,7 @@ def brute_force(scenario: sp.Scenario, cell: float, step: float) -> float:
     the relaxation, though not its fastest.
     """
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
-    zones, box = ZoneBatch(sp.zones(scenario), frame, scenario.vehicle.radius + 0.02), Box.of(scenario, frame, 0.0)
+    zones, box = ZoneBatch.of(sp.zones(scenario), frame, scenario.vehicle.radius + 0.02), Box.of(scenario, frame, 0.0)
     length = float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position)))
     top = scenario.vehicle.max_speed
     assert scenario.start.speed == top
@@ -378,7 +378,7 @@ def test_polygons_fill_estimated_zones_from_inside(shape: dict) -> None:
 
 def check_polygons(scenario: sp.Scenario) -> None:
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
-    batch = ZoneBatch(sp.zones(scenario), frame, scenario.vehicle.radius)
+    batch = ZoneBatch.of(sp.zones(scenario), frame, scenario.vehicle.radius)
     times = np.array([0.0, 1.3, 4.0])
     found = list(_polygons_inside(batch, times, np.full(2, -50.0), np.full(2, 50.0)))
     assert len(found) == batch.size

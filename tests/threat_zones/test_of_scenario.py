@@ -35,7 +35,7 @@ def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, object]
 def batch_of(scenario: sp.Scenario) -> tuple[tuple[ThreatZone, ...], PlanningFrame, ZoneBatch]:
     zones = sp.zones(scenario)
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
-    return zones, frame, ZoneBatch(zones, frame, 0.3)
+    return zones, frame, ZoneBatch.of(zones, frame, 0.3)
 
 
 MIXED = scene(
@@ -220,7 +220,7 @@ def test_zones_that_are_made_when_asked_for_are_those_of_the_list() -> None:
     with pytest.raises(IndexError, match="6 zones"):
         _ = made[6]
     frame = PlanningFrame.between((1.0, 2.0), (19.0, -3.0), 1.5)
-    quick, slow = ZoneBatch(ZonesOf(scenario), frame, 0.3), ZoneBatch(listed, frame, 0.3)
+    quick, slow = ZoneBatch.of(ZonesOf(scenario), frame, 0.3), ZoneBatch.of(listed, frame, 0.3)
     assert quick.ids == slow.ids and quick.size > len(listed)
     rng = np.random.default_rng(0)
     times, points = rng.uniform(0.0, 6.0, 200), rng.uniform(-5.0, 20.0, (200, 2))
@@ -235,7 +235,7 @@ def test_zones_that_are_made_when_asked_for_are_those_of_the_list() -> None:
 def test_batches_of_only_discs_or_none(known: int) -> None:
     scenario = scene(*(disc(f"d{k}", (5.0 + 4.0 * k, 3.0), (0.0, -0.3)) for k in range(known)))
     frame = PlanningFrame.between((0.0, 0.0), (20.0, 0.0), 0.0)
-    quick, slow = ZoneBatch(ZonesOf(scenario), frame, 0.3), ZoneBatch(zones(scenario), frame, 0.3)
+    quick, slow = ZoneBatch.of(ZonesOf(scenario), frame, 0.3), ZoneBatch.of(zones(scenario), frame, 0.3)
     times, points = np.linspace(0.0, 5.0, 20), np.linspace([0.0, -1.0], [20.0, 1.0], 20)
     assert quick.size == slow.size == known
     np.testing.assert_allclose(quick.distances(times, points), slow.distances(times, points), atol=1e-12)

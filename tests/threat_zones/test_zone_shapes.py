@@ -62,7 +62,7 @@ KINDS = scene(
 
 def batch_of(scenario: sp.Scenario, inflation: float = 0.3) -> tuple[PlanningFrame, ZoneBatch]:
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
-    return frame, ZoneBatch(sp.zones(scenario), frame, inflation)
+    return frame, ZoneBatch.of(sp.zones(scenario), frame, inflation)
 
 
 def figure(obstacle: sp.scenario.Obstacle, t: float) -> Polygon:
