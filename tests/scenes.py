@@ -85,6 +85,7 @@ def rewritten(
     scale(data["vehicle"], radius=length, max_speed=speed, max_acceleration=rate, max_deceleration=rate)
     scale(data["vehicle"], max_lateral_acceleration=rate, max_curvature=1 / length, max_jerk=rate / time)
     scale(data["vehicle"], max_curvature_rate=1 / length / time)
+    scale(data["vehicle"], max_total_acceleration=rate, max_power=length**2 / time**3, centre=length)
     data["vehicle"]["discs"] = [offset * length for offset in data["vehicle"]["discs"]]
     for end in (data["start"], data["goal"]):
         end["position"] = place(end["position"])
@@ -95,12 +96,29 @@ def rewritten(
     for key in ("earliest_arrival", "latest_arrival"):
         if data["goal"][key] is not None:
             data["goal"][key] = data["goal"][key] * time + clock
+    goal = data["goal"]
+    scale(goal, arrival_step=time)
+    if goal["region"] is not None:
+        goal["region"] = [place(point) for point in goal["region"]]
+    if goal["heading_range"] is not None:
+        goal["heading_range"] = [value + turn for value in goal["heading_range"]]
+    if goal["speed_range"] is not None:
+        goal["speed_range"] = [value * speed for value in goal["speed_range"]]
     if data["guide"] is not None:
         data["guide"] = [place(point) for point in data["guide"]]
+    data["walls"] = [[place(point) for point in wall] for wall in data["walls"]]
     for obstacle in data["obstacles"]:
         scale(obstacle, margin=length)
         scale(obstacle["shape"], disc=length)
-        if "motion" in obstacle:
+        if "rectangle" in obstacle["shape"]:
+            obstacle["shape"]["rectangle"] = [side * length for side in obstacle["shape"]["rectangle"]]
+        if "time" in obstacle.get("motion", {}):
+            course = obstacle["motion"]
+            course["time"] = [t * time + clock for t in course["time"]]
+            course["position"] = [place(point) for point in course["position"]]
+            if course["heading"] is not None:
+                course["heading"] = [value + turn for value in course["heading"]]
+        elif "motion" in obstacle:
             motion = obstacle["motion"]
             velocity, acceleration = vector(motion["velocity"], speed), vector(motion["acceleration"], rate)
             x, y = place(motion["position"])

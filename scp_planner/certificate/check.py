@@ -24,6 +24,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import pi, remainder
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,9 +44,11 @@ from scp_planner.certificate.verdict import (
     Ends,
     LimitUse,
     Violation,
+    off_a_step,
 )
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics.refinement import highest
+from scp_planner.scenario.goals import distance_outside
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
@@ -263,6 +266,9 @@ class Motions:
         self._known[name] = motion
 
 
+_Finding = tuple[str, float, float, float]  # what, the value, what is allowed, when
+
+
 class _Check:
     def __init__(self, scenario: Scenario, trip: Trip, batch: ZoneBatch) -> None:
         self.scenario = scenario
@@ -301,6 +307,9 @@ class _Check:
         if vehicle.max_curvature_rate is not None:
             rate_limit = vehicle.max_curvature_rate
             limits["curvature_rate"] = self._bend_limit("curvature_rate", rate_limit, pieces, enclosure)
+        for name, other in (("total_acceleration", vehicle.max_total_acceleration), ("power", vehicle.max_power)):
+            if other is not None:
+                limits[name] = self._bend_limit(name, other, pieces, enclosure)
         if vehicle.max_jerk is not None:
             limits["jerk"] = self._jerk(vehicle.max_jerk)
         for number, part in enumerate(stretches(self.scenario)):
@@ -384,8 +393,15 @@ class _Check:
                 found.append(("start acceleration error", error, 0.0, times[0]))
             headings.append(("start heading", start.heading, direction[0], times[0]))
         if Ends.GOAL in ends:
+            ahead = scenario.vehicle.centre / float(np.hypot(*direction[1]))
+            middle = tuple((position[1] + ahead * direction[1]).tolist())
             away = float(np.hypot(*(position[1] - goal.position)))
-            found.append(("distance from the goal", away, goal.radius, times[1]))
+            found.append(
+                ("distance from the goal", away, goal.radius, times[1])
+                if goal.region is None
+                else ("distance from the goal region", distance_outside(goal.region, middle), 0.0, times[1])
+            )
+            found += self._ranges(direction[1], float(drive.speed[1]), times)
             if goal.speed is not None:
                 error = abs(float(drive.speed[1]) - goal.speed)
                 found.append(("goal speed error", error, GOAL_SPEED_TOLERANCE, times[1]))
@@ -405,6 +421,23 @@ class _Check:
             for name, value, allowed, time in found
             if not value <= allowed + END_TOLERANCE
         ]
+
+    def _ranges(
+        self, direction: Array, speed: float, times: tuple[float, float]
+    ) -> list[tuple[str, float, float, float]]:
+        """How far heading, speed and time on arrival are from what the goal leaves open, and 0, which is allowed."""
+        goal, found = self.scenario.goal, []
+        if goal.heading_range is not None:
+            low, high = goal.heading_range
+            turn = remainder(float(np.arctan2(direction[1], direction[0])) - 0.5 * (low + high), 2.0 * pi)
+            found.append(("goal heading", max(abs(turn) - 0.5 * (high - low), 0.0), 0.0, times[1]))
+        if goal.speed_range is not None:
+            low, high = goal.speed_range
+            found.append(("goal speed", max(low - speed, speed - high, 0.0), 0.0, times[1]))
+        if goal.arrival_step is not None:
+            missed = abs(remainder(times[1] - times[0], goal.arrival_step))
+            found.append(("arrival off the step", missed, off_a_step(goal.arrival_step), times[1]))
+        return found
 
     def _speed_and_acceleration(self) -> dict[str, LimitUse]:
         trajectory, limits = self.trajectory, self.limits
@@ -442,7 +475,10 @@ class _Check:
     def _first_pieces(self) -> _Pieces:
         trajectory = self.trajectory
         space = trajectory.space
-        knots = trajectory.path.until[CELLS_PER_SPAN:-1:CELLS_PER_SPAN]
+        # Where the rate of the curvature counts, over a curved guide also where that of the guide's jumps.
+        cells = self.scenario.vehicle.max_curvature_rate is not None and not space.guide.straight
+        stride = 1 if cells else CELLS_PER_SPAN
+        knots = trajectory.path.until[stride:-1:stride]
         first, last = self.first_sigma, self.last_sigma
         duration = (last - first) * trajectory.travel_time
         count = int(min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
@@ -489,7 +525,17 @@ class _Check:
         lateral_bound = np.abs(lateral) + fastest * (2.0 * curvature_bound * acceleration + fastest * over_time) * half
         time = trajectory.travel_time * pieces.middle
         return _Enclosure(
-            time, half, speed, points, curvature, lateral, curvature_bound, lateral_bound, acceleration, over_time
+            time,
+            half,
+            speed,
+            points,
+            curvature,
+            lateral,
+            curvature_bound,
+            lateral_bound,
+            acceleration,
+            over_time,
+            middle,
         )
 
     def _jerk_bound(self, span: Index) -> Array:
@@ -499,7 +545,7 @@ class _Check:
         return np.abs(coefficients[span]).sum(axis=1)
 
     def _bend_limit(self, name: str, limit: float, pieces: _Pieces, enclosure: _Enclosure) -> LimitUse:
-        """Curvature, its rate or lateral acceleration, by quartering: rounds cost much, pieces little."""
+        """Curvature, its rate, accelerations across or in total, or power, by quartering: rounds cost most."""
         allowed = limit * (1.0 + RELATIVE_TOLERANCE)
         best, best_sigma = -1.0, 0.0
         for _ in range(MAX_HALVINGS // 2):
@@ -509,6 +555,12 @@ class _Check:
                 points = enclosure.path
                 value = enclosure.speed * self.trajectory.path.curvature_rate(points) / points.speed
                 bound = enclosure.curvature_rate
+            elif name == "total_acceleration":
+                value = np.hypot(enclosure.acceleration, enclosure.lateral)
+                bound = np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound)
+            elif name == "power":
+                value = np.maximum(enclosure.acceleration, 0.0) * enclosure.speed
+                bound = enclosure.power_bound
             else:
                 value, bound = enclosure.lateral, enclosure.lateral_bound
             worst = int(np.argmax(np.abs(value)))

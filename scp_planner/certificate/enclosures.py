@@ -47,6 +47,8 @@ class _Enclosure:
         Upper bounds of the absolute values on the whole intervals.
     curvature_rate : (n,) array
         Upper bounds of the absolute rate of the curvature over time, 1/(m s).
+    acceleration : (n,) array
+        At the middles, along the path, m/s^2.
     """
 
     time: Array
@@ -59,6 +61,15 @@ class _Enclosure:
     lateral_bound: Array
     acceleration_bound: Array
     curvature_rate: Array
+    acceleration: Array
+
+    @property
+    def power_bound(self) -> Array:
+        """Upper bounds of the acceleration, where it is positive, times the speed on the whole intervals, m^2/s^3."""
+        highest = self.acceleration + (self.acceleration_bound - np.abs(self.acceleration))
+        fastest = self.speed + self.acceleration_bound * self.half
+        bound: Array = np.maximum(highest, 0.0) * np.maximum(fastest, 0.0)
+        return bound
 
     def disc(self, offset: float) -> MovingPoint:
         """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m.

@@ -567,7 +567,7 @@ def _polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) ->
         Instants, and the corners at each in order, m: the points of the part that are farthest in some directions.
     """
     centers, reaches = batch.centers.grid(times), batch.reach(times)
-    headings = directions_of(batch.velocities.grid(times)) if batch.any_turning else None
+    headings = directions_of(batch.directions.grid(times)) if batch.any_turning else None
     covariances = None if batch.covariances is None else batch.covariances.grid(times)
     for part in range(batch.size):
         center, reach = centers[:, part], reaches[:, part, None]

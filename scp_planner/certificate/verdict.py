@@ -64,6 +64,7 @@ END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, i
 GOAL_SPEED_TOLERANCE = 1e-3  # units of speed
 CLEARANCE_TOLERANCE = 1e-9  # units of length
 ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arrival
+STEP_TOLERANCE = 0.01  # of the step that the arrival is on, and no more than that of all arrivals
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
 INSTANTS = (EARLIEST, LATEST)  # what is said of these are times, not durations
@@ -73,6 +74,11 @@ UNITS = {
     "distance beyond the path": "m",
     "distance from the start": "m",
     "distance from the goal": "m",
+    "distance from the goal region": "m",
+    "arrival off the step": "s",
+    "goal speed": "m/s",
+    "total_acceleration": "m/s2",
+    "power": "m2/s3",
     "start time": "s",
     "travel time": "s",
     EARLIEST: "s",
@@ -147,6 +153,11 @@ class Violation:
         if self.obstacle is not None and self.value > -self.rounding:
             found, allowed = "too near 0 m to tell from contact", "0 m"
         return f"{self.what}{whom} {found} at t = {self.time:.3f} s, allowed {allowed}"
+
+
+def off_a_step(step: float) -> float:
+    """By how much an arrival may miss a step of time, of the same unit."""
+    return min(ARRIVAL_TOLERANCE, STEP_TOLERANCE * step)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scp_planner.batch.jobs import Method
-from scp_planner.cli import pictures, summaries
+from scp_planner.cli import commonroad, pictures, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.options import (
     BUILT_IN,
@@ -98,6 +98,9 @@ def plan(
             "--bound/--no-bound", help="Find out what no trip among the obstacles is shorter than, not only without."
         ),
     ] = True,
+    solution: commonroad.SolutionFile = None,
+    model: commonroad.ModelName = commonroad.Model.PM,
+    cost: commonroad.CostName = commonroad.Cost.JB1,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -109,9 +112,15 @@ def plan(
     check_time_limit(time_limit)
     check_target("--output", output, scenario_file)
     pictures.check_picture("--plot", plot, scenario_file, view=view)
+    commonroad.check_solution(solution, scenario_file, method)
     values = keyword_settings(assignments, solver)
-    scenario = load_scenario(scenario_file)
-    made = _plan(scenario, method, values, time_limit)
+    if solution is None:
+        scenario = load_scenario(scenario_file)
+        made = _plan(scenario, method, values, time_limit)
+    else:
+        answer = commonroad.plan_solution(scenario_file, model, values, time_limit)
+        scenario, made = answer.scenario, answer.plan
+        commonroad.write_solution(made, scenario_file, solution, model, cost)
     if bound:
         made = _with_lower_bound(scenario, made)
     if output is not None:

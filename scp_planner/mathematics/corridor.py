@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from scp_planner.mathematics import planar
 
 NAME = "corridor"  # the id of its outside among obstacles
+WALLS = "walls"  # and that of the walls of a scenario
 WALL = 3.0  # units of length, least thickness
 FLAT = 1e-9  # relative to the extent: thinner pieces are none
 SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, and an edge between them has no direction

@@ -44,5 +44,19 @@ def course_covariances(times: Sequence[float], covariances: Array) -> PiecewiseP
     return PiecewisePolynomials(_breakpoints(clock), pieces[None])
 
 
+def course_pointing(times: Sequence[float], headings: Sequence[float]) -> PiecewisePolynomials:
+    """Return what moves in the direction of headings (n,) rad at times (n,) s; before and after them as at the ends.
+
+    In between its velocity goes straight from one unit vector to the next, so that its direction turns from the one
+    heading to the other the shorter way round.
+    """
+    clock, angles = np.array(times), np.array(headings)
+    unit = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    pieces = np.zeros((len(clock) + 1, 3, 2))
+    pieces[0, 1], pieces[1:, 1] = unit[0], unit
+    pieces[1:-1, 2] = 0.5 * np.diff(unit, axis=0) / np.diff(clock)[:, None]
+    return PiecewisePolynomials(_breakpoints(clock), pieces[None])
+
+
 def _breakpoints(clock: Array) -> Array:
     return np.concatenate([[clock[0] - LEAD], clock, [np.inf]])[None]

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import log2
+from math import ceil, log2
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -15,18 +15,18 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip, tell_of_horizon
 from scp_planner.certificate.lower_bound import kinematic_bound
-from scp_planner.certificate.verdict import Certificate
+from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, Certificate, off_a_step
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.plan import Plan, PlanStatus
-from scp_planner.problem.build import build_problem
+from scp_planner.problem.build import EARLIEST_MARGIN, build_problem
 from scp_planner.problem.guides import guide_along, may_want_another_guide
 from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario.models import Scenario
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.units import NaturalUnits, changed
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -40,6 +40,7 @@ from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.path import Path
+from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
 
@@ -63,6 +64,8 @@ HOPELESS_AFTER = 8  # iterations, after which a run from a way that is far from 
 HARDLY = 0.15  # largest violation of a run that is worth another one, closer to the way
 FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
 FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
+FEWEST_STEPS, MOST_STEPS = 8, 2  # to a trip whose accelerations change on them; times the wanted number of spans
+LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked to arrive
 
 
 def plan(
@@ -111,11 +114,14 @@ def plan(
     units = NaturalUnits.of(scenario)
     settings, inside = for_scene(settings, units), units.scenario(scenario)
     given = None if constraints is None else Given(constraints, units)
-    search = _Planning(inside, ZonesOf(inside), settings, deadline, own_solver=solver, given=given)
+    at_any_time = _at_any_time(inside)
+    search = _Planning(at_any_time, ZonesOf(at_any_time), settings, deadline, own_solver=solver, given=given)
     run, certificate = search.best()
     if constraints is None:  # those are written in stations of the guide
         run, certificate = _over_better_guides(search, run, certificate)
         run, certificate = _with_finer_spans(search, run, certificate)
+    if inside.goal.arrival_step is not None:
+        run, certificate = _on_a_step(search, inside, run, certificate)
     trip, found = search.trip(run).outside(units), certificate.outside(units)
     status, reason = _status(run, certificate), None
     if status is not PlanStatus.CERTIFIED:
@@ -244,6 +250,7 @@ class _Planning:
     tried: int = 0
     along: Path | None = None  # a path that becomes the guide
     guide: Guide | None = None  # the guide itself
+    breakpoints: tuple[float, ...] | None = None  # of the acceleration
     own_solver: QpSolver | None = None
     given: Given | None = None
     incumbent: _Attempt | None = None
@@ -251,7 +258,7 @@ class _Planning:
     def __post_init__(self) -> None:
         clock = perf_counter()
         if self.along is None:
-            everything = build_problem(self.scenario, self.threat_zones, self.settings, guide=self.guide)
+            everything = build_problem(self.scenario, self.threat_zones, self.settings, self.breakpoints, self.guide)
         else:
             breakpoints = tuple(self.along.space.acceleration.breakpoints.tolist())
             guide = guide_along(self.along, self.settings)
@@ -278,6 +285,12 @@ class _Planning:
     def trip(self, run: LoopRun) -> Trip:
         """Return the trip that a run ended with."""
         return Trip(self.problem.frame, run.evaluation.trajectory)
+
+    def judged(self, scenario: Scenario, run: LoopRun) -> Certificate:
+        """Return what a certificate, and a user's own constraints, say of the trip that a run ended with."""
+        certificate = certify_trip(scenario, self.trip(run), self.threat_zones)
+        given = self.problem.given
+        return certificate if given is None else given.judged(certificate, run.evaluation.trajectory)
 
     def best(self) -> tuple[LoopRun, Certificate]:
         """Try ways round, the fastest estimate first, until no other can be expected to be better.
@@ -441,9 +454,7 @@ class _Planning:
             if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower):
                 return _Attempt(run, None)
             clock = perf_counter()
-            certificate = certify_trip(self.scenario, self.trip(run), self.threat_zones)
-            if problem.given is not None:
-                certificate = problem.given.judged(certificate, run.evaluation.trajectory)
+            certificate = self.judged(self.scenario, run)
             self.timings["certificate"] += perf_counter() - clock
             if certificate.holds or not run.feasible or certificate.late:
                 break
@@ -492,7 +503,7 @@ def _with_finer_spans(search: _Planning, run: LoopRun, certificate: Certificate)
             break
         trip = best.run.evaluation.trajectory
         finer = replace(search.settings, acceleration_spans=spans)
-        again = replace(search, settings=finer, along=None, guide=trip.space.guide)
+        again = replace(search, settings=finer, along=None, guide=trip.space.guide, breakpoints=None)
         space = again.problem.space
         degree = space.acceleration.coefficients.shape[1] - 1
         sites = greville_sites(tuple(space.acceleration.breakpoints.tolist()), degree)
@@ -507,6 +518,60 @@ def _with_finer_spans(search: _Planning, run: LoopRun, certificate: Certificate)
             break
     assert best.certificate is not None
     return best.run, best.certificate
+
+
+def _at_any_time(scenario: Scenario) -> Scenario:
+    """The scenario without the step of its arrival."""
+    if scenario.goal.arrival_step is None:
+        return scenario
+    return changed(scenario, goal=changed(scenario.goal, arrival_step=None))
+
+
+def _on_a_step(
+    search: _Planning, scenario: Scenario, run: LoopRun, certificate: Certificate
+) -> tuple[LoopRun, Certificate]:
+    """Go on from the fastest trip to one that arrives on the next step of time, or a later one if that fails."""
+    goal, trajectory = scenario.goal, run.evaluation.trajectory
+    step = goal.arrival_step
+    assert step is not None
+    if not certificate.holds:
+        return run, certificate
+    # As it is it is certified for another scenario.
+    best = _Attempt(run, search.judged(scenario, run))
+    first = ceil((trajectory.travel_time - off_a_step(step)) / step)
+    for steps in range(first, first + LATER_STEPS):
+        arrival = scenario.start.time + steps * step
+        too_late = goal.latest_arrival is not None and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE
+        if best.holds or too_late or perf_counter() > search.deadline:
+            break
+        # The step itself is planned for, not the margin later: it may be missed to both sides.
+        timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival - EARLIEST_MARGIN))
+        breakpoints = _in_step(trajectory, steps, search.settings)
+        again = replace(search, scenario=timed, along=None, guide=trajectory.space.guide, breakpoints=breakpoints)
+        attempt = again.from_start(_driven_over(again.problem.space, trajectory), np.inf, again.patient_loop)
+        search.iterations = again.iterations
+        best = attempt if attempt.better_than(best) else best
+    assert best.certificate is not None
+    return best.run, best.certificate
+
+
+def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[float, ...]:
+    """Breakpoints of the acceleration on steps of time, if these are not too many; else those of a trip."""
+    basis = trajectory.space.acceleration
+    constant = basis.coefficients.shape[1] == 1
+    if constant and FEWEST_STEPS <= steps <= MOST_STEPS * settings.acceleration_spans:
+        return tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
+    return tuple(basis.breakpoints.tolist())
+
+
+def _driven_over(space: TripSpace, trip: Trajectory) -> Trajectory:
+    """A trip over a space whose breakpoints of the acceleration may be others: it has the same speeds at them."""
+    basis = space.acceleration
+    if np.array_equal(basis.breakpoints, trip.space.acceleration.breakpoints):
+        return Trajectory.of(space, trip.theta, trip.beta, trip.travel_time)
+    speeds = trip.speed_at(basis.breakpoints)
+    beta = np.diff(speeds) / (np.diff(basis.breakpoints) * trip.travel_time)
+    return Trajectory.of(space, trip.theta, beta, trip.travel_time)
 
 
 def _status(run: LoopRun, certificate: Certificate) -> PlanStatus:

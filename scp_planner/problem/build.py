@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import DECIMALS
 from scp_planner.problem.ends import EndConditions, _end_conditions
 from scp_planner.problem.guides import default_guide, path_spans
 from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.limits.discs import DiscBox, DiscClearance
+from scp_planner.problem.limits.drive import PowerLimit, TotalAccelerationLimit, drive_times
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.rates import CurvatureRateLimit, JerkLimit
 from scp_planner.problem.limits.speed import SpeedLimits
-from scp_planner.problem.problem import Problem
+from scp_planner.problem.problem import EACH_SHARE, Problem, _goal_limits
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
@@ -72,7 +74,8 @@ def build_problem(
     if guide is None:
         guide = default_guide(scenario, frame, limits, settings)
     slow = _slow_stretches(scenario, frame, settings)
-    profile = _fastest_drive(guide, slow, scenario, limits) if slow else None
+    shared = scenario.vehicle.max_total_acceleration is not None or scenario.vehicle.max_power is not None
+    profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared else None
     if breakpoints is None:
         time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
         if profile is not None:
@@ -96,7 +99,9 @@ def build_problem(
     samples = space.time_table(
         np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
     )
-    optional = _optional_limits(scenario, space, ends, slow, settings.limit_margin)
+    optional = _optional_limits(
+        scenario, space, frame, ends, slow, samples.sigma[: settings.samples + 1], settings.limit_margin
+    )
     for offset in scenario.vehicle.discs:
         if offset != 0.0:
             optional += (DiscClearance(offset, ends.free, samples, batch),)
@@ -137,12 +142,27 @@ def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, 
     count = min(max(2, round(guide.length / PROFILE_STEP)), MOST_PROFILE_STEPS)
     stations = np.linspace(0.0, guide.length, count + 1)
     allowed = np.minimum(limits_at(slow, guide.frame(stations).position), limits.speed)
-    start, goal = scenario.start.speed, scenario.goal.speed
-    return fastest_profile(stations, allowed, start, goal, limits.acceleration, limits.deceleration)
+    start, goal, vehicle = scenario.start.speed, scenario.goal.speed, scenario.vehicle
+    rise, fall, power = limits.acceleration, limits.deceleration, vehicle.max_power or np.inf
+    if goal is None and scenario.goal.speed_range is not None and scenario.goal.speed_range[1] < limits.speed:
+        goal = scenario.goal.speed_range[1]
+    if vehicle.max_total_acceleration is not None:
+        # What is driven across bends is not there for speeding up: each gets its share.
+        share = EACH_SHARE * vehicle.max_total_acceleration
+        rise, fall = min(rise, share), min(fall, share)
+        curvature = np.maximum(np.abs(guide.frame(stations).curvature), share / limits.speed**2)
+        allowed = np.minimum(allowed, np.sqrt(share / curvature))
+    return fastest_profile(stations, allowed, start, goal, rise, fall, power)
 
 
 def _optional_limits(
-    scenario: Scenario, space: TripSpace, ends: EndConditions, slow: tuple[Stretch, ...], margin: float
+    scenario: Scenario,
+    space: TripSpace,
+    frame: PlanningFrame,
+    ends: EndConditions,
+    slow: tuple[Stretch, ...],
+    samples: Array,
+    margin: float,
 ) -> tuple[OptionalLimit, ...]:
     """Return what a scenario asks for beyond what every trip keeps.
 
@@ -153,6 +173,7 @@ def _optional_limits(
     earliest = scenario.goal.earliest_arrival
     if earliest is not None and earliest > scenario.start.time:
         found.append(EarliestArrival(earliest - scenario.start.time + EARLIEST_MARGIN, step_size))
+    found += _goal_limits(scenario, space, frame, ends, step_size)
     if slow:
         found.append(SpeedLimits(space, ends.free, slow))
     vehicle, keep = scenario.vehicle, 1.0 - margin
@@ -162,6 +183,13 @@ def _optional_limits(
     if vehicle.max_curvature_rate is not None:
         limit = vehicle.max_curvature_rate * (keep - OPTIONAL_MARGIN)
         found.append(CurvatureRateLimit(space, ends.free, limit))
+    if vehicle.max_power is not None:
+        times = drive_times(space, np.zeros(0) if space.tables.constant else samples)
+        free_size = step_size - space.acceleration_size - 1
+        found.append(PowerLimit(space, free_size, vehicle.max_power * (keep - OPTIONAL_MARGIN), times))
+    if vehicle.max_total_acceleration is not None:
+        limit = vehicle.max_total_acceleration * (keep - OPTIONAL_MARGIN)
+        found.append(TotalAccelerationLimit(space, ends.free, limit, drive_times(space, samples)))
     return tuple(found)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import ANGLE_DECIMALS
+from scp_planner.scenario.goal_sides import GoalSides
 from scp_planner.scenario.models import Scenario
 from scp_planner.trips.space import TripSpace
 
@@ -61,7 +62,7 @@ def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, 
         theta[1] = reach * tan(_sideways(scenario.start.heading - frame.heading - float(ends[0])))
         first = 2
     lower, upper = _offset_bounds(space, max_offset)
-    if scenario.goal.heading is None and scenario.goal.radius > 0.0:
+    if scenario.goal.heading is None and (scenario.goal.radius > 0.0 or scenario.goal.region is not None):
         last += 1
         lower[-1], upper[-1] = _end_bounds(scenario, frame, space)
     if scenario.goal.heading is not None:
@@ -74,8 +75,14 @@ def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, 
 
 
 def _end_bounds(scenario: Scenario, frame: PlanningFrame, space: TripSpace) -> tuple[float, float]:
-    """Offsets at the end of the guide that lie within the radius of the goal, m."""
+    """Offsets at the end of the guide that lie within the radius or the region of the goal, m."""
     end = space.guide.frame(np.array([space.length]))
+    sides = GoalSides.of(scenario, frame, INSIDE)
+    if sides is not None:
+        # Of the vehicle's middle; it may be so much further to the side where it is ahead of the reference point.
+        ahead = scenario.vehicle.centre
+        first, last = sides.along(end.position[0] + ahead * end.tangent[0], end.normal[0])
+        return min(first - abs(ahead), 0.0), max(last + abs(ahead), 0.0)
     goal = np.array([float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position))), 0.0])
     away = end.position[0] - goal
     along, across = float(away @ end.tangent[0]), float(away @ end.normal[0])

@@ -35,7 +35,13 @@ class SpeedProfile:
 
 
 def fastest_profile(
-    stations: Array, limits: Array, start: float, goal: float | None, acceleration: float, deceleration: float
+    stations: Array,
+    limits: Array,
+    start: float,
+    goal: float | None,
+    acceleration: float,
+    deceleration: float,
+    power: float = np.inf,
 ) -> SpeedProfile:
     """Return the fastest drive with given limits of the speed, by one pass forwards and one backwards.
 
@@ -49,6 +55,8 @@ def fastest_profile(
         Speeds at the ends, m/s; None: free.
     acceleration, deceleration : float
         m/s^2, both positive.
+    power : float
+        Largest product of acceleration and speed, m^2/s^3.
 
     Returns
     -------
@@ -60,7 +68,10 @@ def fastest_profile(
     if goal is not None:
         squared[-1] = min(squared[-1], goal**2)
     for i in range(1, len(squared)):
-        squared[i] = min(squared[i], squared[i - 1] + 2.0 * acceleration * step)
+        rise = acceleration
+        if squared[i - 1] * rise * rise > power * power:
+            rise = power / squared[i - 1] ** 0.5
+        squared[i] = min(squared[i], squared[i - 1] + 2.0 * rise * step)
     for i in range(len(squared) - 2, 0, -1):
         squared[i] = min(squared[i], squared[i + 1] + 2.0 * deceleration * step)
     speeds = np.sqrt(squared)

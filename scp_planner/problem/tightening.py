@@ -10,6 +10,7 @@ from scp_planner.certificate.verdict import Certificate
 from scp_planner.problem.problem import Problem
 
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
+UNDECIDED = 5e-4  # relative, of what was found to be just below its limit, and may be above it beside that
 URGENCY = 2.0  # times as much is asked for with each repeat
 
 
@@ -41,7 +42,10 @@ def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) 
         elif violation.what in missing and violation.allowed > 0.0:  # not driving backwards
             missing[violation.what] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
         elif (kind := violation.what.partition("[")[0]) in optional:
-            optional[kind] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
+            # Of limits in relation to them; ranges of the goal by what is missing itself.
+            excess = violation.value / violation.allowed - 1.0 if violation.allowed else violation.value
+            # What is below its limit could not be decided: no finding says by how much it may be above it.
+            optional[kind] = urgency * (1.5 * (excess if excess > 0.0 else UNDECIDED) + 1e-4)
     asked = problem.tightened(
         inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )

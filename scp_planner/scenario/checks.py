@@ -36,6 +36,9 @@ SYMMETRY = 1e-9
 DEFINITE = 1e-12
 """Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
 
+MOST_TURN = 3.0
+"""rad from one heading of a course to the next: half a turn could be to either side."""
+
 AXES = ("x", "y")
 
 
@@ -48,6 +51,11 @@ def version_is_known(scenario: Any) -> Iterator[Problem]:
 def goal_is_elsewhere(scenario: Any) -> Iterator[Problem]:
     """The goal, with its radius, does not hold the start."""
     start, goal = scenario.start.position, scenario.goal.position
+    if scenario.goal.region is not None:
+        middle = _ahead(scenario.start, scenario.vehicle.centre)
+        region = scenario.goal.region
+        if not any(_polygon_faults(region)) and planar.distance_to_polygon(middle, region) == 0.0:
+            yield Problem(("goal", "region"), region, "must not hold the middle of the vehicle at the start")
     if _same(start, goal):
         yield Problem(("goal", "position"), goal, "must not be the start's position")
     elif math.dist(start, goal) <= scenario.goal.radius:
@@ -64,6 +72,10 @@ def goal_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
     """The goal's speed is within the vehicle's limit."""
     if scenario.goal.speed is not None:
         yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
+    given, top = scenario.goal.speed_range, scenario.vehicle.max_speed
+    if given is not None and given[0] > top:
+        text = f"must be at most vehicle.max_speed, {top:g} m/s"
+        yield Problem(("goal", "speed_range", 0), given[0], text)
 
 
 def discs_have_a_reference(vehicle: Any) -> Iterator[Problem]:
@@ -80,6 +92,32 @@ def arrival_is_possible(goal: Any) -> Iterator[Problem]:
     earliest, latest = goal.earliest_arrival, goal.latest_arrival
     if earliest is not None and latest is not None and latest < earliest:
         yield Problem(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
+
+
+def region_is_simple(goal: Any) -> Iterator[Problem]:
+    """The region's edges bound one area and meet only at its vertices."""
+    for problem in _polygon_faults(goal.region) if goal.region is not None else ():
+        yield Problem(("region", *problem.location[1:]), problem.value, problem.message)
+
+
+def goal_is_told_once(goal: Any) -> Iterator[Problem]:
+    """Where a region or a range is given, there is no radius or value besides it."""
+    if goal.region is not None and goal.radius > 0.0:
+        yield Problem(("radius",), goal.radius, "must be 0 where a region is given")
+    for key in ("heading", "speed"):
+        value = getattr(goal, key)
+        if value is not None and getattr(goal, f"{key}_range") is not None:
+            yield Problem((key,), value, f"must be null where {key}_range is given")
+    if goal.region is not None and goal.heading is not None:
+        yield Problem(("heading",), goal.heading, "must be null where a region is given; heading_range may be given")
+
+
+def ranges_are_not_empty(goal: Any) -> Iterator[Problem]:
+    """A range's first value is not above its second one."""
+    for key in ("heading_range", "speed_range"):
+        given = getattr(goal, key)
+        if given is not None and given[1] < given[0]:
+            yield Problem((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
 
 
 def arrival_is_after_start(scenario: Any) -> Iterator[Problem]:
@@ -200,11 +238,38 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Problem]:
 
 
 def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
-    """No obstacle is called what the walls of the corridor are called."""
-    for i, obstacle in enumerate(scenario.obstacles if scenario.corridor is not None else ()):
-        if _known(obstacle, "id") == corridor.NAME:
-            text = f"must not be {corridor.NAME!r}, which is the corridor itself"
-            yield Problem(("obstacles", i, "id"), corridor.NAME, text)
+    """No obstacle is called what the outside of the corridor, or the walls, are called."""
+    taken = {
+        corridor.NAME: "the corridor itself" if scenario.corridor is not None else "",
+        corridor.WALLS: "the walls themselves" if scenario.walls else "",
+    }
+    for i, obstacle in enumerate(scenario.obstacles):
+        name = _known(obstacle, "id")
+        if taken.get(name):
+            yield Problem(("obstacles", i, "id"), name, f"must not be {name!r}, which is {taken[name]}")
+
+
+def walls_are_convex(scenario: Any) -> Iterator[Problem]:
+    """Each wall is a simple and convex polygon."""
+    for i, polygon in enumerate(scenario.walls):
+        faults = [
+            Problem(("walls", i, *problem.location[1:]), problem.value, problem.message)
+            for problem in _polygon_faults(polygon)
+        ]
+        yield from faults
+        if not faults and not planar.is_convex(polygon):
+            yield Problem(("walls", i), polygon, "must be convex")
+
+
+def start_is_clear_of_walls(scenario: Any) -> Iterator[Problem]:
+    """At the start no disc of the vehicle touches a wall."""
+    start, radius = scenario.start, scenario.vehicle.radius
+    discs = _disc_centres(start, scenario)
+    for i, polygon in enumerate(scenario.walls):
+        room = min(planar.distance_to_polygon(centre, polygon) for centre in discs)
+        if room < radius:
+            text = f"must be at least {radius:g} m, the radius, from walls[{i}]; it is {room:.6g} m"
+            yield Problem(("start", "position"), start.position, text)
 
 
 def stretch_is_not_empty(limit: Any) -> Iterator[Problem]:
@@ -359,6 +424,22 @@ def one_position_a_time(observations: Any) -> Iterator[Problem]:
         yield Problem(("position",), observations.position, text)
 
 
+def headings_turn_slowly(course: Any) -> Iterator[Problem]:
+    """There are as many headings as times, each less than half a turn from the one before, and no covariance."""
+    if course.heading is None:
+        return
+    if course.covariance is not None:
+        yield Problem(("heading",), course.heading, "must be null where a covariance is given")
+    if len(course.heading) != len(course.time):
+        text = f"must have as many entries as time, {len(course.time)}, not {len(course.heading)}"
+        yield Problem(("heading",), course.heading, text)
+    for i, (before, after) in enumerate(itertools.pairwise(course.heading), start=1):
+        if abs(math.remainder(after - before, 2.0 * math.pi)) >= MOST_TURN:
+            yield Problem(
+                ("heading", i), after, f"must be less than {MOST_TURN:g} rad from the one before it, {before:g}"
+            )
+
+
 def covariance_is_one_or_each(observations: Any) -> Iterator[Problem]:
     """There is one covariance, or as many as times."""
     covariance = observations.covariance
@@ -428,6 +509,14 @@ def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
             yield Problem((place, "position"), position, text)
 
 
+def _ahead(end: Any, distance: float) -> planar.Point:
+    """The point so far ahead of the start or the goal; the place itself where the heading is not known."""
+    x, y = end.position
+    if end.heading is None:
+        return (x, y)
+    return (x + distance * math.cos(end.heading), y + distance * math.sin(end.heading))
+
+
 def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
     """Where the centres of the vehicle's discs are at the start or the goal, as far as the heading there is known."""
     if end.heading is None:
@@ -481,5 +570,13 @@ def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.
         raise Unknown("time")
     centre = course_polynomials(course.time, course.position)
     now = np.array([time])
-    (x, y), (vx, vy) = centre.grid(now)[0, 0].tolist(), centre.derivative.grid(now)[0, 0].tolist()
+    if course.heading is not None:
+        if any(True for _ in headings_turn_slowly(course)):
+            raise Unknown("heading")
+        from scp_planner.mathematics.courses import course_pointing
+
+        pointing = course_pointing(course.time, course.heading)
+    else:
+        pointing = centre
+    (x, y), (vx, vy) = centre.grid(now)[0, 0].tolist(), pointing.derivative.grid(now)[0, 0].tolist()
     return (point[0] - x, point[1] - y), math.atan2(vy, vx)

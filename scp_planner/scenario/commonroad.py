@@ -2,25 +2,25 @@
 
 What becomes what:
 
-- each obstacle's recorded states: a course, ``motion: {time, position}``; one that hardly moves stands where it begins;
+- each obstacle's recorded states: a course, ``motion: {time, position, heading}``; one that hardly moves stands where
+  it begins; a prediction by sets: a course of their middles, with a shape that covers each of them;
 - rectangles and discs: the same; other shapes: the convex polygon around them, as they lie at first;
-- the planning problem: start; goal in the middle of its region, with the largest radius that fits in; the window of
-  arrival; of an interval of speeds the one nearest to that at the start; the heading if its interval is narrow;
-- the lanes from start to goal: the guide, along their centre lines.
+- the planning problem: start, and a goal with its region, where the route comes to it, and its ranges of headings,
+  speeds and times; a goal of time alone is a place so far ahead on the lane;
+- the lanes from start to goal: the guide, along their centre lines;
+- the borders of the road: walls;
+- for a model of the benchmark's: its car, as the official checker looks at it.
 
-Not taken over: the borders of lanes and the rules of traffic (the plan keeps clear of obstacles, and is free to leave
-the road). Predictions that are sets and not trajectories are refused. After its last state an obstacle goes straight
-on.
+Not taken over: the rules of traffic. After its last state an obstacle goes straight on.
 
-Needs the package commonroad-io (the extra `commonroad`).
+Needs the package commonroad-io (the extra `commonroad`), of 2024 or newer.
 """
 
 from __future__ import annotations
 
-import heapq
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -30,7 +30,21 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
+from scp_planner.scenario.commonroad_goals import GoalState, goal_states, polygons_of, seen_heading
+from scp_planner.scenario.commonroad_models import VehicleModel, car_named, centre_of, default_car, vehicle_of
+from scp_planner.scenario.commonroad_roads import (
+    GUIDE_STEP,
+    Route,
+    drivable,
+    route_ahead,
+    route_to,
+    spaced,
+    walls_around,
+)
+from scp_planner.scenario.goals import aim_at
 from scp_planner.scenario.models import Scenario, Vehicle
+
+Point = tuple[float, float]
 
 LENGTH, WIDTH = 4.5, 1.8
 """m, of the default vehicle."""
@@ -52,19 +66,41 @@ SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
 
 STANDING = 0.2
-"""m. What moves less than this in all of the recording stands."""
+"""m of the file. What moves less than this in all of the recording stands."""
 
-NARROW_HEADING = 0.1
-"""rad. The heading at the goal is asked for if it may differ from the middle of its interval by no more than this."""
+MORE_DISCS = (5, 9, 17)
+"""That cover a car of the benchmark: more where it stands so close to something that fewer touch it at the start."""
 
-GUIDE_STEP = 3.0
-"""m between points of the guide, which would else show the kinks of the centre lines."""
+SLOWEST = 2.0
+"""m/s of the file, that a goal of time alone is planned with at least."""
 
-CHANGE_COST = 30.0
-"""m of way that a change of lanes is worth."""
+BLEND = 1.5
+"""s of the file, at the speed of the start, in which the guide comes from there to the centre of the lane."""
 
-CHANGE_MARGIN = 0.2
-"""Part of a lane, before it is left and after it is reached, in which the guide is on its way to the next one."""
+UNNOTICED = 0.01
+"""m of the file; the official checker takes places for the same that differ by less than twice as much."""
+
+COARSE = 0.5
+"""Of the swerve from one side to the other in one step: a smaller one is asked for."""
+
+UNHURRIED = 0.7
+"""Of the speed at the start; a goal that may only be reached later than so is reached where it goes on that long."""
+
+REAR_WIDTH = 1.3
+"""Widths of the vehicle: of the room behind it at the start for the discs that cover it."""
+
+REACH = 8.0
+"""Lengths of the vehicle around the guide in which the road is looked at."""
+
+
+@dataclass(frozen=True)
+class _Vehicle:
+    """What is planned with: fields of the vehicle, its length and width in m, and how far ahead its middle is, m."""
+
+    fields: Mapping[str, Any] | Vehicle
+    width: float
+    length: float
+    centre: float
 
 
 def load_commonroad(
@@ -73,6 +109,11 @@ def load_commonroad(
     *,
     problem: int | None = None,
     guide: bool = True,
+    model: str | None = None,
+    car: str | None = None,
+    goal_state: int = 0,
+    timed_way: float = 1.0,
+    borders: bool = True,
 ) -> Scenario:
     """Read a CommonRoad file.
 
@@ -81,12 +122,24 @@ def load_commonroad(
     path : path
         XML file, of version 2018b or 2020a.
     vehicle : Vehicle or mapping, optional
-        Default: `CAR`, with a top speed somewhat above the speed at the start.
+        Default: the car of the model, or without a model `CAR`, with a top speed somewhat above the speed at the start.
     problem : int, optional
         Id of the planning problem; default: the first one.
     guide : bool
         Whether the path is to be an offset of the centre line of the lanes from start to goal, if there are such lanes;
         else of the straight line.
+    model : str, optional
+        PM, KS or KST: plan for this model of the benchmark, arriving on a step of the file, as
+        `export_commonroad_solution` writes it.
+    car : str, optional
+        The benchmark's car for the model; default: the BMW 320i, for KST the truck.
+    goal_state : int
+        Which of the goal's states to plan for, 0 the first.
+    timed_way : float
+        Where a goal of time alone is planned to be: on the lane, as a ratio to the way that the speed of the start
+        leads until then.
+    borders : bool
+        Whether the borders of the road are walls.
 
     Returns
     -------
@@ -96,37 +149,82 @@ def load_commonroad(
     ------
     ScenarioError
         If the file is none of CommonRoad, or holds something that cannot be planned with.
+    ValueError
+        If there is no such model or car.
+    ImportError
+        If commonroad-io is not installed.
+    OSError
+        If the file cannot be read.
+    """
+    if vehicle is not None and model is not None:
+        raise ValueError("vehicle: a model has its own car; give the one or the other")
+    name = str(path)
+    world, chosen = read_commonroad(path, problem)
+    states = goal_states(chosen, float(world.dt), name)
+    if not 0 <= goal_state < len(states):
+        raise ScenarioError(name, [Fault("goalState", goal_state, f"must be less than {len(states)}")])
+    reader = _Reader(name, world, chosen, states[goal_state], guide, borders, timed_way)
+    if model is None:
+        return reader.scenario(_default_vehicle(vehicle, chosen.initial_state), None, None)
+    moved = _model_named(model)
+    body = car_named(car or default_car(moved), moved)
+    refused = ScenarioError(name, [])
+    for discs in MORE_DISCS:
+        fields = vehicle_of(body, moved, discs)
+        if moved is VehicleModel.PM:
+            fields |= _swerving(fields, float(world.dt), float(chosen.initial_state.velocity))
+        own = _Vehicle(fields, body.width, body.length, centre_of(body, moved))
+        try:
+            return reader.scenario(own, float(world.dt), moved)
+        except ScenarioError as error:
+            refused = error
+            if any(fault.path != "start.position" for fault in error.faults):
+                break
+    raise refused
+
+
+def _swerving(fields: Mapping[str, Any], step: float, speed: float) -> dict[str, Any]:
+    """How fast the curvature of a point mass may change, where steps are so long that the checker would notice.
+
+    It joins states by constant accelerations. Where they change by j h in a step h, its place differs by j h^3 / 12.
+    """
+    rate = 12.0 * UNNOTICED / (step**3 * max(speed, SLOWEST) ** 2)
+    across = 2.0 * float(fields["max_total_acceleration"]) / (step * max(speed, SLOWEST) ** 2)
+    return {"max_curvature_rate": rate} if rate < across * COARSE else {}
+
+
+def _model_named(name: str) -> VehicleModel:
+    try:
+        return VehicleModel(name)
+    except ValueError:
+        raise ValueError(f"model: must be one of {', '.join(VehicleModel)}, not {name!r}") from None
+
+
+def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> tuple[Any, Any]:
+    """Read a CommonRoad file with commonroad-io.
+
+    Parameters
+    ----------
+    path : path
+        XML file, of version 2018b or 2020a.
+    problem : int, optional
+        Id of the planning problem; default: the first one.
+
+    Returns
+    -------
+    (scenario, problem)
+        Objects of commonroad-io.
+
+    Raises
+    ------
+    ScenarioError
+        If the file is none of CommonRoad, or has no such problem.
     ImportError
         If commonroad-io is not installed.
     OSError
         If the file cannot be read.
     """
     name = str(path)
-    world, problems = _read(name)
-    chosen = _chosen(problems, problem, name)
-    state, step = chosen.initial_state, float(world.dt)
-    start = tuple(float(x) for x in state.position)
-    goal, region = _goal(chosen, step, name)
-    if vehicle is None:
-        top = max(SPEED_RESERVE * float(state.velocity), LEAST_TOP_SPEED, goal.get("speed") or 0.0)
-        vehicle = {**CAR, "max_speed": top}
-    line = _guide(world.lanelet_network, start, goal["position"], region) if guide else None
-    return Scenario(
-        name=Path(name).stem,
-        vehicle=vehicle,
-        start={
-            "time": step * state.time_step,
-            "position": start,
-            "heading": float(state.orientation),
-            "speed": float(state.velocity),
-        },
-        goal=goal,
-        guide=line,
-        obstacles=[_obstacle(obstacle, step, name) for obstacle in world.obstacles],
-    )
-
-
-def _read(name: str) -> tuple[Any, dict[int, Any]]:
     try:
         from commonroad.common.file_reader import CommonRoadFileReader
     except ImportError as error:
@@ -142,7 +240,7 @@ def _read(name: str) -> tuple[Any, dict[int, Any]]:
         raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
     finally:
         reader_log.setLevel(level)
-    return world, problems.planning_problem_dict
+    return world, _chosen(problems.planning_problem_dict, problem, name)
 
 
 def _chosen(problems: dict[int, Any], wanted: int | None, name: str) -> Any:
@@ -156,62 +254,284 @@ def _chosen(problems: dict[int, Any], wanted: int | None, name: str) -> Any:
     return problems[wanted]
 
 
-# The goal
+def _default_vehicle(vehicle: Vehicle | Mapping[str, Any] | None, start: Any) -> _Vehicle:
+    if vehicle is None:
+        top = max(SPEED_RESERVE * float(start.velocity), LEAST_TOP_SPEED)
+        return _Vehicle({**CAR, "max_speed": top}, WIDTH, LENGTH, 0.0)
+    fields = vehicle.model_dump() if isinstance(vehicle, Vehicle) else vehicle
+    radius = float(fields.get("radius", 0.5 * WIDTH))
+    offsets = fields.get("discs") or (0.0,)
+    long = max(offsets) - min(offsets) + 2.0 * radius
+    return _Vehicle(vehicle, 2.0 * radius, long, float(fields.get("centre", 0.0)))
 
 
-def _goal(problem: Any, step: float, name: str) -> tuple[dict[str, Any], Any]:
-    """Give the goal of the scenario, and the region that it lies in."""
-    state = problem.goal.state_list[0]
-    if getattr(state, "position", None) is None:
-        raise ScenarioError(
-            name, [Fault("goalState.position", MISSING, "a goal without a place cannot be planned for")]
+@dataclass(frozen=True)
+class _Reader:
+    """What a scenario is made of.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    world, problem
+        Objects of commonroad-io.
+    goal : GoalState
+    guided, bordered : bool
+        Whether lanes make a guide, and borders walls.
+    timed_way : float
+        As in `load_commonroad`.
+    """
+
+    name: str
+    world: Any
+    problem: Any
+    goal: GoalState
+    guided: bool
+    bordered: bool
+    timed_way: float
+
+    def scenario(self, vehicle: _Vehicle, arrival_step: float | None, model: VehicleModel | None) -> Scenario:
+        """Make the scenario of a vehicle, which arrives on steps of time, s, if given, and moves like a model."""
+        state, step = self.problem.initial_state, float(self.world.dt)
+        middle: Point = (float(state.position[0]), float(state.position[1]))
+        heading, speed = float(state.orientation), float(state.velocity)
+        start = _ahead(middle, heading, -vehicle.centre)
+        line = self._line(middle, heading, speed)
+        goal, line = self._goal(_from_beside(line, middle, BLEND * speed), start, middle, vehicle)
+        walls = self._walls(line, middle, heading, vehicle) if self.bordered else []
+        return Scenario(
+            name=Path(self.name).stem,
+            vehicle=vehicle.fields,
+            start={"time": step * state.time_step, "position": start, "heading": heading, "speed": speed},
+            goal={**self.goal.fields(), **goal, **self._heading(model, line), "arrival_step": arrival_step},
+            guide=line.tolist() if self.guided and len(line) > 2 else None,
+            walls=walls,
+            obstacles=[obstacle_of(obstacle, step, self.name) for obstacle in self.world.obstacles],
         )
-    region = state.position.shapely_object
-    if not region.contains(region.centroid) or region.geom_type != "Polygon":
-        region = region.convex_hull
-    middle = region.centroid
-    # 1e-6: a radius that touches the border to rounding would be outside it.
-    radius = (1.0 - 1e-6) * float(region.exterior.distance(middle))
-    goal: dict[str, Any] = {"position": (float(middle.x), float(middle.y)), "radius": radius}
-    earliest, latest = (step * float(end) for end in _interval(state.time_step))
-    begin = step * problem.initial_state.time_step
-    goal["latest_arrival"] = latest if latest > begin else None
-    goal["earliest_arrival"] = earliest if earliest > begin else None
-    if getattr(state, "velocity", None) is not None:
-        low, high = _interval(state.velocity)
-        goal["speed"] = max(min(max(float(problem.initial_state.velocity), low), high), 0.0)
-    if getattr(state, "orientation", None) is not None:
-        low, high = _interval(state.orientation)
-        if high - low <= 2.0 * NARROW_HEADING:
-            goal["heading"] = 0.5 * (low + high)
-    return goal, region
+
+    def _line(self, start: Point, heading: float, speed: float) -> Array:
+        """The line of the route, (k, 2) m; none where no lanes lead to the goal."""
+        network = self.world.lanelet_network
+        route: Route | None
+        if self.goal.places:
+            route = route_to(network, start, heading, self.goal.places)
+            places = self.goal.places
+            if route is None:
+                return np.zeros((0, 2))
+            last = route.lanes[-1].polygon.shapely_object
+            at = max(places, key=lambda place: place.intersection(last).area).representative_point()
+            return np.vstack([route.line(start, (at.x, at.y)), route.beyond((at.x, at.y))[1:]])
+        way = self._timed_way(speed)
+        route = route_ahead(network, start, heading, way)
+        line = np.zeros((0, 2)) if route is None else route.line(start)
+        if len(line) < 2:
+            return np.array([start, _ahead(start, heading, way)])
+        return _cut(line, way)
+
+    def _heading(self, model: VehicleModel | None, line: Array) -> dict[str, Any]:
+        """The range of headings at the goal where a point mass is judged by another one than its own."""
+        given = self.goal.heading
+        if given is None or model is not VehicleModel.PM:
+            return {}
+        leg = line[-1] - line[-2]
+        seen = seen_heading(given, math.atan2(leg[1], leg[0]))
+        if seen is None:
+            text = (
+                f"no point mass gets there: the official checker takes atan(sin h) for its heading h, which is never in"
+                f" [{given[0]:g}, {given[1]:g}]; plan with model KS"
+            )
+            raise ScenarioError(self.name, [Fault("goalState.orientation", MISSING, text)])
+        return {"heading_range": seen}
+
+    def _soonest(self) -> float:
+        """How far the vehicle drives, a little slower than it starts, until it may arrive, m."""
+        begin = float(self.world.dt) * self.problem.initial_state.time_step
+        time = max((self.goal.earliest or begin) - begin, 0.0)
+        return UNHURRIED * float(self.problem.initial_state.velocity) * time
+
+    def _timed_way(self, speed: float) -> float:
+        """How far the vehicle drives at the speed of its start until the goal's time, m."""
+        begin = float(self.world.dt) * self.problem.initial_state.time_step
+        time = (self.goal.earliest or self.goal.latest or begin) - begin
+        return self.timed_way * max(speed, SLOWEST) * max(time, float(self.world.dt))
+
+    def _goal(self, line: Array, start: Point, middle: Point, vehicle: _Vehicle) -> tuple[dict[str, Any], Array]:
+        """Where the goal is, as fields of the scenario's goal, and the line up to there, m."""
+        ahead = vehicle.centre
+        if not self.goal.places:
+            end = line[-1] - line[-2]
+            turn = math.atan2(end[1], end[0])
+            at = (float(line[-1, 0]), float(line[-1, 1]))
+            region = _rectangle(at, turn, vehicle.length, 2.0 * vehicle.width)
+            return self._arriving(line, start, at, turn, ahead, region)
+        at, region, line = _entry(line, self.goal.places, middle, self._soonest())
+        leg = np.subtract(at, line[-2] if len(line) > 1 else middle)
+        return self._arriving(line, start, at, math.atan2(leg[1], leg[0]), ahead, region)
+
+    def _arriving(
+        self, line: Array, start: Point, at: Point, turn: float, ahead: float, region: Any
+    ) -> tuple[dict[str, Any], Array]:
+        position = _ahead(at, turn, -ahead)
+        goal = {"position": position, "region": [(float(x), float(y)) for x, y in region.exterior.coords[:-1]]}
+        ends = np.array([start, position])
+        # Close to the ends the line would have to jump to them.
+        away = np.linalg.norm(ends[:, None] - line[None], axis=2).min(axis=0) if len(line) else np.zeros(0)
+        inner = line[away > 2.0 * GUIDE_STEP]
+        return goal, spaced(np.vstack([ends[:1], inner, ends[1:]])) if len(inner) else ends
+
+    def _walls(self, line: Array, middle: Point, heading: float, vehicle: _Vehicle) -> list[list[Point]]:
+        if not self.world.lanelet_network.lanelets:
+            return []
+        area = drivable(self.world.lanelet_network, line, REACH * vehicle.length, vehicle.width)
+        # Discs reach beyond the rear of what they cover; the vehicle only moves away from there.
+        rear = _ahead(middle, heading, -0.5 * vehicle.length)
+        area = area.union(_rectangle(rear, heading, 2.0 * vehicle.width, REAR_WIDTH * vehicle.width))
+        return walls_around(area, _rectangle(middle, heading, vehicle.length, vehicle.width), vehicle.width)
 
 
-def _interval(value: Any) -> tuple[float, float]:
-    """Give the ends of an interval, or of a value as of one."""
-    return float(getattr(value, "start", value)), float(getattr(value, "end", value))
+def _entry(line: Array, places: Sequence[Any], start: Point, soonest: float) -> tuple[Point, Any, Array]:
+    """Where a line first comes into one of some polygons, that polygon, and the line up to there.
+
+    If the vehicle may not arrive before it would have driven ``soonest`` metres at its speed, it is so far on the line,
+    as long as that is inside.
+    """
+    from shapely import LineString
+    from shapely import Point as ShapelyPoint
+
+    if len(line) > 1:
+        curve = LineString(line)
+        crossed = [(_stretch(curve, place), place) for place in places if curve.intersection(place).length > 0.0]
+        if crossed:
+            (first, last), place = min(crossed, key=lambda one: one[0])
+            margin = min(INSIDE * math.sqrt(place.area), 0.25 * (last - first))
+            at = curve.interpolate(min(max(first + margin, soonest), last - margin))
+            return (at.x, at.y), place, _cut(line, curve.project(at))
+    origin = start if len(line) < 2 else (float(line[-1, 0]), float(line[-1, 1]))
+    nearest = min(places, key=lambda place: place.distance(ShapelyPoint(origin)))
+    return aim_at(_ring(nearest), origin), nearest, line
+
+
+def _stretch(curve: Any, place: Any) -> tuple[float, float]:
+    """From where to where a line is in a polygon for the first time, m along the line."""
+    from shapely import Point as ShapelyPoint
+
+    inside = curve.intersection(place)
+    parts = [part for part in getattr(inside, "geoms", [inside]) if part.length > 0.0]
+    ends = [[curve.project(ShapelyPoint(part.coords[k])) for k in (0, -1)] for part in parts]
+    stretches = sorted((min(pair), max(pair)) for pair in ends)
+    return stretches[0]
+
+
+INSIDE = 0.01
+"""Of the size of a goal's region: how far inside its border the line ends."""
+
+
+def _ring(polygon: Any) -> list[Point]:
+    return [(float(x), float(y)) for x, y in polygon.exterior.coords[:-1]]
+
+
+def _from_beside(line: Array, start: Point, length: float) -> Array:
+    """A line that begins at the start, beside it, and comes to where it was on the first metres of its length."""
+    if len(line) < 2:
+        return line
+    line = spaced(line)
+    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    share = np.minimum(stations / max(length, 2.0 * GUIDE_STEP), 1.0)
+    away = 1.0 - share * share * (3.0 - 2.0 * share)
+    return line + away[:, None] * (np.asarray(start) - line[0])
+
+
+def _cut(line: Array, length: float) -> Array:
+    """A polyline up to a length, m."""
+    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    inner = line[(stations < length)]
+    end = [np.interp(min(length, stations[-1]), stations, line[:, axis]) for axis in (0, 1)]
+    return np.vstack([inner, [end]]) if len(inner) else np.array([line[0], end])
+
+
+def _ahead(point: Point, heading: float, distance: float) -> Point:
+    return (point[0] + distance * math.cos(heading), point[1] + distance * math.sin(heading))
+
+
+def _rectangle(middle: Point, heading: float, length: float, width: float) -> Any:
+    from shapely import Polygon
+
+    c, s = math.cos(heading), math.sin(heading)
+    corners = [(x * length / 2, y * width / 2) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return Polygon([(middle[0] + c * x - s * y, middle[1] + s * x + c * y) for x, y in corners])
 
 
 # Obstacles
 
 
-def _obstacle(obstacle: Any, step: float, name: str) -> dict[str, Any]:
-    own = f"obstacle {obstacle.obstacle_id}"
+def obstacle_of(obstacle: Any, step: float, name: str) -> dict[str, Any]:
+    """Read an obstacle.
+
+    Parameters
+    ----------
+    obstacle
+        Of commonroad-io.
+    step : float
+        s.
+    name : str
+        Of the file, for messages.
+
+    Returns
+    -------
+    dict
+        Fields of `scp_planner.Obstacle`.
+
+    Raises
+    ------
+    ScenarioError
+        If its places are not known exactly, or it is foretold by something else than a trajectory or sets.
+    """
     initial = obstacle.initial_state
-    states = [initial]
     prediction = getattr(obstacle, "prediction", None)
-    if prediction is not None:
-        if not hasattr(prediction, "trajectory"):
-            raise ScenarioError(name, [Fault(own, MISSING, "its prediction must be a trajectory, not a set")])
-        states += [state for state in prediction.trajectory.state_list if state.time_step > initial.time_step]
-    places = np.array([state.position for state in states], dtype=float)
     identity = {"id": str(obstacle.obstacle_id)}
+    own = f"obstacle {obstacle.obstacle_id}"
+    states = [initial]
+    if prediction is not None and not hasattr(prediction, "trajectory"):
+        if not hasattr(prediction, "occupancy_set"):
+            text = "its prediction must be a trajectory or sets"
+            raise ScenarioError(name, [Fault(own, MISSING, text)])
+        return {**identity, **_foretold_by_sets(prediction.occupancy_set, step)}
+    if prediction is not None:
+        states += [state for state in prediction.trajectory.state_list if state.time_step > initial.time_step]
+    try:
+        places = np.array([state.position for state in states], dtype=float)
+    except (TypeError, ValueError):
+        raise ScenarioError(name, [Fault(own, MISSING, "its positions must be known exactly")]) from None
     if np.ptp(places, axis=0).max() < STANDING:
-        heading = float(initial.orientation)
         still = {"position": tuple(places[0].tolist())}
-        return {**identity, "shape": _shape(obstacle, heading), "motion": still}
+        return {**identity, "shape": _shape(obstacle, float(initial.orientation)), "motion": still}
     course = {"time": [step * state.time_step for state in states], "position": places.tolist()}
+    headings = [getattr(state, "orientation", None) for state in states]
+    if all(heading is not None for heading in headings):
+        course["heading"] = np.unwrap(np.array(headings, dtype=float)).tolist()
     return {**identity, "shape": _shape(obstacle, None), "motion": course}
+
+
+def _foretold_by_sets(sets: Sequence[Any], step: float) -> dict[str, Any]:
+    """A course of the middles of sets, and a shape that covers each of them."""
+    from shapely import MultiPoint, union_all
+    from shapely.affinity import translate
+
+    covers = [union_all(polygons_of(getattr(each, "shape", each))).convex_hull for each in sets]
+    middles = [cover.centroid for cover in covers]
+    whole = union_all(
+        [translate(cover, -middle.x, -middle.y) for cover, middle in zip(covers, middles, strict=True)]
+    ).convex_hull
+    shape = {"polygon": [list(corner) for corner in MultiPoint(whole.exterior.coords).convex_hull.exterior.coords[:-1]]}
+    times = [step * _middle_step(each.time_step) for each in sets]
+    places = [[middle.x, middle.y] for middle in middles]
+    if len(times) == 1:
+        return {"shape": shape, "motion": {"position": places[0]}}
+    return {"shape": shape, "motion": {"time": times, "position": places}}
+
+
+def _middle_step(value: Any) -> float:
+    return 0.5 * (float(getattr(value, "start", value)) + float(getattr(value, "end", value)))
 
 
 def _shape(obstacle: Any, heading: float | None) -> dict[str, Any]:
@@ -225,117 +545,13 @@ def _shape(obstacle: Any, heading: float | None) -> dict[str, Any]:
         return rectangle if heading is None else {**rectangle, "heading": heading}
     if getattr(shape, "radius", None) is not None:
         return {"disc": float(shape.radius)}
+    from shapely import union_all
+
     state = obstacle.initial_state
-    around = shape.compute_occupancy_for_state(state).shapely_object.convex_hull
+    if hasattr(shape, "compute_occupancy_for_state"):
+        placed = shape.compute_occupancy_for_state(state)
+    else:  # commonroad-io of 2024
+        placed = shape.rotate_translate_local(np.asarray(state.position, dtype=float), float(state.orientation))
+    around = union_all(polygons_of(placed)).convex_hull
     vertices = np.array(around.exterior.coords)[:-1] - np.asarray(state.position, dtype=float)
     return {"polygon": vertices.tolist()}
-
-
-# The guide
-
-
-@dataclass(frozen=True)
-class _Row:
-    """Lanes side by side that are changed between, in order."""
-
-    lanes: tuple[Any, ...]
-
-
-def _guide(network: Any, start: Sequence[float], goal: Sequence[float], region: Any) -> list[list[float]] | None:
-    """Lay a line along the lanes from start to goal; None where no lanes lead there, or it is not far."""
-    route = _route(network, start, goal, region)
-    if route is None:
-        return None
-    rows = list(_rows(route))
-    begin, end = _station(route[0], start), _station(route[-1], goal)
-    points: list[Array] = []
-    for k, row in enumerate(rows):
-        first, last = begin if k == 0 else 0.0, end if k == len(rows) - 1 else 1.0
-        if last > first:
-            points += _along(row, first, last)
-    ends = np.array([start, goal], dtype=float)
-    # Close to the ends the line would have to jump to them.
-    inner = [point for point in points if np.linalg.norm(ends - point, axis=1).min() > 2.0 * GUIDE_STEP]
-    if not inner:
-        return None
-    return _spaced(np.vstack([ends[0], *inner, ends[1]])).tolist()
-
-
-def _route(network: Any, start: Sequence[float], goal: Sequence[float], region: Any) -> list[Any] | None:
-    """Find the shortest way along lanes and changes between them."""
-    lanes = {lane.lanelet_id: lane for lane in network.lanelets}
-    (first,) = network.find_lanelet_by_position([np.array(start, dtype=float)])
-    (at_goal,) = network.find_lanelet_by_position([np.array(goal, dtype=float)])
-    ends = set(at_goal) or {key for key, lane in lanes.items() if lane.polygon.shapely_object.intersects(region)}
-    queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, key, (key,)) for key in first]
-    heapq.heapify(queue)
-    done: set[int] = set()
-    while queue:
-        cost, key, way = heapq.heappop(queue)
-        if key in ends:
-            return [lanes[each] for each in way]
-        if key in done:
-            continue
-        done.add(key)
-        lane = lanes[key]
-        length = float(np.linalg.norm(np.diff(lane.center_vertices, axis=0), axis=1).sum())
-        steps = [(length, each) for each in lane.successor]
-        steps += [(CHANGE_COST, each) for each in _neighbours(lane)]
-        for more, each in steps:
-            if each in lanes and each not in done:
-                heapq.heappush(queue, (cost + more, each, (*way, each)))
-    return None
-
-
-def _neighbours(lane: Any) -> Iterator[int]:
-    if lane.adj_left is not None and lane.adj_left_same_direction:
-        yield lane.adj_left
-    if lane.adj_right is not None and lane.adj_right_same_direction:
-        yield lane.adj_right
-
-
-def _rows(route: list[Any]) -> Iterator[_Row]:
-    row = [route[0]]
-    for lane in route[1:]:
-        if lane.lanelet_id in row[-1].successor:
-            yield _Row(tuple(row))
-            row = []
-        row.append(lane)
-    yield _Row(tuple(row))
-
-
-def _along(row: _Row, first: float, last: float) -> list[Array]:
-    """Points along lanes that are changed between from one part of their length to another."""
-    share = (last - first) / len(row.lanes)
-    points: list[Array] = []
-    for k, lane in enumerate(row.lanes):
-        low = first + share * (k + (CHANGE_MARGIN if k else 0.0))
-        high = first + share * (k + 1.0 - (CHANGE_MARGIN if k < len(row.lanes) - 1 else 0.0))
-        line, stations = _measured(lane)
-        count = max(2, math.ceil((high - low) * stations[-1] / GUIDE_STEP) + 1)
-        wanted = np.linspace(low, high, count) * stations[-1]
-        points += list(np.stack([np.interp(wanted, stations, line[:, axis]) for axis in (0, 1)], axis=-1))
-    return points
-
-
-def _station(lane: Any, point: Sequence[float]) -> float:
-    """Part of a lane's length at which a point lies beside it."""
-    line, stations = _measured(lane)
-    fine = np.linspace(0.0, stations[-1], 400)
-    places = np.stack([np.interp(fine, stations, line[:, axis]) for axis in (0, 1)], axis=-1)
-    nearest = int(np.linalg.norm(places - np.asarray(point, dtype=float), axis=1).argmin())
-    return float(fine[nearest] / stations[-1])
-
-
-def _measured(lane: Any) -> tuple[Array, Array]:
-    line = np.asarray(lane.center_vertices, dtype=float)
-    return line, np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-
-
-def _spaced(points: Array) -> Array:
-    """Points at equal distances along a polyline, ends included."""
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / GUIDE_STEP)) + 1)
-    spaced = np.stack([np.interp(wanted, stations, points[:, axis]) for axis in (0, 1)], axis=-1)
-    spaced[0], spaced[-1] = points[0], points[-1]
-    return spaced

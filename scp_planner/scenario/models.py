@@ -14,13 +14,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.mathematics import planar
 from scp_planner.scenario import checks
+from scp_planner.scenario.goals import with_aim
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.validation import Part, Rule, faults_of, variant
 
@@ -41,6 +42,7 @@ Vector = tuple[Number, Number]
 RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RATE)]
 Rate = tuple[RateNumber, RateNumber]
 Matrix = tuple[Vector, Vector]
+Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
 
 
 class Vehicle(Part):
@@ -61,6 +63,16 @@ class Vehicle(Part):
     max_curvature_rate: Positive | None = Field(
         None,
         description="how fast the curvature may change while driving, as by a steering rate, 1/(m s); null: unbounded",
+    )
+    max_total_acceleration: Positive | None = Field(
+        None, description="along and across the path together, as by friction, m/s2; null: only each by itself"
+    )
+    max_power: Positive | None = Field(
+        None,
+        description="acceleration along the path times speed, as of a motor by the mass, m2/s3; null: unbounded",
+    )
+    centre: Number = Field(
+        0.0, description="how far the middle of the vehicle is ahead of the reference point, m; goal.region holds it"
     )
     discs: Annotated[tuple[Number, ...], Field(min_length=1)] = Field(
         (0.0,),
@@ -84,12 +96,35 @@ class Start(Part):
 class Goal(Part):
     """Where the trip ends, and when."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.arrival_is_possible, checks.heading_is_in_radians)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        checks.arrival_is_possible,
+        checks.heading_is_in_radians,
+        checks.region_is_simple,
+        checks.goal_is_told_once,
+        checks.ranges_are_not_empty,
+    )
 
-    position: Vector = Field(description="[x, y], m")
+    position: Vector = Field(
+        description="[x, y], m; may be left out where a region is given: then just inside it, where it is nearest"
+    )
     heading: Number | None = Field(None, description="rad; null: free")
     speed: NotNegative | None = Field(None, description="m/s; null: free")
     radius: NotNegative = Field(0.0, description="anywhere this near to the position will do, m")
+    region: Polygon | None = Field(
+        None,
+        description="polygon [[x, y], ...], m, in place of a radius: the middle of the vehicle may be anywhere in that"
+        " convex part of it that is nearest to the position; null: none",
+    )
+    heading_range: tuple[Number, Number] | None = Field(
+        None, description="[least, largest] heading, rad, to the left from the least one; null: any"
+    )
+    speed_range: tuple[NotNegative, NotNegative] | None = Field(
+        None, description="[least, largest] speed, m/s; null: any"
+    )
+    arrival_step: Positive | None = Field(
+        None,
+        description="arrival a multiple of so many s after start.time, to a hundredth of that; null: any time",
+    )
     earliest_arrival: Number | None = Field(
         None, description="not before this time, to a millisecond, s on the clock of start.time; null: any"
     )
@@ -122,9 +157,6 @@ class SpeedLimit(Part):
     line: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
         None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
     )
-
-
-Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
 
 
 class ConfidenceLevel(StrEnum):
@@ -261,6 +293,7 @@ class Course(Part):
         checks.one_position_a_time,
         checks.covariance_is_one_or_each,
         checks.covariance_is_definite,
+        checks.headings_turn_slowly,
     )
 
     time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
@@ -268,6 +301,11 @@ class Course(Part):
     covariance: Covariance | None = Field(
         None,
         description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
+    )
+    heading: tuple[Number, ...] | None = Field(
+        None,
+        description="where the shape heads, rad, one for each time, each less than half a turn from the one before;"
+        " null: along the velocity",
     )
 
 
@@ -404,6 +442,8 @@ class Scenario(Part):
         checks.corridor_leads_from_start_to_goal,
         checks.ends_are_in_corridor,
         checks.corridor_has_its_name,
+        checks.walls_are_convex,
+        checks.start_is_clear_of_walls,
         checks.stretches_begin_on_their_lines,
         checks.speeds_keep_to_places,
         checks.ids_are_unique,
@@ -428,9 +468,20 @@ class Scenario(Part):
         description="convex polygons [[[x, y], ...], ...] that overlap; the vehicle's disc stays inside their union;"
         " null: none",
     )
+    walls: tuple[Polygon, ...] = Field(
+        (),
+        description="convex polygons [[[x, y], ...], ...] that stand and that no disc of the vehicle enters, such as"
+        " what lies beside a road",
+    )
     speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by place, besides the vehicle's own")
     confidence: Confidence = Confidence()
     obstacles: tuple[Obstacle, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _aimed(cls, data: Any) -> Any:
+        """Fill in where a goal that is a region is aimed at; what is faulty is left to the checks."""
+        return with_aim(data)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

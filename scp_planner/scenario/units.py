@@ -94,6 +94,7 @@ class NaturalUnits(Units):
             if scenario.bounds is None
             else changed(scenario.bounds, min=self.place(scenario.bounds.min), max=self.place(scenario.bounds.max)),
             corridor=None if scenario.corridor is None else tuple(map(self._line, scenario.corridor)),
+            walls=tuple(map(self._line, scenario.walls)),
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
             obstacles=tuple(map(self.obstacle, scenario.obstacles)),
         )
@@ -156,6 +157,9 @@ class NaturalUnits(Units):
             max_curvature=over(vehicle.max_curvature, 1.0 / self.length),
             max_jerk=over(vehicle.max_jerk, self.jerk),
             max_curvature_rate=over(vehicle.max_curvature_rate, self.factor("1/(m s)")),
+            max_total_acceleration=over(vehicle.max_total_acceleration, self.acceleration),
+            max_power=over(vehicle.max_power, self.factor("m2/s3")),
+            centre=vehicle.centre / self.length,
             discs=over(vehicle.discs, self.length),
         )
 
@@ -174,6 +178,9 @@ class NaturalUnits(Units):
             position=self.place(goal.position),
             speed=over(goal.speed, self.speed),
             radius=goal.radius / self.length,
+            region=self._line(goal.region),
+            speed_range=over(goal.speed_range, self.speed),
+            arrival_step=over(goal.arrival_step, self.time),
             earliest_arrival=None if goal.earliest_arrival is None else self.instant(goal.earliest_arrival),
             latest_arrival=None if goal.latest_arrival is None else self.instant(goal.latest_arrival),
         )

@@ -21,6 +21,8 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
 from scp_planner.threat_zones.zone import ThreatZone
 
+DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
+
 
 @dataclass(frozen=True)
 class ZoneContacts:
@@ -118,6 +120,8 @@ class ZoneBatch:
         Which zones have an outline, increasing.
     outlines : Outlines or None
         Of these, about their centres; None without such zones.
+    own_directions : PiecewisePolynomials or None
+        Vectors that turning outlines head along, of the planning clock; None: all head along their motion.
     """
 
     ids: tuple[str, ...]
@@ -127,6 +131,7 @@ class ZoneBatch:
     covariances: PiecewisePolynomials | None
     shaped: Index
     outlines: Outlines | None
+    own_directions: PiecewisePolynomials | None = None
 
     @classmethod
     def of(cls, zones: Sequence[ThreatZone], frame: PlanningFrame, inflation: float) -> ZoneBatch:
@@ -163,6 +168,12 @@ class ZoneBatch:
             (k, part.covariances) for k, part in zip(place, parts, strict=True) if part.covariances is not None
         ]
         shaped = [(k, part.outline) for k, part in zip(place, parts, strict=True) if part.outline is not None]
+        directions = None
+        if any(part.pointing is not None for part in parts):
+            # Of those without: along the motion. Discs have none, whatever theirs is.
+            paths = [part.centers if part.pointing is None else part.pointing for part in parts]
+            pointing = frame.points_batch([*known, *paths])
+            directions = (pointing.take(order) if known else pointing).derivative
         still = np.zeros(2)
         return cls(
             ids=tuple(ids[k] for k in order),
@@ -172,6 +183,7 @@ class ZoneBatch:
             covariances=frame.covariances_batch([one for _, one in uncertain]) if uncertain else None,
             shaped=np.array([k for k, _ in shaped], dtype=np.intp),
             outlines=Outlines([outline.moved(still, -frame.heading) for _, outline in shaped]) if shaped else None,
+            own_directions=directions,
         )
 
     @cached_property
@@ -183,6 +195,11 @@ class ZoneBatch:
     def velocities(self) -> PiecewisePolynomials:
         """Of the centres, m/s."""
         return self.centers.derivative
+
+    @property
+    def directions(self) -> PiecewisePolynomials:
+        """Vectors that turning outlines head along."""
+        return self.velocities if self.own_directions is None else self.own_directions
 
     @cached_property
     def slot(self) -> Index:
@@ -231,12 +248,15 @@ class ZoneBatch:
             covariances=covariances,
             shaped=np.flatnonzero(shaped >= 0),
             outlines=outlines,
+            own_directions=None if self.own_directions is None else self.own_directions.take(index),
         )
 
     @cached_property
     def standing(self) -> Index:
         """Zones that neither move nor grow."""
         still = ~np.any(self.velocities.coefficients, axis=(1, 2, 3))
+        if self.own_directions is not None:
+            still &= ~(self.turning & np.any(self.own_directions.derivative.coefficients, axis=(1, 2, 3)))
         if self.covariances is not None:
             still[self.uncertain] &= ~np.any(self.covariances.derivative.coefficients, axis=(1, 2, 3))
         return np.flatnonzero(still)
@@ -257,7 +277,10 @@ class ZoneBatch:
         if outlines is not None:
             outlines = Outlines([outline.rounded(DECIMALS + 2) for outline in outlines.outlines])
         centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
-        return replace(self, centers=centers, covariances=covariances, outlines=outlines)
+        directions = self.own_directions
+        if directions is not None:
+            directions = directions.rounded(DIRECTION_DECIMALS, DIRECTION_DECIMALS)
+        return replace(self, centers=centers, covariances=covariances, outlines=outlines, own_directions=directions)
 
     def inflated(self, extra: Array) -> ZoneBatch:
         """Return the batch with every zone larger by ``extra``, (L,) m."""
@@ -377,7 +400,7 @@ class ZoneBatch:
         slot, turning = self.outline_slot[index], self.turning[index]
         headings = np.zeros((0, 2))
         if turning.any():
-            headings = np.where(turning[:, None], directions_of(self.velocities.at(index, times)), [1.0, 0.0])
+            headings = np.where(turning[:, None], directions_of(self.directions.at(index, times)), [1.0, 0.0])
             offset = turned_back(offset, headings)
         distance, normal = np.empty(len(index)), np.empty((len(index), 2))
         blurred = self.slot[index] >= 0
@@ -410,8 +433,9 @@ class ZoneBatch:
             lever[blurred] -= _support_point(covariance, nu)
         rows = np.flatnonzero(self.turning[index])
         if len(rows):
-            acceleration = self.velocities.derivative.at(index[rows], times[rows])
-            spin = _cross(velocity[rows], acceleration) / np.maximum((velocity[rows] ** 2).sum(axis=1), 1e-300)
+            pointing = self.directions.at(index[rows], times[rows])
+            change = self.directions.derivative.at(index[rows], times[rows])
+            spin = _cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
             rate[rows] += spin * _cross(normal[rows], lever[rows])
         return rate
 
@@ -424,6 +448,7 @@ class _Part(NamedTuple):
     centers: PiecewisePolynomials
     covariances: PiecewisePolynomials | None
     outline: Outline | None
+    pointing: PiecewisePolynomials | None = None
 
     @classmethod
     def of(cls, zone: ThreatZone, outline: Outline | None) -> _Part:
@@ -436,7 +461,7 @@ class _Part(NamedTuple):
         coefficients = zone.centers.coefficients.copy()
         coefficients[:, :, 0] += outline.middle
         centers = PiecewisePolynomials(zone.centers.breakpoints, coefficients)
-        return cls(zone.id, zone.radius, centers, zone.covariances, outline.moved(-outline.middle))
+        return cls(zone.id, zone.radius, centers, zone.covariances, outline.moved(-outline.middle), zone.pointing)
 
 
 def _slots(index: Index, size: int) -> Index:

@@ -279,11 +279,11 @@ class ZoneBounds:
         return bound + growth
 
     def _spin(self, index: Index, times: Array, half: Array) -> tuple[Array, Array]:
-        """Bounds of |phi'| in 1/s and |phi''| in 1/s^2 on intervals, phi the direction of the centre's velocity."""
+        """Bounds of |phi'| in 1/s and |phi''| in 1/s^2 on intervals, phi the heading of the zone."""
         batch = self.batch
         v, a, j = (
             _ranges(part, index, times, half)
-            for part in (batch.velocities, batch.velocities.derivative, batch.velocities.derivative.derivative)
+            for part in (batch.directions, batch.directions.derivative, batch.directions.derivative.derivative)
         )
         least = v[0].squared().lower + v[1].squared().lower
         turn = (v[0] * a[1] - v[1] * a[0]).magnitude()

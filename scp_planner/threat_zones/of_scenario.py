@@ -21,7 +21,7 @@ from typing import overload
 import numpy as np
 
 from scp_planner.mathematics import corridor
-from scp_planner.mathematics.courses import course_covariances, course_polynomials
+from scp_planner.mathematics.courses import course_covariances, course_pointing, course_polynomials
 from scp_planner.mathematics.outlines import Outline, convex_pieces
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.models import (
@@ -139,13 +139,19 @@ def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
 
 
 def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
-    """Return what lies outside the corridor of a scenario as the zone of one obstacle that stands; none without one."""
-    if scenario.corridor is None:
+    """Return corridor and walls of a scenario as the zones of obstacles that stand: what lies outside, and walls."""
+    outside = () if scenario.corridor is None else _walls(scenario.corridor)
+    return (*_standing(scenario, corridor.NAME, outside), *_standing(scenario, corridor.WALLS, scenario.walls))
+
+
+def _standing(scenario: Scenario, name: str, polygons: Sequence[corridor.Polygon]) -> tuple[ThreatZone, ...]:
+    """Convex polygons as the zone of one obstacle that stands; none without any."""
+    if not polygons:
         return ()
     middle = np.array(scenario.start.position)
     still = PiecewisePolynomials.single(0.0, middle[None])
-    walls = tuple(Outline.polygon(np.array(wall) - middle) for wall in _walls(scenario.corridor))
-    return (ThreatZone(corridor.NAME, 0.0, still, None, walls),)
+    outlines = tuple(Outline.polygon(np.array(polygon) - middle) for polygon in polygons)
+    return (ThreatZone(name, 0.0, still, None, outlines),)
 
 
 @lru_cache(maxsize=16)
@@ -224,6 +230,10 @@ def known_zone(
         return ThreatZone(name, body.radius + margin, centers, covariances, body.outlines)
     if isinstance(shape, Disc):
         return ThreatZone(name, shape.disc + margin, centers)
+    if isinstance(motion, Course) and motion.heading is not None:
+        outlines = shape_outlines(shape, None)
+        pointing = course_pointing(motion.time, motion.heading) if any(one.turning for one in outlines) else None
+        return ThreatZone(name, margin, centers, None, outlines, pointing)
     outlines = shape_outlines(shape, _fixed_heading(centers))
     if isinstance(motion, Course) and any(outline.turning for outline in outlines) and _turns_on_the_spot(centers):
         return ThreatZone(name, covering_radius(shape) + margin, centers)

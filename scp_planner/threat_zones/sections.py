@@ -54,7 +54,7 @@ def _one_zone(zones: ZoneBatch, zone: int, times: Array, center: Array, tangents
     # Headings of the outline, seen from the guide
     heading = turned_back(np.broadcast_to([1.0, 0.0], tangents.shape), tangents)
     if zones.turning[zone]:
-        heading = turned_back(directions_of(zones.velocities.at(here, times)), tangents)
+        heading = turned_back(directions_of(zones.directions.at(here, times)), tangents)
     slot = zones.outline_slot[zone]
     if slot < 0 or zones.outlines is None:
         directions = np.broadcast_to(fan, (len(times), FAN, 2))

@@ -30,6 +30,9 @@ class ThreatZone:
         (xx, xy, yy) of the scaled covariance C(t), m^2; None where the motion is known.
     outlines : tuple of Outline
         Convex pieces of the shape about the centre, in world directions unless they turn; none for a disc.
+    pointing : PiecewisePolynomials or None
+        What moves in the direction that turning outlines head in, at about 1 m/s in whatever units, of absolute time;
+        None: as the centre does.
     """
 
     id: str
@@ -37,6 +40,7 @@ class ThreatZone:
     centers: PiecewisePolynomials
     covariances: PiecewisePolynomials | None = None
     outlines: tuple[Outline, ...] = ()
+    pointing: PiecewisePolynomials | None = None
 
     def inside(self, units: NaturalUnits) -> ThreatZone:
         """Return the zone in the units of its scene."""
@@ -47,6 +51,7 @@ class ThreatZone:
             self,
             centers=self.centers.shifted(units.clock).plus((-x, -y)),
             covariances=None if self.covariances is None else self.covariances.shifted(units.clock),
+            pointing=None if self.pointing is None else self.pointing.shifted(units.clock),
         )
         return local._in_units(1.0 / units.length, 1.0 / units.time)
 
@@ -59,6 +64,7 @@ class ThreatZone:
             local,
             centers=local.centers.plus(units.origin).shifted(-units.clock),
             covariances=None if local.covariances is None else local.covariances.shifted(-units.clock),
+            pointing=None if local.pointing is None else local.pointing.shifted(-units.clock),
         )
 
     def _in_units(self, length: float, time: float) -> ThreatZone:
@@ -69,6 +75,7 @@ class ThreatZone:
             self.centers.in_units(length, time),
             None if self.covariances is None else self.covariances.in_units(length**2, time),
             tuple(outline.in_units(length) for outline in self.outlines),
+            None if self.pointing is None else self.pointing.in_units(time, time),
         )
 
     def center(self, t: float | Array) -> Array:
@@ -79,6 +86,10 @@ class ThreatZone:
         """Scaled covariance C(t), (..., 2, 2) m^2: the uncertainty ellipse is {z : z' C^-1 z <= 1}."""
         packed = self._covariance(t)
         return packed[..., [0, 1, 1, 2]].reshape(*packed.shape[:-1], 2, 2)
+
+    def heading_vector(self, t: float | Array) -> Array:
+        """Unit vector that turning outlines head along at times ``t`` (...), s; returns (..., 2)."""
+        return directions_of(self._at((self.pointing or self.centers).derivative, t))
 
     def support(self, t: float | Array, directions: Array) -> Array:
         """Support function of uncertainty and shape around the centre, without the vehicle.
@@ -102,7 +113,7 @@ class ThreatZone:
         if not self.outlines:
             return value
         if self.outlines[0].turning:
-            directions = turned_back(directions, directions_of(self._at(self.centers.derivative, t)))
+            directions = turned_back(directions, self.heading_vector(t))
         supports: Array = value + np.max([outline.support(directions) for outline in self.outlines], axis=0)
         return supports
 
@@ -138,7 +149,7 @@ class ThreatZone:
         offset = (points - self.center(times)).reshape(-1, 2)
         covariance = None if self.covariances is None else self._covariance(times).reshape(-1, 3)
         if self.outlines[0].turning:
-            headings = directions_of(self._at(self.centers.derivative, times)).reshape(-1, 2)
+            headings = self.heading_vector(times).reshape(-1, 2)
             offset = turned_back(offset, headings)
             covariance = None if covariance is None else covariance_turned_back(covariance, headings)
         pieces = Outlines(self.outlines)

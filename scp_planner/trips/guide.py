@@ -20,6 +20,7 @@ QUADRATURE_ORDER = 6
 SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
 ARC_STEP = 0.15  # rad, between the points of an arc
 IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
+SLIVER = 1e-11  # of the length; intervals overlap the next piece by less from rounding alone
 LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
 WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
@@ -220,15 +221,19 @@ class CurvedGuide:
         """Enclose the curvature and its first two derivatives on [station - width, station + width]."""
         piece, x = self._locate(stations)
         _, b, c, d = self._heading[piece].T
-        first, last = self._locate(stations - width)[0], self._locate(stations + width)[0]
+        # An interval that ends at a border of pieces, to rounding, has nothing of the next one, whose own covers that.
+        # So that it does to the last bit, the curvature and its rate are enclosed as much farther to both sides.
+        sliver = SLIVER * self.length
+        inner, outer = np.maximum(width - sliver, 0.0), width + sliver
+        first, last = self._locate(stations - inner)[0], self._locate(stations + inner)[0]
         low: Array = self._second[first]
         high: Array = self._second[first]
         for further in range(1, int((last - first).max(initial=0)) + 1):
             value = self._second[np.minimum(first + further, last)]
             low, high = np.minimum(low, value), np.maximum(high, value)
         second = Interval(low, high)
-        rate = Interval.around(2.0 * c + 6.0 * d * x, second.magnitude() * width)
-        bend = Interval.around(b + x * (2.0 * c + 3.0 * d * x), rate.magnitude() * width)
+        rate = Interval.around(2.0 * c + 6.0 * d * x, second.magnitude() * outer)
+        bend = Interval.around(b + x * (2.0 * c + 3.0 * d * x), rate.magnitude() * outer)
         return bend, rate, second
 
     def in_units(self, length: float) -> CurvedGuide:

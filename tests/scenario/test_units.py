@@ -154,6 +154,39 @@ def test_manoeuvres_are_divided_by_the_units_of_acceleration_and_of_its_growth()
     assert units.inverse.model(scaled) == given
 
 
+def open_goal() -> sp.Scenario:
+    """A scene with what roads have: a goal that leaves something open, walls, tyres, a motor, a heading of its own."""
+    sled = {"time": [0.0, 4.0, 9.0], "position": [[9.0, 3.0], [10.0, 1.5], [13.0, 1.0]], "heading": [0.5, 1.0, 0.2]}
+    return scene(
+        {"id": "sled", "shape": {"rectangle": [3.0, 1.0]}, "motion": sled},
+        vehicle={"discs": [0.0, 0.4], "centre": 0.2, "max_total_acceleration": 1.4, "max_power": 2.5},
+        goal={
+            "position": None,
+            "region": [[18.0, -2.0], [24.0, -4.0], [26.0, 3.0], [19.0, 2.0]],
+            "speed_range": [1.0, 2.0],
+            "heading_range": [-0.4, -0.1],
+            "arrival_step": 0.25,
+        },
+        walls=[[[5.0, -6.0], [7.0, -6.0], [7.0, 0.5], [5.0, 0.5]]],
+    )
+
+
+def test_what_roads_have_is_divided_by_the_unit_of_its_dimension() -> None:
+    units = NaturalUnits(length=2.0, time=5.0, origin=(1.0, -1.0), clock=10.0)
+    given = open_goal()
+    inside = units.scenario(given)
+    goal, vehicle = inside.goal, inside.vehicle
+    assert goal.region == ((8.5, -0.5), (11.5, -1.5), (12.5, 2.0), (9.0, 1.5))
+    assert goal.position == units.place(given.goal.position)
+    assert (goal.speed_range, goal.heading_range, goal.arrival_step) == ((2.5, 5.0), (-0.4, -0.1), 0.05)
+    # 1 m/s2 is 25 s2 / 2 m of the units, and 1 m2/s3 125 s3 / 4 m2.
+    assert (vehicle.max_total_acceleration, vehicle.max_power) == pytest.approx((1.4 * 12.5, 2.5 * 31.25), rel=1e-15)
+    assert vehicle.centre == 0.1
+    assert inside.walls == (((2.0, -2.5), (3.0, -2.5), (3.0, 0.75), (2.0, 0.75)),)
+    course = inside.obstacles[0].motion
+    assert course is not None and course.model_dump()["heading"] == (0.5, 1.0, 0.2)
+
+
 def test_what_goes_in_and_out_is_the_same() -> None:
     units = NaturalUnits(length=0.37, time=12.0, origin=(5.0, -2.0), clock=1e3)
     plan = sp.plan(scenario := scene(*CROSSERS, seen()))
@@ -199,6 +232,45 @@ def test_other_units_change_rounding_only(length: float, time: float) -> None:
     plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
     assert other.certified
     np.testing.assert_allclose(numbers(other, length, time), numbers(plan, 1.0, 1.0), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("length", [0.02, 700.0])
+@pytest.mark.parametrize("time", [0.3, 50.0])
+def test_what_roads_have_is_planned_alike_in_other_units(length: float, time: float) -> None:
+    plan, scaled = (
+        sp.plan(given := open_goal()),
+        rewritten(open_goal(), length, time, shift=(9.0 * length, 4.0 * length)),
+    )
+    other = sp.plan(scaled)
+    assert plan.certified and other.certified, other.reason
+    assert other.travel_time == pytest.approx(plan.travel_time * time, rel=1e-6)
+    assert math.remainder(plan.travel_time, 0.25) == pytest.approx(0.0, abs=0.0025)
+    for name, use in plan.limits.items():
+        factor = NaturalUnits(length, time).factor(UNITS[name])
+        assert other.limits[name].worst == pytest.approx(use.worst * factor, rel=1e-3)
+    assert sp.certify(scaled, other, sp.zones(scaled)).holds
+    change = {"region": [[40, 9], [44, 9], [44, 12]], "speed_range": [2.5, 2.9], "arrival_step": 0.35}
+    goal = {**given.to_dict()["goal"], **change}
+    wrong = rewritten(
+        sp.Scenario(**{**given.to_dict(), "goal": goal}), length, time, shift=(9.0 * length, 4.0 * length)
+    )
+    found, its = sp.certify(sp.Scenario(**{**given.to_dict(), "goal": goal}), plan), sp.certify(wrong, other)
+    assert {each.what for each in found.violations} >= {"distance from the goal region", "goal speed"}
+    for mine, each in zip(found.violations, its.violations, strict=True):
+        factor = NaturalUnits(length, time).factor(UNITS[mine.what])
+        assert each.what == mine.what
+        assert each.value == pytest.approx(mine.value * factor, rel=1e-3, abs=1e-3 * factor)
+
+
+def test_a_heading_of_its_own_goes_in_and_out() -> None:
+    units = NaturalUnits(length=0.37, time=12.0, origin=(5.0, -2.0), clock=1e3)
+    (zone,) = (each for each in sp.zones(open_goal()) if each.id == "sled")
+    times, points = np.linspace(-1.0, 11.0, 40), np.random.default_rng(1).uniform(6.0, 14.0, (40, 2))
+    inner = zone.inside(units)
+    local = np.array([units.place(point) for point in points])
+    found = inner.signed_distance((times - units.clock) / units.time, local)
+    np.testing.assert_allclose(found * units.length, zone.signed_distance(times, points), atol=1e-9)
+    np.testing.assert_allclose(inner.outside(units).heading_vector(times), zone.heading_vector(times), atol=1e-9)
 
 
 @pytest.mark.parametrize(

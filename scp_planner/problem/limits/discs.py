@@ -31,7 +31,7 @@ def disc_positions(path: PathPoints, offset: float) -> Array:
 
 
 @dataclass(frozen=True)
-class _Swing:
+class Swing:
     """How the centre of a disc moves with the offset of the path.
 
     Attributes
@@ -47,7 +47,8 @@ class _Swing:
     slope: Array
 
     @classmethod
-    def of(cls, path: Path, points: PathPoints) -> _Swing:
+    def of(cls, path: Path, points: PathPoints) -> Swing:
+        """Return how directions of a path change at some of its points."""
         unit = points.direction / points.speed[:, None]
         squared = points.speed * points.speed
         curvature = 0.0 if path.space.frame is None else path.space.guide.frame(points.station).curvature
@@ -65,6 +66,14 @@ class _Swing:
         rows = (sideways + turn * self.value)[:, None] * basis.rows_at(points.span, points.local)
         slopes = basis.derivative.rows_at(points.span, points.local) / path.space.length
         found: Array = rows + (turn * self.slope)[:, None] * slopes
+        return found
+
+    def turn_rows(self, path: Path, points: PathPoints) -> Array:
+        """Derivative of the direction of the path by theta at fixed stations, (n, K1) rad/m."""
+        basis = path.space.path
+        slopes = basis.derivative.rows_at(points.span, points.local) / path.space.length
+        value, slope = (np.broadcast_to(part, points.station.shape) for part in (self.value, self.slope))
+        found: Array = value[:, None] * basis.rows_at(points.span, points.local) + slope[:, None] * slopes
         return found
 
 
@@ -131,7 +140,7 @@ class DiscClearance(OptionalLimit):
         points = trajectory.at(self.samples.take(sample))
         path, tau = points.path, trajectory.travel_time
         contacts = self.zones.contacts(zone, points.time, disc_positions(path, self.offset))
-        swing = _Swing.of(trajectory.path, path)
+        swing = Swing.of(trajectory.path, path)
         curvature = trajectory.path.bend(path).curvature
         along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
         along += self.offset * curvature * np.einsum("ij,ij->i", contacts.normal, swing.across)
@@ -182,6 +191,6 @@ class DiscBox(OptionalLimit):
         path = trajectory.path
         points = path.points(trajectory.space.tables.station_parameters[station])
         gradient = np.zeros((len(index), self.step_size))
-        theta = _Swing.of(path, points).rows(path, points, self.normals[side], self.offset)[:, self.free]
+        theta = Swing.of(path, points).rows(path, points, self.normals[side], self.offset)[:, self.free]
         gradient[:, : theta.shape[1]] = theta
         return gradient

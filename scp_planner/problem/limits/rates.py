@@ -19,10 +19,13 @@ from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.speed import squared_speed_gradient
 from scp_planner.trips.path import Path, curvature_rate_from
-from scp_planner.trips.space import TripSpace
+from scp_planner.trips.space import CELLS_PER_SPAN, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
 IN_SPAN = np.array([1e-6, 0.2, 0.4, 0.6, 0.8, 1.0 - 1e-6])  # places in each span of the offset
+IN_CELLS = ((np.arange(CELLS_PER_SPAN)[:, None] + np.array([5e-6, 1.0 - 5e-6])) / CELLS_PER_SPAN).ravel()
+"""Over a curved guide, whose curvature has another second derivative in each cell: both sides of each border."""
+
 SLOWEST = 1e-3  # units of speed; the derivative of a speed that is a root is taken no nearer to 0
 DIFFERENCE = 1e-6  # of the guide, to either side
 IMAGINARY = 1e-30  # step of the derivatives
@@ -94,7 +97,8 @@ class CurvatureRateLimit(OptionalLimit):
         self.free = free
         self.limit = limit
         spans = len(space.path.widths)
-        self._parameters = ((np.arange(spans)[:, None] + IN_SPAN) / spans).ravel()
+        places = IN_SPAN if space.guide.straight else IN_CELLS
+        self._parameters = ((np.arange(spans)[:, None] + places) / spans).ravel()
         jumps = space.acceleration.breakpoints[1:-1] if space.tables.constant else np.zeros(0)
         self._jumps = space.time_table(jumps)
 

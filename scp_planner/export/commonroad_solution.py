@@ -1,0 +1,161 @@
+"""Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads.
+
+A solution is the plan's states at the steps of the scenario's file. States of KS and KST carry the steering angle,
+which is that of the plan's curvature, and KST the angle of the trailer, integrated from a straight one at the start.
+
+Needs the package commonroad-io (the extra `commonroad`), of 2024 or newer.
+"""
+
+from __future__ import annotations
+
+import math
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.files import write_text
+from scp_planner.planning.plan import Plan
+from scp_planner.scenario.commonroad import read_commonroad
+from scp_planner.scenario.commonroad_models import Car, VehicleModel, car_named, centre_of, default_car
+
+COSTS = ("JB1", "SM1", "WX1")
+"""Cost functions that solutions are submitted for: the time alone; comfort; time and comfort."""
+
+ON_A_STEP = 0.02
+"""Part of a step by which an arrival may miss one: the plan keeps its arrival to half of that."""
+
+HITCH_STEPS = 20
+"""To a step of the file, of the integral of the trailer's angle."""
+
+STANDING = 1e-6
+"""Relative to the top speed: the velocity of a point mass that stands is so much along its heading, which would else be
+told by nothing."""
+
+
+def export_commonroad_solution(
+    plan: Plan,
+    commonroad_file: str | PathLike[str],
+    path: str | PathLike[str],
+    *,
+    model: str = "PM",
+    car: str | None = None,
+    cost: str = "JB1",
+    problem: int | None = None,
+) -> None:
+    """Write a plan as a solution file.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the scenario that `load_commonroad` reads from the file for this model and car.
+    commonroad_file : path
+        The scenario's XML file.
+    path : path
+        The solution file to write, XML; a file that stood there is replaced as a whole.
+    model : str
+        PM, KS or KST.
+    car : str, optional
+        One of `CARS`; default: the BMW 320i, for KST the truck.
+    cost : str
+        JB1, SM1 or WX1: what the solution is to be judged by.
+    problem : int, optional
+        Id of the planning problem; default: the first one.
+
+    Raises
+    ------
+    ValueError
+        If there is no such model, car or cost, or the plan does not arrive on a step of the file.
+    ScenarioError
+        If the file is none of CommonRoad.
+    ImportError
+        If commonroad-io is not installed.
+    """
+    moved = VehicleModel(model)
+    name = car or default_car(moved)
+    body = car_named(name, moved)
+    if cost not in COSTS:
+        raise ValueError(f"cost: must be one of {', '.join(COSTS)}, not {cost!r}")
+    world, chosen = read_commonroad(commonroad_file, problem)
+    from commonroad.common import solution
+    from commonroad.scenario.trajectory import Trajectory
+
+    first = int(chosen.initial_state.time_step)
+    given = float(chosen.initial_state.orientation)
+    states = _states(plan, float(world.dt), first, moved, body, given)
+    answer = solution.PlanningProblemSolution(
+        chosen.planning_problem_id,
+        solution.VehicleModel[moved.value],
+        solution.VehicleType[name],
+        solution.CostFunction[cost],
+        Trajectory(first, states),
+    )
+    whole = solution.Solution(world.scenario_id, [answer], computation_time=plan.wall_time)
+    write_text(Path(path), solution.CommonRoadSolutionWriter(whole).dump())
+
+
+def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, orientation: float) -> list[Any]:
+    """Give the plan's states at the steps of the file, in classes of commonroad-io; the orientation is the first."""
+    from commonroad.scenario import state
+
+    count = round(plan.travel_time / step)
+    if abs(count * step - plan.travel_time) > ON_A_STEP * step:
+        raise ValueError(
+            f"plan: must take a multiple of the file's step, {step:g} s; it takes {plan.travel_time:.6g} s"
+        )
+    # The last state is that of the arrival, which is on its step to a hundredth of it.
+    times = np.linspace(plan.start_time, plan.arrival_time, count + 1)
+    heading, speed = np.unwrap(plan.heading(times)), plan.speed(times)
+    # The checker compares angles as numbers.
+    heading += 2.0 * math.pi * round((orientation - heading[0]) / (2.0 * math.pi))
+    along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    places = plan.position(times) + centre_of(car, model) * along
+    steps = range(first, first + count + 1)
+    if model is VehicleModel.PM:
+        velocity = np.maximum(speed, STANDING * car.speed)[:, None] * along
+        return [
+            state.PMState(time_step=k, position=place, velocity=float(v[0]), velocity_y=float(v[1]))
+            for k, place, v in zip(steps, places, velocity, strict=True)
+        ]
+    steering = np.arctan(car.wheelbase * plan.curvature(times))
+    shared = [
+        {
+            "time_step": k,
+            "position": place,
+            "steering_angle": float(angle),
+            "velocity": float(v),
+            "orientation": float(turn),
+        }
+        for k, place, angle, v, turn in zip(steps, places, steering, speed, heading, strict=True)
+    ]
+    if model is VehicleModel.KS:
+        return [state.KSState(**each) for each in shared]
+    hitch = _hitch_angles(plan, times, car)
+    return [state.KSTState(**each, hitch_angle=float(angle)) for each, angle in zip(shared, hitch, strict=True)]
+
+
+def _hitch_angles(plan: Plan, times: Array, car: Car) -> Array:
+    """Angles of the trailer behind the truck at times, (n,) rad; 0 at the first.
+
+    With the curvature k of the truck's path, its angle to the trailer changes by -v (sin(a) / l_trailer + k), by
+    Runge and Kutta's classic step. Source: the vehicle models of CommonRoad, kinematic single-track with a trailer.
+    """
+    assert car.trailer_wheelbase is not None
+    fine = np.linspace(times[0], times[-1], 2 * HITCH_STEPS * (len(times) - 1) + 1)
+    speed, curvature = plan.speed(fine), plan.curvature(fine)
+    wheelbase, step = car.trailer_wheelbase, 2.0 * (fine[1] - fine[0])
+
+    def rate(angle: float, at: int) -> float:
+        return -float(speed[at]) * (math.sin(angle) / wheelbase + float(curvature[at]))
+
+    angles = [0.0]
+    for k in range(0, len(fine) - 1, 2):
+        angle = angles[-1]
+        a = rate(angle, k)
+        b = rate(angle + 0.5 * step * a, k + 1)
+        c = rate(angle + 0.5 * step * b, k + 1)
+        d = rate(angle + step * c, k + 2)
+        angles.append(angle + step * (a + 2.0 * b + 2.0 * c + d) / 6.0)
+    return np.array(angles[::HITCH_STEPS])

@@ -1,0 +1,155 @@
+"""What a drive may ask of tyres and motor: optional limits of the vehicle.
+
+Total acceleration. Along the path a, across it v^2 k with the curvature k: a^2 + (v^2 k)^2 is limited, as by friction.
+
+Power. The product a v of acceleration and speed is limited, as by a motor: above some speed it can accelerate less.
+
+Both are looked at at fixed normalised times, before and after each jump of the acceleration. With b = tau^2 beta, there
+
+    da = C0 dbeta - 2 a rho,        dv = tau C1 dbeta - (v - v0) rho,
+    d(v^2 k) = 2 v k dv + v^2 (dk at the station + k' (dD - dS) / |r'|).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.problem.limits.speed import BESIDE
+from scp_planner.trips.space import TimeTable, TripSpace
+from scp_planner.trips.trajectory import Trajectory, TripPoints
+
+SLIGHT = 1e-9  # of the limit; below that the root has no derivative worth the name
+
+
+def drive_times(space: TripSpace, samples: Array) -> TimeTable:
+    """Return the times at which drives are looked at: samples (n,), and both sides of the acceleration's breakpoints.
+
+    Parameters
+    ----------
+    space : TripSpace
+    samples : (n,) array
+        Normalised times.
+
+    Returns
+    -------
+    TimeTable
+    """
+    breaks = space.acceleration.breakpoints
+    beside = np.concatenate([breaks[:-1] + BESIDE, breaks[1:] - BESIDE])
+    return space.time_table(np.concatenate([samples, beside]))
+
+
+@dataclass(frozen=True)
+class PowerLimit(OptionalLimit):
+    """Excess a v / limit - 1 at given times.
+
+    Attributes
+    ----------
+    space : TripSpace
+    free_size : int
+        Number of free control points of the offset.
+    limit : float
+        m^2/s^3.
+    times : TimeTable
+    """
+
+    name: ClassVar[str] = "power"
+    reach: ClassVar[float] = 0.6
+
+    space: TripSpace
+    free_size: int
+    limit: float
+    times: TimeTable
+
+    def tightened(self, more: float) -> Self:
+        """Return a lower limit."""
+        return type(self)(self.space, self.free_size, self.limit * (1.0 - more), self.times)
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return a v / limit - 1."""
+        return self._acceleration(trajectory) * self._speed(trajectory) / self.limit - 1.0
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradient of a v / limit."""
+        a, v = self._acceleration(trajectory)[index], self._speed(trajectory)[index]
+        tau, v0 = trajectory.travel_time, self.space.start_speed
+        beta = v[:, None] * self.times.acceleration[index] + (tau * a)[:, None] * self.times.speed[index]
+        rho = -2.0 * a * v - a * (v - v0)
+        return np.concatenate([np.zeros((len(index), self.free_size)), beta, rho[:, None]], axis=1) / self.limit
+
+    def _acceleration(self, trajectory: Trajectory) -> Array:
+        value: Array = self.times.acceleration @ trajectory.beta
+        return value
+
+    def _speed(self, trajectory: Trajectory) -> Array:
+        value: Array = self.space.start_speed + trajectory.travel_time * (self.times.speed @ trajectory.beta)
+        return value
+
+
+@dataclass(frozen=True)
+class TotalAccelerationLimit(OptionalLimit):
+    """Excess sqrt(a^2 + (v^2 k)^2) / limit - 1 at given times.
+
+    Attributes
+    ----------
+    space : TripSpace
+    free : slice
+        The free control points of the offset.
+    limit : float
+        m/s^2.
+    times : TimeTable
+    """
+
+    name: ClassVar[str] = "total_acceleration"
+    reach: ClassVar[float] = 0.6
+
+    space: TripSpace
+    free: slice
+    limit: float
+    times: TimeTable
+
+    def tightened(self, more: float) -> Self:
+        """Return a lower limit."""
+        return type(self)(self.space, self.free, self.limit * (1.0 - more), self.times)
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return sqrt(a^2 + (v^2 k)^2) / limit - 1."""
+        points = trajectory.at(self.times)
+        lateral = points.speed**2 * trajectory.path.bend(points.path).curvature
+        return np.hypot(points.acceleration, lateral) / self.limit - 1.0
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradient at fixed normalised times."""
+        points = trajectory.at(self.times.take(index))
+        a, v = points.acceleration, points.speed
+        lateral = v * v * trajectory.path.bend(points.path).curvature
+        total = np.maximum(np.hypot(a, lateral), SLIGHT * self.limit)
+        gradient = self._lateral_gradient(trajectory, points)
+        gradient *= (lateral / total)[:, None]
+        count = self.free.stop - self.free.start
+        gradient[:, count:-1] += (a / total)[:, None] * points.table.acceleration
+        gradient[:, -1] -= 2.0 * a * a / total
+        gradient /= self.limit
+        return gradient
+
+    def _lateral_gradient(self, trajectory: Trajectory, points: TripPoints) -> Array:
+        """Gradient of v^2 k with respect to a step at fixed normalised times, (m, step) m/s^2."""
+        path, place, table = trajectory.path, points.path, points.table
+        basis, length, v, tau = self.space.path, self.space.length, points.speed, trajectory.travel_time
+        bend = path.bend(place)
+        theta = (bend.slope / length)[:, None] * basis.derivative.rows_at(place.span, place.local)
+        theta += (bend.bend / length**2)[:, None] * basis.derivative.derivative.rows_at(place.span, place.local)
+        theta += np.broadcast_to(bend.value, v.shape)[:, None] * basis.rows_at(place.span, place.local)
+        theta *= (v * v)[:, None]
+        driven = v * v * path.curvature_rate(place) / place.speed
+        theta -= driven[:, None] * path.arc_length_gradient(points.parameter)
+        faster = 2.0 * v * bend.curvature
+        beta = (tau * faster)[:, None] * table.speed + (tau * tau * driven)[:, None] * table.distance
+        v0 = self.space.start_speed
+        rho = driven * (v0 * tau) * table.sigma - faster * (v - v0)
+        return np.concatenate([theta[:, self.free], beta, rho[:, None]], axis=1)

@@ -1,0 +1,142 @@
+"""Goals that leave something open: a region to end in, a range of speeds or headings. Optional limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import ClassVar, Self
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.discs import Swing, disc_positions
+from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trajectory import Trajectory
+
+_END = np.ones(1)
+
+
+@dataclass(frozen=True)
+class GoalRegion(OptionalLimit):
+    """How far beyond each side of a convex region the middle of the vehicle is on arrival, m.
+
+    Attributes
+    ----------
+    ahead : float
+        Of the reference point, where the middle is, m.
+    free : slice
+        The free control points of the offset.
+    step_size : int
+        Number of variables of a step.
+    normals, offsets : (S, 2), (S,) arrays
+        Of the sides: normal . q <= offset.
+    """
+
+    name: ClassVar[str] = "goal region"
+    reach: ClassVar[float] = np.inf
+
+    ahead: float
+    free: slice
+    step_size: int
+    normals: Array
+    offsets: Array
+
+    def tightened(self, more: float) -> Self:
+        """Return a smaller region."""
+        return type(self)(self.ahead, self.free, self.step_size, self.normals, self.offsets - more)
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return the distance beyond each side, (S,) m."""
+        middle = disc_positions(trajectory.path.points(_END), self.ahead)
+        return (middle @ self.normals.T - self.offsets).ravel()
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradients of the distances."""
+        path = trajectory.path
+        points = path.points(np.ones(len(index)))
+        theta = Swing.of(path, points).rows(path, points, self.normals[index], self.ahead)[:, self.free]
+        gradient = np.zeros((len(index), self.step_size))
+        gradient[:, : theta.shape[1]] = theta
+        return gradient
+
+
+@dataclass(frozen=True)
+class GoalHeading(OptionalLimit):
+    """How far the heading on arrival is outside its range, rad: to the left of it, then to the right.
+
+    Attributes
+    ----------
+    middle, half : float
+        Of the range, rad in the planning frame.
+    free : slice
+        The free control points of the offset.
+    step_size : int
+        Number of variables of a step.
+    """
+
+    name: ClassVar[str] = "goal heading"
+    reach: ClassVar[float] = np.inf
+
+    middle: float
+    half: float
+    free: slice
+    step_size: int
+
+    def tightened(self, more: float) -> Self:
+        """Return a narrower range."""
+        return type(self)(self.middle, self.half - more, self.free, self.step_size)
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return by how much the heading is beyond each end of the range, (2,) rad."""
+        direction = trajectory.path.points(_END).direction[0]
+        turn = float(np.arctan2(direction[1], direction[0])) - self.middle
+        turn -= 2.0 * pi * round(turn / (2.0 * pi))
+        return np.array([turn - self.half, -turn - self.half])
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradients of the heading, and of its negative."""
+        path = trajectory.path
+        points = path.points(_END)
+        turn = Swing.of(path, points).turn_rows(path, points)[0, self.free]
+        gradient = np.zeros((len(index), self.step_size))
+        gradient[:, : len(turn)] = np.where(index == 0, 1.0, -1.0)[:, None] * turn
+        return gradient
+
+
+@dataclass(frozen=True)
+class GoalSpeed(OptionalLimit):
+    """How far the speed on arrival is outside its range, m/s: above it, then below.
+
+    Attributes
+    ----------
+    space : TripSpace
+    lowest, highest : float
+        m/s.
+    free_size : int
+        Number of free control points of the offset.
+    """
+
+    name: ClassVar[str] = "goal speed"
+    reach: ClassVar[float] = np.inf
+
+    space: TripSpace
+    lowest: float
+    highest: float
+    free_size: int
+
+    def tightened(self, more: float) -> Self:
+        """Return a narrower range."""
+        return type(self)(self.space, self.lowest + more, self.highest - more, self.free_size)
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """Return by how much the speed is beyond each end of the range, (2,) m/s."""
+        speed = trajectory.final_speed
+        return np.array([speed - self.highest, self.lowest - speed])
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Return the gradients of the speed, and of its negative."""
+        rise = trajectory.travel_time * self.space.tables.final_speed
+        speed = np.concatenate([np.zeros(self.free_size), rise, [self.space.start_speed - trajectory.final_speed]])
+        signed: Array = np.where(index == 0, 1.0, -1.0)[:, None] * speed
+        return signed

@@ -1,0 +1,159 @@
+"""Goals of CommonRoad: what of a goal state becomes what of a scenario's goal.
+
+A place is one or more polygons, which commonroad-io gives in classes of its own, others in other versions; here they
+are polygons of shapely, which comes with it. A goal of time alone has none: the trip is to be on its way then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from scp_planner.errors import MISSING, Fault, ScenarioError
+
+PRECISION = 1e-6
+"""m: the format's own."""
+
+ARC_SIDES = 16
+"""Of a quarter of a disc's outline, inside of it."""
+
+
+@dataclass(frozen=True)
+class GoalState:
+    """One of the states that end a problem.
+
+    Attributes
+    ----------
+    places : tuple of shapely polygons
+        Where, m; empty where the goal is of time alone.
+    earliest, latest : float or None
+        Absolute times, s; None before the start.
+    speed : (least, largest) or None
+        m/s.
+    heading : (least, largest) or None
+        rad.
+    """
+
+    places: tuple[Any, ...]
+    earliest: float | None
+    latest: float | None
+    speed: tuple[float, float] | None
+    heading: tuple[float, float] | None
+
+    def fields(self) -> dict[str, Any]:
+        """Fields of a scenario's goal, but for where it is."""
+        return {
+            "earliest_arrival": self.earliest,
+            "latest_arrival": self.latest,
+            "speed_range": self.speed,
+            "heading_range": self.heading,
+        }
+
+
+def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:
+    """Read the goal states of a planning problem.
+
+    Parameters
+    ----------
+    problem : PlanningProblem
+        Of commonroad-io.
+    step : float
+        s.
+    name : str
+        Of the file, for messages.
+
+    Returns
+    -------
+    list of GoalState
+
+    Raises
+    ------
+    ScenarioError
+        If there is none.
+    """
+    states = problem.goal.state_list
+    if not states:
+        number = problem.planning_problem_id
+        raise ScenarioError(name, [Fault("goalState", MISSING, f"problem {number} has no goal: nothing to plan")])
+    return [_goal_state(state, step * problem.initial_state.time_step, step) for state in states]
+
+
+def _goal_state(state: Any, begin: float, step: float) -> GoalState:
+    first, last = ends_of(state.time_step)
+    speed, heading = (getattr(state, key, None) for key in ("velocity", "orientation"))
+    place = getattr(state, "position", None)
+    low, high = (0.0, 0.0) if speed is None else ends_of(speed)
+    return GoalState(
+        places=() if place is None else tuple(polygons_of(place)),
+        earliest=step * first if step * first > begin else None,
+        latest=step * last if step * last > begin else None,
+        speed=None if speed is None else (max(low, 0.0), max(high, 0.0)),
+        heading=None if heading is None else ends_of(heading),
+    )
+
+
+def ends_of(value: Any) -> tuple[float, float]:
+    """Give the ends of an interval, or of a value as of one."""
+    return float(getattr(value, "start", value)), float(getattr(value, "end", value))
+
+
+def polygons_of(shape: Any) -> list[Any]:
+    """Give a shape of commonroad-io, in any version, as polygons of shapely.
+
+    Parameters
+    ----------
+    shape
+        A rectangle, disc or polygon, or a group of them.
+
+    Returns
+    -------
+    list of shapely.Polygon
+    """
+    for group in ("shapes", "occupancies"):
+        parts: Sequence[Any] | None = getattr(shape, group, None)
+        if parts is not None:
+            return [polygon for part in parts for polygon in polygons_of(part)]
+    radius = getattr(shape, "radius", None)
+    if radius is not None:
+        from shapely import Point
+
+        return [Point(*shape.center).buffer(float(radius), quad_segs=ARC_SIDES)]
+    from shapely import set_precision
+
+    # Files repeat corners, to all digits or nearly so, and outlines of lanes cross themselves.
+    tidy = set_precision(shape.shapely_object.buffer(0.0), PRECISION)
+    return [part for part in getattr(tidy, "geoms", [tidy]) if part.area > 0.0]
+
+
+def seen_heading(heading: tuple[float, float], near: float) -> tuple[float, float] | None:
+    """Return the headings of a point mass that the official checker takes for ones of a range.
+
+    It takes atan2(v_y, |v|) = atan(sin h) for the heading h of a point mass.
+
+    Parameters
+    ----------
+    heading : (least, largest)
+        rad.
+    near : float
+        Which of its two ranges: the one that is nearer to this heading, rad.
+
+    Returns
+    -------
+    (least, largest) or None
+        rad; None where it takes none for one of them.
+    """
+    low, high = (math.tan(max(min(end, 0.25 * math.pi), -0.25 * math.pi)) for end in _about_zero(heading))
+    if low >= high:
+        return None
+    first, last = math.asin(max(low, -1.0)), math.asin(min(high, 1.0))
+    ranges = [(first, last), (math.pi - last, math.pi - first)]
+    return min(ranges, key=lambda one: abs(math.remainder(0.5 * (one[0] + one[1]) - near, 2.0 * math.pi)))
+
+
+def _about_zero(heading: tuple[float, float]) -> tuple[float, float]:
+    """A range of headings moved by full turns, so that its middle is in [-pi, pi]."""
+    middle, half = 0.5 * (heading[0] + heading[1]), 0.5 * (heading[1] - heading[0])
+    middle = math.remainder(middle, 2.0 * math.pi)
+    return middle - half, middle + half

@@ -1,0 +1,178 @@
+"""Cars and models of CommonRoad, as its referee looks at them.
+
+Models: PM, a point mass whose acceleration stays in a circle; KS, the kinematic single track, which turns about its
+rear axle, steers no further and no faster than it can, and accelerates less where it drives fast; KST, the same for a
+truck with a trailer.
+
+What the referee asks becomes limits of a `Vehicle`, so that the plan is asked for it. With wheelbase l, steering angle
+d and curvature k = tan(d) / l of the rear axle's path, d' = l k' / (1 + l^2 k^2) is at most l k': a curvature rate of
+d'_max / l is allowed whatever the angle.
+
+Source of the numbers: M. Althoff and G. Wuersching, "CommonRoad: Vehicle Models", 2020, tables of parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+RESERVE = 0.01
+"""Relative: how much less than a limit is planned with. The referee sees states at steps, and joins them by constant
+inputs, whose largest values may lie this much above those of the plan."""
+
+FEWEST_DISCS = 5
+"""That cover a car; a trailer is none of it."""
+
+
+class VehicleModel(StrEnum):
+    """Models of motion that solutions are made for."""
+
+    PM = "PM"
+    """A point mass; its reference is the centre of the car."""
+    KS = "KS"
+    """Kinematic single track; its reference is the rear axle."""
+    KST = "KST"
+    """Kinematic single track with a trailer; for the referee its rear axle is the centre of the car."""
+
+
+@dataclass(frozen=True)
+class Car:
+    """One of the benchmark's cars.
+
+    Attributes
+    ----------
+    number : int
+        In the benchmark's ids of solutions.
+    length, width : float
+        m.
+    front_axle, rear_axle : float
+        Distances of the axles from the centre, m.
+    steering_angle, steering_rate : float
+        Largest, rad and rad/s.
+    acceleration : float
+        Largest, along and across together, m/s^2.
+    switching_speed : float
+        Above it the acceleration along falls as 1 / speed, m/s.
+    speed : float
+        Largest, m/s.
+    trailer_wheelbase : float or None
+        m; None without a trailer.
+    """
+
+    number: int
+    length: float
+    width: float
+    front_axle: float
+    rear_axle: float
+    steering_angle: float
+    steering_rate: float
+    acceleration: float
+    switching_speed: float
+    speed: float
+    trailer_wheelbase: float | None = None
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance of the axles, m."""
+        return self.front_axle + self.rear_axle
+
+
+CARS = {
+    "FORD_ESCORT": Car(1, 4.298, 1.674, 0.88392, 1.50876, 0.910, 0.4, 11.5, 4.755, 45.8),
+    "BMW_320i": Car(2, 4.508, 1.610, 1.1561957064, 1.4227170936, 1.066, 0.4, 11.5, 7.319, 50.8),
+    "VW_VANAGON": Car(3, 4.569, 1.844, 1.1507916024, 1.3211363976, 1.023, 0.4, 11.5, 7.824, 41.7),
+    "TRUCK": Car(4, 5.100, 2.550, 1.8, 1.8, 0.55, 0.7103, 11.5, 7.824, 22.22, 8.1),
+}
+"""By the names of commonroad-io."""
+
+
+def car_named(name: str, model: VehicleModel) -> Car:
+    """Return a car that a model is made for.
+
+    Parameters
+    ----------
+    name : str
+        One of `CARS`.
+    model : VehicleModel
+
+    Returns
+    -------
+    Car
+
+    Raises
+    ------
+    ValueError
+        If there is no such car, or it has not what the model moves.
+    """
+    if name not in CARS:
+        raise ValueError(f"car: must be one of {', '.join(CARS)}, not {name!r}")
+    car = CARS[name]
+    if (model is VehicleModel.KST) != (car.trailer_wheelbase is not None):
+        fitting = [
+            key for key, one in CARS.items() if (one.trailer_wheelbase is None) == (model is not VehicleModel.KST)
+        ]
+        raise ValueError(f"car: model {model} needs one of {', '.join(fitting)}, not {name!r}")
+    return car
+
+
+def default_car(model: VehicleModel) -> str:
+    """Return the name of the car that a model is planned with where none is named."""
+    return "TRUCK" if model is VehicleModel.KST else "BMW_320i"
+
+
+def centre_of(car: Car, model: VehicleModel) -> float:
+    """How far the centre of the car is ahead of the reference point of a model, m."""
+    return car.rear_axle if model is VehicleModel.KS else 0.0
+
+
+def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict[str, Any]:
+    """Return the vehicle of a scenario that moves as the referee allows.
+
+    Parameters
+    ----------
+    car : Car
+    model : VehicleModel
+    discs : int
+        How many discs cover it.
+
+    Returns
+    -------
+    dict
+        Fields of `scp_planner.Vehicle`.
+    """
+    keep = 1.0 - RESERVE
+    vehicle: dict[str, Any] = {
+        **_covered(car, centre_of(car, model), discs),
+        "centre": centre_of(car, model),
+        "max_speed": keep * car.speed,
+        "max_acceleration": keep * car.acceleration,
+        "max_deceleration": keep * car.acceleration,
+        "max_lateral_acceleration": keep * car.acceleration,
+        "max_curvature": keep * math.tan(car.steering_angle) / car.wheelbase,
+        "max_total_acceleration": keep * car.acceleration,
+    }
+    if model is VehicleModel.PM:
+        return vehicle
+    return {
+        **vehicle,
+        "max_power": keep * car.acceleration * car.switching_speed,
+        "max_curvature_rate": keep * car.steering_rate / car.wheelbase,
+    }
+
+
+def _covered(car: Car, centre: float, count: int) -> dict[str, Any]:
+    """Equal discs that cover the rectangle of a car, seen from its reference point, one of them there.
+
+    Each covers its share of the length. The one at the reference point is one more, unless there is one already.
+    """
+    share = car.length / count
+    offsets = [centre + share * (k - 0.5 * (count - 1)) for k in range(count)]
+    # The reference point gets its disc by moving the nearest one of them, if the others then still cover the length.
+    nearest = min(range(count), key=lambda k: abs(offsets[k]))
+    if abs(offsets[nearest]) < 1e-9 * car.length:
+        offsets[nearest] = 0.0
+    else:
+        offsets.append(0.0)
+    return {"radius": math.hypot(0.5 * car.width, 0.5 * share), "discs": tuple(sorted(offsets))}

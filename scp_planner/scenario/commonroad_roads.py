@@ -1,0 +1,308 @@
+"""Roads of CommonRoad: routes over lanes, lines along them, and what lies beside the road.
+
+The road is the union of all lanes. Whoever plans keeps to that part of it which lies around the line of the route, and
+which is bounded on all sides: by the borders of the road, and by the end of the part. Borders are drawn in a little, so
+that fewer edges do, and never out. Along each edge stands a wall, as thick as fits beside the road: what moves
+continuously and never touches a wall does not leave the part.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+
+Point = tuple[float, float]
+
+GUIDE_STEP = 3.0
+"""m of the file, between points of the guide, which would else show the kinks of the centre lines."""
+
+CHANGE_COST = 30.0
+"""m of the file: of way that a change of lanes is worth."""
+
+CHANGE_MARGIN = 0.2
+"""Part of a lane, before it is left and after it is reached, in which the guide is on its way to the next one."""
+
+WRONG_WAY = 0.5 * math.pi
+"""rad; a lane that leads elsewhere by more than this is not where the vehicle is."""
+
+DRAWN_IN = 0.015
+"""Widths of the vehicle by which borders are drawn in, and corners cut off on the way."""
+
+GAP = 0.05
+"""Widths of the vehicle; narrower gaps between lanes are filled: no vehicle notices them."""
+
+THICKNESS = 1.5
+"""Widths of the vehicle, of a wall where nothing is in its way; half as much, again and again, where something is."""
+
+HALVINGS = 10
+SHORTEST = 1e-3
+"""Widths of the vehicle; shorter edges of borders are none."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Lanes side by side that are changed between, in order."""
+
+    lanes: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Route:
+    """Lanes to drive along, one after the other or beside the other.
+
+    Attributes
+    ----------
+    lanes : tuple
+        Lanelets of commonroad-io.
+    """
+
+    lanes: tuple[Any, ...]
+
+    def line(self, start: Point, goal: Point | None = None) -> Array:
+        """Lay a line along the lanes' centres from beside the start to beside the goal, or their end, (k, 2) m."""
+        rows = list(_rows(self.lanes))
+        begin = _station(self.lanes[0], start)
+        end = 1.0 if goal is None else _station(self.lanes[-1], goal)
+        points: list[Array] = []
+        for k, row in enumerate(rows):
+            first, last = begin if k == 0 else 0.0, end if k == len(rows) - 1 else 1.0
+            if last > first:
+                points += _along(row, first, last)
+        return np.array(points).reshape(-1, 2)
+
+    def beyond(self, goal: Point) -> Array:
+        """The rest of the last lane's centre from beside the goal on, (k, 2) m."""
+        lane = self.lanes[-1]
+        first = _station(lane, goal)
+        return np.array(_along(_Row((lane,)), first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
+
+
+def route_to(network: Any, start: Point, heading: float, places: Sequence[Any]) -> Route | None:
+    """Find the shortest way along lanes, and changes between them, to one of some places.
+
+    Parameters
+    ----------
+    network : LaneletNetwork
+        Of commonroad-io.
+    start : (x, y)
+        m.
+    heading : float
+        At the start, rad.
+    places : sequence of shapely polygons
+        m.
+
+    Returns
+    -------
+    Route or None
+        None where no lanes lead there.
+    """
+    lanes = {lane.lanelet_id: lane for lane in network.lanelets}
+    held: set[int] = set()
+    for place in places:
+        middle = place.representative_point()
+        (at_goal,) = network.find_lanelet_by_position([np.array([middle.x, middle.y])])
+        held |= set(at_goal) or {key for key, lane in lanes.items() if lane.polygon.shapely_object.intersects(place)}
+    return _search(lanes, _lanes_at(network, lanes, start, heading), held)
+
+
+def route_ahead(network: Any, start: Point, heading: float, length: float) -> Route | None:
+    """Return a way along lanes at least so long, m, with few changes, or as far as lanes lead; None off lanes."""
+    lanes = {lane.lanelet_id: lane for lane in network.lanelets}
+    first = _lanes_at(network, lanes, start, heading)
+    behind = {key: _station(lanes[key], start) * float(_measured(lanes[key])[1][-1]) for key in first}
+    queue: list[tuple[float, float, int, tuple[int, ...]]] = [(0.0, -behind[key], key, (key,)) for key in first]
+    heapq.heapify(queue)
+    done: set[int] = set()
+    longest, way = -math.inf, tuple[int, ...]()
+    while queue and longest < length:
+        cost, passed, key, lead = heapq.heappop(queue)
+        if key in done:
+            continue
+        done.add(key)
+        end = passed + float(_measured(lanes[key])[1][-1])
+        if end > longest:
+            longest, way = end, lead
+        steps = [(cost + end - passed, end, each) for each in lanes[key].successor]
+        steps += [(cost + CHANGE_COST, passed, each) for each in _neighbours(lanes[key])]
+        for more, at, each in steps:
+            if each in lanes and each not in done:
+                heapq.heappush(queue, (more, at, each, (*lead, each)))
+    return Route(tuple(lanes[key] for key in way)) if way else None
+
+
+def _lanes_at(network: Any, lanes: dict[int, Any], start: Point, heading: float) -> list[int]:
+    """Lanes that hold a place and lead about where the vehicle heads, those best in line first."""
+    (here,) = network.find_lanelet_by_position([np.array(start, dtype=float)])
+    turns = {key: abs(math.remainder(_heading(lanes[key], start) - heading, 2.0 * math.pi)) for key in here}
+    return sorted((key for key in here if turns[key] <= WRONG_WAY), key=lambda key: (turns[key], key))
+
+
+def _heading(lane: Any, point: Point) -> float:
+    """Direction of a lane beside a point, rad."""
+    line, stations = _measured(lane)
+    at = int(np.clip(np.searchsorted(stations, _station(lane, point) * stations[-1]), 1, len(line) - 1))
+    leg = line[at] - line[at - 1]
+    return math.atan2(leg[1], leg[0])
+
+
+def _search(lanes: dict[int, Any], first: Sequence[int], ends: set[int]) -> Route | None:
+    """Find the way to one of some lanes."""
+    queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, key, (key,)) for key in first]
+    heapq.heapify(queue)
+    done: set[int] = set()
+    while queue:
+        cost, key, way = heapq.heappop(queue)
+        if key in ends:
+            return Route(tuple(lanes[each] for each in way))
+        if key in done:
+            continue
+        done.add(key)
+        length = float(_measured(lanes[key])[1][-1])
+        steps = [(length, each) for each in lanes[key].successor]
+        steps += [(CHANGE_COST, each) for each in _neighbours(lanes[key])]
+        for more, each in steps:
+            if each in lanes and each not in done:
+                heapq.heappush(queue, (cost + more, each, (*way, each)))
+    return None
+
+
+def _neighbours(lane: Any) -> Iterator[int]:
+    if lane.adj_left is not None and lane.adj_left_same_direction:
+        yield lane.adj_left
+    if lane.adj_right is not None and lane.adj_right_same_direction:
+        yield lane.adj_right
+
+
+def _rows(lanes: Sequence[Any]) -> Iterator[_Row]:
+    row = [lanes[0]]
+    for lane in lanes[1:]:
+        if lane.lanelet_id in row[-1].successor:
+            yield _Row(tuple(row))
+            row = []
+        row.append(lane)
+    yield _Row(tuple(row))
+
+
+def _along(row: _Row, first: float, last: float) -> list[Array]:
+    """Points along lanes that are changed between from one part of their length to another."""
+    share = (last - first) / len(row.lanes)
+    points: list[Array] = []
+    for k, lane in enumerate(row.lanes):
+        low = first + share * (k + (CHANGE_MARGIN if k else 0.0))
+        high = first + share * (k + 1.0 - (CHANGE_MARGIN if k < len(row.lanes) - 1 else 0.0))
+        line, stations = _measured(lane)
+        count = max(2, math.ceil((high - low) * stations[-1] / GUIDE_STEP) + 1)
+        wanted = np.linspace(low, high, count) * stations[-1]
+        points += list(np.stack([np.interp(wanted, stations, line[:, axis]) for axis in (0, 1)], axis=-1))
+    return points
+
+
+def _station(lane: Any, point: Sequence[float]) -> float:
+    """Part of a lane's length at which a point lies beside it."""
+    line, stations = _measured(lane)
+    fine = np.linspace(0.0, stations[-1], 400)
+    places = np.stack([np.interp(fine, stations, line[:, axis]) for axis in (0, 1)], axis=-1)
+    nearest = int(np.linalg.norm(places - np.asarray(point, dtype=float), axis=1).argmin())
+    return float(fine[nearest] / stations[-1])
+
+
+def _measured(lane: Any) -> tuple[Array, Array]:
+    line = np.asarray(lane.center_vertices, dtype=float)
+    return line, np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+
+
+def spaced(points: Array) -> Array:
+    """Return points at equal distances along a polyline (k, 2), ends included, m."""
+    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / GUIDE_STEP)) + 1)
+    placed = np.stack([np.interp(wanted, stations, points[:, axis]) for axis in (0, 1)], axis=-1)
+    placed[0], placed[-1] = points[0], points[-1]
+    return placed
+
+
+# Borders
+
+
+def drivable(network: Any, line: Array, reach: float, width: float) -> Any:
+    """Return the part of the road that lies around a line, as a polygon of shapely, its borders drawn in a little.
+
+    Parameters
+    ----------
+    network : LaneletNetwork
+        Of commonroad-io.
+    line : (k, 2) array
+        m.
+    reach : float
+        How far around the line, m.
+    width : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    shapely.Polygon or shapely.MultiPolygon
+    """
+    from shapely import LineString, union_all
+
+    around = LineString(line).buffer(reach)
+    polygons = [lane.polygon.shapely_object for lane in network.lanelets]
+    near = [polygon.buffer(0.0) for polygon in polygons if polygon.intersects(around)]
+    fill, inwards = GAP * width, DRAWN_IN * width
+    road = union_all(near).buffer(fill, join_style="mitre").buffer(-fill - inwards, join_style="mitre")
+    return road.simplify(inwards).intersection(around.simplify(inwards))
+
+
+def walls_around(area: Any, start: Any, width: float) -> list[list[Point]]:
+    """Return walls along the borders of that part of an area that holds the start.
+
+    Parameters
+    ----------
+    area : shapely.Polygon or shapely.MultiPolygon
+        m.
+    start : shapely geometry
+        What the vehicle covers at the start, m.
+    width : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    list of polygons
+        Convex, m.
+    """
+    parts = getattr(area, "geoms", [area])
+    held = max(parts, key=lambda part: part.intersection(start).area, default=None)
+    if held is None or held.is_empty:
+        return []
+    from shapely import prepare
+    from shapely.geometry.polygon import orient
+
+    inside = held.buffer(-1e-6 * width)
+    prepare(inside)
+    shape, walls = orient(held), []
+    for ring in (shape.exterior, *shape.interiors):
+        corners = list(ring.coords)
+        for a, b in pairwise(corners):
+            if math.dist(a, b) > SHORTEST * width:
+                walls.append(_wall(a[:2], b[:2], inside, width))
+    return walls
+
+
+def _wall(a: Point, b: Point, inside: Any, width: float) -> list[Point]:
+    """A wall to the right of an edge, as thick as fits beside an area."""
+    from shapely import Polygon
+
+    length, thickness = math.dist(a, b), THICKNESS * width
+    right = ((b[1] - a[1]) / length, (a[0] - b[0]) / length)
+    for _ in range(HALVINGS):
+        c, d = ((x + thickness * right[0], y + thickness * right[1]) for x, y in (b, a))
+        if not inside.intersects(Polygon([a, b, c, d])):
+            break
+        thickness *= 0.5
+    return [a, d, c, b]

@@ -1,0 +1,106 @@
+"""Goals that are regions: their convex parts, and where to aim at in one.
+
+A region that is not convex is cut into convex parts; a trip ends in the part that it aims at.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from scp_planner.mathematics import planar
+
+INWARDS = 1e-3
+"""Part of the way from the nearest point of a region to its middle, by which the aim lies inside."""
+
+
+def aim_at(region: Sequence[planar.Point], point: planar.Point) -> planar.Point:
+    """Return a point just inside a region, where it is nearest to a point.
+
+    Parameters
+    ----------
+    region : sequence of (x, y)
+        A simple polygon, m.
+    point : (x, y)
+        m.
+
+    Returns
+    -------
+    (x, y)
+        m.
+    """
+    part = min(convex_parts(region), key=lambda one: planar.distance_to_polygon(point, one))
+    nearest = min((_nearest_on(point, a, b) for a, b in planar.edges(part)), key=lambda spot: math.dist(point, spot))
+    middle = planar.centroid(part)
+    return (nearest[0] + INWARDS * (middle[0] - nearest[0]), nearest[1] + INWARDS * (middle[1] - nearest[1]))
+
+
+def with_aim(data: Any) -> Any:
+    """Return the data of a scenario with the position that its goal is aimed at, where only a region is given.
+
+    Parameters
+    ----------
+    data
+        What is to become a scenario; returned as it is unless it is a mapping of start and goal that lacks a position.
+
+    Returns
+    -------
+    Any
+    """
+    goal, start = (data.get(key) if isinstance(data, Mapping) else None for key in ("goal", "start"))
+    if not isinstance(goal, Mapping) or goal.get("position") is not None or goal.get("region") is None:
+        return data
+    begin = start.get("position") if isinstance(start, Mapping) else getattr(start, "position", None)
+    try:
+        x, y = (float(value) for value in begin)  # type: ignore[union-attr]
+        region = tuple((float(x), float(y)) for x, y in goal["region"])
+    except (TypeError, ValueError):
+        return data
+    if len(region) < 3 or planar.area(region) == 0.0 or planar.first_crossing(region) is not None:
+        return data
+    return {**data, "goal": {**goal, "position": aim_at(region, (x, y))}}
+
+
+def distance_outside(region: Sequence[planar.Point], point: planar.Point) -> float:
+    """Return how far a point is outside a region, m; 0 in it.
+
+    Parameters
+    ----------
+    region : sequence of (x, y)
+        A simple polygon, m.
+    point : (x, y)
+        m.
+
+    Returns
+    -------
+    float
+    """
+    return planar.distance_to_polygon(point, region)
+
+
+def convex_parts(region: Sequence[planar.Point]) -> list[tuple[planar.Point, ...]]:
+    """Cut a region into convex parts.
+
+    Parameters
+    ----------
+    region : sequence of (x, y)
+        A simple polygon, m.
+
+    Returns
+    -------
+    list of tuple of (x, y)
+        m.
+    """
+    from scp_planner.mathematics.outlines import convex_pieces
+
+    rings = [piece.vertices for piece in convex_pieces(tuple((float(x), float(y)) for x, y in region))]
+    return [tuple((float(x), float(y)) for x, y in ring) for ring in rings if ring is not None]
+
+
+def _nearest_on(point: planar.Point, a: planar.Point, b: planar.Point) -> planar.Point:
+    """The nearest point of a segment."""
+    leg = (b[0] - a[0], b[1] - a[1])
+    share = ((point[0] - a[0]) * leg[0] + (point[1] - a[1]) * leg[1]) / (leg[0] ** 2 + leg[1] ** 2)
+    share = min(max(share, 0.0), 1.0)
+    return (a[0] + share * leg[0], a[1] + share * leg[1])
