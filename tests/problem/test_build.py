@@ -1,0 +1,89 @@
+"""Problems against their scenarios: limits, switching times of the textbook, ends that every trip keeps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, scene
+
+import scp_planner as sp
+from scp_planner.problem.build import acceleration_breakpoints, build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.settings.planning import Settings
+from scp_planner.trips.path import Path
+
+pytestmark = pytest.mark.numerics
+
+MARGIN = 1e-3
+
+
+def problem_of(*obstacles: dict[str, Any], **changes: Any) -> Problem:
+    scenario = scene(*obstacles, **changes)
+    return build_problem(scenario, sp.zones(scenario), Settings(limit_margin=MARGIN))
+
+
+def test_limits_are_those_of_the_vehicle_less_the_margin() -> None:
+    problem = problem_of(*CROSSERS)
+    vehicle, limits = problem.scenario.vehicle, problem.limits
+    for name in ("speed", "acceleration", "deceleration", "lateral_acceleration", "curvature"):
+        assert getattr(limits, name) == pytest.approx(getattr(vehicle, f"max_{name}") * (1.0 - MARGIN), rel=1e-12)
+    assert problem.zones.ids == tuple(one["id"] for one in CROSSERS)
+    radii = [one["shape"]["disc"] + vehicle.radius + problem.settings.clearance_margin for one in CROSSERS]
+    assert problem.zones.radius == pytest.approx(radii, rel=1e-12)
+
+
+@pytest.mark.parametrize("goal_speed", [None, 0.0, 1.2])
+def test_breakpoints_are_where_the_fastest_straight_drive_switches(goal_speed: float | None) -> None:
+    """From 1 to 3 m/s, on, and down to the goal's speed, in 20 m; the top speed is reached."""
+    problem = problem_of(goal={"speed": goal_speed})
+    top, a, d = 3.0 * (1.0 - MARGIN), 1.5 * (1.0 - MARGIN), 2.0 * (1.0 - MARGIN)
+    rise, end = (top - 1.0) / a, top if goal_speed is None else goal_speed
+    fall = (top - end) / d
+    cruise = (20.0 - 0.5 * (1.0 + top) * rise - 0.5 * (top + end) * fall) / top
+    assert cruise > 0.0
+    breaks = problem.space.acceleration.breakpoints
+    for switch in {rise, rise + cruise if fall else rise}:
+        assert np.abs(breaks - switch / (rise + cruise + fall)).min() < 1e-11
+    assert breaks[0] == 0.0 and breaks[-1] == 1.0 and np.all(np.diff(breaks) > 0.0)
+
+
+def test_a_switch_moves_the_nearest_breakpoint_and_adds_one_where_none_is_left() -> None:
+    assert acceleration_breakpoints(4, (0.3,)) == (0.0, 0.3, 0.5, 0.75, 1.0)
+    assert acceleration_breakpoints(4, (0.3, 0.26)) == (0.0, 0.26, 0.3, 0.5, 0.75, 1.0)
+    assert acceleration_breakpoints(2, (1.5,)) == (0.0, 0.5, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_path_keeps_both_ends_and_their_headings(seed: int) -> None:
+    """A polynomial through points of the outer spans has the derivatives of the path, whatever is free."""
+    rng = np.random.default_rng(seed)
+    start, goal = rng.uniform(-0.6, 0.6, 2)
+    problem = problem_of(start={"heading": float(start)}, goal={"heading": float(goal)})
+    theta = problem.ends.theta.copy()
+    theta[problem.ends.free] = rng.uniform(-1.0, 1.0, len(theta[problem.ends.free]))
+    path = Path(problem.space, theta)
+    degree, span = problem.settings.path_degree, 1.0 / len(problem.space.path.widths)
+    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
+    for parameter, inside, heading, place in ((0.0, span, start, (0.0, 0.0)), (1.0, -span, goal, (20.0, 0.0))):
+        points = problem.frame.to_world(path.points(parameter + inside * shares).position)
+        assert points[0] == pytest.approx(place, abs=1e-12)
+        slopes = [np.polynomial.Polynomial.fit(shares, points[:, k], degree).deriv()(0.0) for k in (0, 1)]
+        found = math.atan2(slopes[1] / inside, slopes[0] / inside)
+        assert found == pytest.approx(heading, abs=1e-9)
+
+
+def test_a_tightened_problem_asks_for_exactly_the_more() -> None:
+    problem = problem_of(*CROSSERS, bounds={"min": [-5.0, -20.0], "max": [25.0, 20.0]})
+    asked = problem.tightened(np.array([0.0, 0.02, 0.3]), 0.1, 0.25, 0.04)
+    assert asked.zones.radius - problem.zones.radius == pytest.approx([0.0, 0.02, 0.3], abs=1e-12)
+    assert asked.limits.lateral_acceleration == pytest.approx(0.9 * problem.limits.lateral_acceleration)
+    assert asked.limits.curvature == pytest.approx(0.75 * problem.limits.curvature)
+    for kept in ("speed", "acceleration", "deceleration"):
+        assert getattr(asked.limits, kept) == getattr(problem.limits, kept)
+    assert problem.box.offsets - asked.box.offsets == pytest.approx(np.full(4, 0.04), abs=1e-12)
+    times, points = np.linspace(0.0, 6.0, 30), np.linspace([0.0, -2.0], [20.0, 2.0], 30)
+    nearer = problem.zones.distances(times, points) - asked.zones.distances(times, points)
+    assert nearer == pytest.approx(np.tile([0.0, 0.02, 0.3], (30, 1)), abs=1e-12)
