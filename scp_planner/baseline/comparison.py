@@ -244,8 +244,8 @@ class _WatchedLoop(ScpLoop):
     moments: list[Moment]
     began: float
 
-    def _moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
-        moved = super()._moved(trajectory, z)
+    def moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
+        moved = super().moved(trajectory, z)
         self.moments.append(Moment(len(self.moments), perf_counter() - self.began, moved or trajectory))
         return moved
 

@@ -63,7 +63,8 @@ from scp_planner.scenario.places import anchored
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
-from scp_planner.scp.loop import FIRST_TRUST, ScpLoop
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import FEASIBILITY, LoopStatus
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.ways import WaySearch, ways
@@ -579,10 +580,10 @@ class Planner:
                 if not more or not first:
                     break  # the search is work enough for one replan
             assert look.trip is not None
-            start, trust = look.trip.trajectory, FIRST_TRUST
+            start, trust = look.trip.trajectory, LOOP.first_trust
             if look.trip.frame != problem.frame:
                 start = remaining_trip(problem, look.trip, now.moment.state)
-                trust = LOOK_TRUST if look.steps else FIRST_TRUST
+                trust = LOOK_TRUST if look.steps else LOOP.first_trust
             enough = None if first else FEWEST_LOOK_STEPS
             run = loop.run(start, min(left, most - look.steps), cutoff, now.deadline, trust, enough)
             now.lap("scp")

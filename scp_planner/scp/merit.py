@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.problem.problem import Problem
 
 
@@ -47,3 +47,14 @@ class Penalties:
     def uniform(cls, problem: Problem, price: float) -> Penalties:
         """Return one price for everything."""
         return cls(np.full(problem.zones.size, price), np.full(len(Limit) + len(problem.optional), price))
+
+    @property
+    def weights(self) -> Array:
+        """Those of the zones and then of the limits, (L + 5 + E,)."""
+        return np.concatenate([self.zones, self.limits])
+
+    def raise_where(self, stuck: Mask, factor: float) -> None:
+        """Multiply the weights of some violations, (L + 5 + E,) of them in the order of :attr:`weights`."""
+        count = len(self.zones)
+        self.zones[stuck[:count]] *= factor
+        self.limits[stuck[count:]] *= factor

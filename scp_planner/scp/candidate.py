@@ -1,0 +1,89 @@
+"""What the loop knows of a step that it may take, and where it goes back to if a step on trial fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.merit import Penalties
+from scp_planner.scp.record import Iteration
+from scp_planner.scp.subproblem import Subproblem
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Where the step of one iteration leads.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+    predicted, actual : float
+        Decrease of the merit by the model and in truth, s.
+    size : float
+        Largest component of the step, relative to the trust region.
+    sooner : float
+        Decrease of the travel time by the model, s.
+    before : float
+        Largest violation of the trip that the step leads away from.
+    """
+
+    evaluation: Evaluation
+    predicted: float
+    actual: float
+    size: float
+    sooner: float
+    before: float
+
+    @classmethod
+    def of(
+        cls, base: Evaluation, there: Evaluation | None, penalties: Penalties, sub: Subproblem, z: Array
+    ) -> Candidate:
+        """Return the step z from a trip to another; to None if it leads to a trip that would never arrive."""
+        tau, rho = base.trajectory.travel_time, float(z[sub.step_size - 1])
+        merit = base.merit(penalties)
+        model = tau * (1.0 + rho) + float(penalties.weights[sub.groups] @ z[sub.step_size :])
+        actual = -np.inf if there is None else merit - there.merit(penalties)
+        return cls(there or base, merit - model, actual, relative_size(z, sub), -tau * rho, base.worst_violation)
+
+    @property
+    def ratio(self) -> float:
+        """Of the actual to the predicted decrease of the merit."""
+        return self.actual / self.predicted if self.predicted > 0.0 else -1.0
+
+    def recorded(self, number: int, penalties: Penalties, accepted: bool, trust: TrustRegion, rows: int) -> Iteration:
+        """Return the row of the iteration record."""
+        return Iteration(
+            number,
+            self.evaluation.trajectory.travel_time,
+            self.evaluation.merit(penalties),
+            self.evaluation.worst_violation,
+            self.predicted,
+            self.actual,
+            accepted,
+            trust,
+            rows,
+        )
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Where the loop goes back to if what it does on trial fails, and the step that led away from there."""
+
+    evaluation: Evaluation
+    step: Candidate
+    trust: TrustRegion
+
+    def gained(self, there: Evaluation, penalties: Penalties) -> float:
+        """Decrease of the merit since then, s."""
+        return self.evaluation.merit(penalties) - there.merit(penalties)
+
+
+def relative_size(z: Array, sub: Subproblem) -> float:
+    """Largest component of a step, relative to the trust region."""
+    program, count = sub.program, sub.step_size
+    radius = np.maximum(program.upper[:count], -program.lower[:count])
+    return float(np.max(np.abs(z[:count]) / np.maximum(radius, 1e-300)))

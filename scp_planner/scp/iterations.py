@@ -1,0 +1,261 @@
+"""The iterations of one run: linearise, solve, accept or reject, resize the trust region.
+
+Close to a minimum a full step can raise the merit by curvature that the model lacks (the Maratos effect). So a step
+that fails by little is taken on trial: from there one more step is made, and only if both together fail the loop goes
+back and shrinks the trust region (the watchdog technique of Chamberlain, Powell, Lemarechal and Pedersen, 1982).
+Against a second-order correction it saves one solution of the subproblem, and sees the places that the step made worse.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.candidate import Candidate, Trial
+from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.goal import Cutoff, RunLimits
+from scp_planner.scp.last_step import LastStep
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.merit import Penalties
+from scp_planner.scp.parameters import LoopParameters
+from scp_planner.scp.projection import Projection
+from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
+from scp_planner.scp.rows.base import Rows
+from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.scp.step_solver import StepSolver
+from scp_planner.scp.subproblem import ActiveSet, Subproblem, build_subproblem
+from scp_planner.scp.together import RunInStep, Wish, evaluated, linearised
+from scp_planner.solvers.interface import Solution
+from scp_planner.trips.trajectory import Trajectory
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LoopSetup:
+    """What all runs of a loop share.
+
+    Attributes
+    ----------
+    problem : Problem
+    kinematics : KinematicRows
+    solver : StepSolver
+    projection : Projection
+    move : callable
+        The trip after a step z, (n,), from a trip; None if it would never arrive.
+    parameters : LoopParameters
+    """
+
+    problem: Problem
+    kinematics: KinematicRows
+    solver: StepSolver
+    projection: Projection
+    move: Callable[[Trajectory, Array], Trajectory | None]
+    parameters: LoopParameters
+
+
+@dataclass(frozen=True)
+class _Progress:
+    """The last iteration that came clearly nearer to feasibility."""
+
+    number: int
+    violation: float
+
+
+class Iterations:
+    """One run of the loop.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+    start : Evaluation
+        Of the trip that it improves.
+    trust : TrustRegion
+        The first one.
+    limits : RunLimits
+    cutoff : Cutoff
+    """
+
+    def __init__(
+        self, setup: LoopSetup, start: Evaluation, trust: TrustRegion, limits: RunLimits, cutoff: Cutoff
+    ) -> None:
+        self.setup = setup
+        self.limits = limits
+        self.cutoff = cutoff
+        self.trust = trust
+        self.penalties = Penalties.uniform(setup.problem, setup.parameters.first_penalty)
+        self.run = LoopRun(LoopStatus.ITERATION_LIMIT, start, self.penalties)
+        self._progress = _Progress(0, start.worst_violation)
+        self._active: ActiveSet | None = None
+        self._last: LastStep | None = None
+        self._trial: Trial | None = None
+
+    def steps(self) -> RunInStep:
+        """Iterate until the run has ended."""
+        for number in range(1, self.limits.max_iterations + 1):
+            ended = yield from self._iteration(number)
+            if ended:
+                break
+        if self._trial is not None:
+            self.run.evaluation = self._trial.evaluation
+        self.cutoff.hear(self.run)
+        logger.debug("run: %s after %d iterations", self.run.status.value, len(self.run.record))
+        return self.run
+
+    def _iteration(self, number: int) -> Generator[Wish, Evaluation | Rows, bool]:
+        """Linearise, solve, look at where the step leads, and judge it. Whether the run has ended with that."""
+        if perf_counter() > self.limits.deadline:
+            return self._end(LoopStatus.TIME_LIMIT)
+        rows = yield from linearised(self.run.evaluation, self.trust)
+        sub = self._subproblem(rows)
+        solution = self.setup.solver.solve(sub.program, self.limits.deadline)
+        if solution is None:
+            ended = yield from self._without_step()
+            return ended
+        if self._trial is None and number > 1 and self._settled(sub, solution):
+            return self._end(LoopStatus.CONVERGED)
+        self._active = sub.active_set(solution)
+        step = yield from self._candidate(sub, solution)
+        return self._judged(number, step, len(rows.gap))
+
+    def _end(self, status: LoopStatus) -> bool:
+        self.run.status = status
+        return True
+
+    def _subproblem(self, rows: Rows) -> Subproblem:
+        setup, trip = self.setup, self.run.evaluation.trajectory
+        last = self._last if self._last is not None and self._last.end is trip else None
+        weights = self.penalties.weights
+        return build_subproblem(setup.problem, setup.kinematics, trip, rows, weights, self.trust, self._active, last)
+
+    def _without_step(self) -> Generator[Wish, Evaluation | Rows, bool]:
+        """Where the subproblem has no solution, go to the nearest trip within the limits, or look less far."""
+        self.run.status = LoopStatus.SOLVER_FAILED
+        self._go_back()
+        kept = self.setup.projection.within_limits(self.run.evaluation.trajectory, self.limits.deadline)
+        if kept is not None:
+            self.run.evaluation = yield from evaluated(kept)
+            return False
+        self.trust = self.trust.scaled(self.setup.parameters.shrink)
+        return self.trust.theta < self.setup.parameters.smallest_trust
+
+    def _settled(self, sub: Subproblem, solution: Solution) -> bool:
+        """Whether the trip keeps all constraints, and the step from it, not yet evaluated, would gain nothing."""
+        base, setup = self.run.evaluation, self.setup
+        sooner = base.trajectory.travel_time * abs(float(solution.x[sub.step_size - 1]))
+        return base.worst_violation <= setup.parameters.settled and sooner < setup.problem.settings.tolerance
+
+    def _candidate(self, sub: Subproblem, solution: Solution) -> Generator[Wish, Evaluation | Rows, Candidate]:
+        """Look at the trip that the step leads to, and remember what the step teaches."""
+        setup, base = self.setup, self.run.evaluation
+        moved = setup.move(base.trajectory, solution.x)
+        there = None
+        if moved is not None:
+            there = yield from evaluated(moved)
+        step = Candidate.of(base, there, self.penalties, sub, solution.x)
+        # Steps to the border of the trust region lead too far to tell how the constraints bend here.
+        self._last = None
+        if moved is not None and step.size < setup.parameters.inside:
+            self._last = LastStep.of(setup.kinematics, sub.rows, base.trajectory, moved, sub.program, solution)
+        return step
+
+    def _judged(self, number: int, step: Candidate, rows: int) -> bool:
+        """Accept a step, take it on trial, or reject it; then resize the trust region. Whether the run has ended."""
+        run = self.run
+        run.status = LoopStatus.ITERATION_LIMIT
+        accepted = self._acceptable(step)
+        on_trial = self._trial is None and not accepted and self._worth_a_trial(step)
+        run.record.append(step.recorded(number, self.penalties, accepted or on_trial, self.trust, rows))
+        if on_trial and number < self.limits.max_iterations:
+            self._trial = Trial(run.evaluation, step, self.trust)
+            run.evaluation = step.evaluation
+            return False
+        if accepted:
+            run.evaluation = step.evaluation
+            self._trial = None
+        else:
+            step = self._go_back() or step
+        ended = self._ended(number, step)
+        if ended is not None:
+            return self._end(ended)
+        if self._good_enough(number):
+            return True
+        self.trust = self.setup.parameters.resized(self.trust, step.ratio, step.size)
+        if self.trust.theta < self.setup.parameters.smallest_trust:
+            return self._end(LoopStatus.STALLED)
+        return False
+
+    def _acceptable(self, step: Candidate) -> bool:
+        least = self.setup.parameters.accept
+        if self._trial is None:
+            return step.actual > 0.0 and step.ratio > least
+        gained = self._trial.gained(step.evaluation, self.penalties)
+        return gained > max(least * self._trial.step.predicted, 0.0)
+
+    def _worth_a_trial(self, step: Candidate) -> bool:
+        parameters = self.setup.parameters
+        return (
+            step.predicted > self.setup.problem.settings.tolerance
+            and step.actual > -parameters.watch_loss
+            and step.evaluation.worst_violation < parameters.watch
+        )
+
+    def _go_back(self) -> Candidate | None:
+        """Return to where the trial began, if there is one: the step that led away from there."""
+        trial, self._trial = self._trial, None
+        if trial is None:
+            return None
+        self.run.evaluation, self.trust = trial.evaluation, trial.trust
+        return trial.step
+
+    def _good_enough(self, number: int) -> bool:
+        enough = self.limits.enough
+        return (
+            enough is not None
+            and number >= enough
+            and self.run.evaluation.worst_violation <= self.setup.parameters.grave
+        )
+
+    def _ended(self, number: int, step: Candidate) -> LoopStatus | None:
+        """Whether the run has ended, and how; raises the penalties of what stays violated."""
+        ended, parameters = self._outcome(step), self.setup.parameters
+        violation = self.run.evaluation.worst_violation
+        if violation < max(parameters.progress * self._progress.violation, parameters.grave):
+            self._progress = _Progress(number, violation)
+        elif ended is None and number - self._progress.number >= parameters.patience:
+            ended = self._escalated()
+            self._progress = _Progress(number, violation)
+            self.trust = parameters.retry_trust
+        if ended is None and number >= self.limits.hopeless_after and violation > parameters.hopeless:
+            return LoopStatus.INFEASIBLE
+        return ended
+
+    def _outcome(self, step: Candidate) -> LoopStatus | None:
+        """Whether nothing is left to gain, or not enough."""
+        current, parameters = self.run.evaluation, self.setup.parameters
+        if self.cutoff.slower(current, step.sooner):
+            return LoopStatus.SLOWER
+        if self.cutoff.same_way(current):
+            return LoopStatus.SAME_WAY
+        tolerance, violation = self.setup.problem.settings.tolerance, current.worst_violation
+        feasible = violation <= FEASIBILITY
+        if feasible and step.before <= parameters.mended and abs(step.sooner) < tolerance:
+            return LoopStatus.CONVERGED
+        if step.predicted < tolerance * max(1.0, 10.0 * violation):
+            return LoopStatus.CONVERGED if feasible else self._escalated()
+        return None
+
+    def _escalated(self) -> LoopStatus | None:
+        """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""
+        current, parameters = self.run.evaluation, self.setup.parameters
+        stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
+        if self.penalties.weights[stuck].max(initial=0.0) >= parameters.last_penalty or not stuck.any():
+            return LoopStatus.INFEASIBLE  # without any: a user's own constraints are, whose price stays
+        self.penalties.raise_where(stuck, parameters.escalation)
+        return None

@@ -1,0 +1,115 @@
+"""Where a step leads, and the nearest trip that keeps what every step must keep."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.parameters import LoopParameters
+from scp_planner.scp.record import FEASIBILITY
+from scp_planner.scp.rows.base import Rows
+from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.scp.step_solver import StepSolver
+from scp_planner.scp.subproblem import build_subproblem
+from scp_planner.trips.trajectory import Trajectory
+
+
+def trip_after(problem: Problem, trajectory: Trajectory, z: Array) -> Trajectory | None:
+    """Return the trip after a step, its travel time from the closed form; None if it would never arrive.
+
+    Parameters
+    ----------
+    problem : Problem
+    trajectory : Trajectory
+        Where the step starts.
+    z : (n,) array
+        (d theta, d beta, rho); what follows is not looked at.
+
+    Returns
+    -------
+    Trajectory or None
+    """
+    free = problem.ends.free
+    count = free.stop - free.start
+    size = problem.space.acceleration_size
+    theta = trajectory.theta.copy()
+    theta[free] += z[:count]
+    beta = (trajectory.beta + z[count : count + size]) / (1.0 + z[count + size]) ** 2
+    if problem.ends.start_acceleration is not None:
+        beta[0] = problem.ends.start_acceleration  # the row is exact to first order
+    moved = Trajectory.of(problem.space, theta, beta, trajectory.travel_time * (1.0 + z[count + size]))
+    return moved if np.isfinite(moved.travel_time) else None
+
+
+class Projection:
+    """Onto what every step must keep: speed, acceleration, a user's constraints.
+
+    From a trip that breaks them short steps would have nowhere to go.
+
+    Parameters
+    ----------
+    problem : Problem
+    kinematics : KinematicRows
+    solver : StepSolver
+    parameters : LoopParameters
+    """
+
+    def __init__(
+        self, problem: Problem, kinematics: KinematicRows, solver: StepSolver, parameters: LoopParameters
+    ) -> None:
+        self.problem = problem
+        self.kinematics = kinematics
+        self.solver = solver
+        self.parameters = parameters
+
+    def kept(self, start: Trajectory, deadline: float) -> Trajectory:
+        """Return the nearest trip that keeps all that; the start as it is if none is found.
+
+        Parameters
+        ----------
+        start : Trajectory
+        deadline : float
+            Value of :func:`time.perf_counter`, s.
+
+        Returns
+        -------
+        Trajectory
+        """
+        problem, parameters = self.problem, self.parameters
+        count = problem.step_size
+        none = Rows.none(count)
+        nearness = np.full(count, parameters.acceleration_nearness)
+        nearness[: problem.ends.free.stop - problem.ends.free.start] = 1.0
+        nearness[-1] = parameters.time_nearness
+        near = start
+        for _ in range(parameters.projections):
+            sub = build_subproblem(problem, self.kinematics, near, none, np.zeros(0), parameters.projection_trust)
+            program = replace(sub.program, hessian=np.diag(nearness), gradient=np.zeros(count))
+            solution = self.solver.solve(program, deadline)
+            moved = None if solution is None else trip_after(problem, near, solution.x)
+            if moved is None:
+                return start
+            near = moved
+        return near
+
+    def within_limits(self, trip: Trajectory, deadline: float) -> Trajectory | None:
+        """Return the nearest trip within speed and acceleration, if this one is not; None if nothing better is found.
+
+        Parameters
+        ----------
+        trip : Trajectory
+        deadline : float
+            Value of :func:`time.perf_counter`, s.
+
+        Returns
+        -------
+        Trajectory or None
+        """
+        excess = self.kinematics.excess(trip)
+        if excess <= FEASIBILITY:
+            return None
+        kept = self.kept(trip, deadline)
+        return kept if self.kinematics.excess(kept) < 0.5 * excess else None

@@ -1,0 +1,48 @@
+"""The solver of the subproblems, with another one to fall back on, within what is left of the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+
+
+@dataclass(frozen=True)
+class StepSolver:
+    """Solves subproblems.
+
+    Attributes
+    ----------
+    solver : QpSolver
+    fallback : str or None
+        Name of the solver to try when the solver fails.
+    shortest : float
+        Wall time that a solver is given at least, s.
+    """
+
+    solver: QpSolver
+    fallback: str | None
+    shortest: float
+
+    def solve(self, program: QuadraticProgram, deadline: float) -> Solution | None:
+        """Return the step, or None; a solver has what is left of the time, or else of its own limit.
+
+        Parameters
+        ----------
+        program : QuadraticProgram
+        deadline : float
+            Value of :func:`time.perf_counter`, s.
+
+        Returns
+        -------
+        Solution or None
+        """
+        solution = self.solver.solve(self._limited(program, deadline))
+        if solution.status is SolverStatus.FAILED and self.fallback is not None and perf_counter() < deadline:
+            solution = solver_named(self.fallback).solve(self._limited(program, deadline))
+        return solution if solution.status is SolverStatus.OPTIMAL else None
+
+    def _limited(self, program: QuadraticProgram, deadline: float) -> QuadraticProgram:
+        left = max(deadline - perf_counter(), self.shortest)
+        return program if left >= program.time_limit else replace(program, time_limit=left)
