@@ -687,7 +687,7 @@ class Planner:
             problem = self._problem(lower)
             loop = ScpLoop(problem, self.solver)
             for start in chain([ahead], (each.trajectory for each in islice(self._starts(problem, math.inf), 1))):
-                run = loop.run(start, EVADING_STEPS, deadline=now.deadline, trust=FIRST_TRUST, enough=1)
+                run = loop.run(start, EVADING_STEPS, deadline=now.deadline, trust=LOOP.first_trust, enough=1)
                 steps, trajectory = len(run.record), run.evaluation.trajectory
                 found = self._vetting.vet(lower.moment, problem, trajectory, run.evaluation, steps)
                 if isinstance(found, Vetted):
