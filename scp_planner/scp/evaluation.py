@@ -48,6 +48,7 @@ def box_gaps(problem: Problem, path: Path) -> Array:
 SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 
 
+# NUMPY-CALLS: shaped by the cost of numpy calls alone
 @dataclass(frozen=True)
 class Batch:
     """Trips that were evaluated together, and their points at the problem's samples, one trip after the other."""
@@ -147,6 +148,7 @@ def evaluate_trip(problem: Problem, trajectory: Trajectory, near: float) -> Eval
     return evaluate_trips(problem, [trajectory], near)[0]
 
 
+# NUMPY-CALLS: shaped by the cost of numpy calls alone
 def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -> list[Evaluation]:
     """Evaluate several trips at once.
 

@@ -59,6 +59,7 @@ def linearise(problem: Problem, base: Evaluation, trust: TrustRegion, near: floa
     return linearise_trips(problem, [base], [trust], near)[0]
 
 
+# NUMPY-CALLS: shaped by the cost of numpy calls alone
 def linearise_trips(
     problem: Problem, bases: Sequence[Evaluation], trusts: Sequence[TrustRegion], near: float
 ) -> list[Rows]:

@@ -130,14 +130,13 @@ def build_subproblem(
     present = np.bincount(rows.group, minlength=len(weights)) > 0
     groups = np.flatnonzero(present)
     slack = (np.cumsum(present) - 1)[rows.group]
-    hard, bound = kinematics.at(trajectory)
-    size = hard.shape[1]
+    hard, size = kinematics.count, kinematics.width
     count = len(groups)
     total = size + count
-    matrix = np.zeros((len(hard) + len(rows.gap), total))
-    matrix[: len(hard), :size] = hard
-    matrix[len(hard) :, :size] = rows.matrix
-    matrix[np.arange(len(hard), len(matrix)), size + slack] = -1.0
+    matrix = np.zeros((hard + len(rows.gap), total))
+    kinematics.write(trajectory, matrix[:hard, :size])
+    matrix[hard:, :size] = rows.matrix
+    matrix[np.arange(hard, len(matrix)), size + slack] = -1.0
 
     hessian = np.zeros((total, total))
     free = problem.ends.free
@@ -173,7 +172,7 @@ def build_subproblem(
         lower,
         upper,
         matrix,
-        np.concatenate([bound, rows.gap]),
+        np.concatenate([kinematics.bounds(trajectory), rows.gap]),
         kinematics.equalities,
         None if active is None else active.guess(rows, groups),
         None if problem.given is None else _origin(problem, trajectory),

@@ -5,6 +5,8 @@ together, such as those of several starts, share the calls: their points lie in 
 trip that each belongs to, its *owner*. Owners are sorted.
 """
 
+# NUMPY-CALLS: shaped by the cost of numpy calls alone
+
 from __future__ import annotations
 
 from collections.abc import Sequence

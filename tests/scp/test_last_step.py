@@ -51,7 +51,7 @@ def step() -> tuple[Problem, LastStep, Array]:
     trip = Trajectory.of(problem.space, theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
     z = 1e-3 * rng.normal(size=problem.step_size)
     kinematics = KinematicRows(problem)
-    prices = np.zeros(len(kinematics.bound))
+    prices = np.zeros(kinematics.count)
     prices[0], prices[kinematics._up.start + 2], prices[kinematics._down.start + 5] = ARRIVAL, UP, DOWN
     rows = rows_at(problem, trip)
     active = np.flatnonzero(PRICES)

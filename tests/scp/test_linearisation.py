@@ -89,7 +89,8 @@ def test_clearance_rows(degree: int) -> None:
 def test_arrival_speed_and_acceleration_rows(degree: int) -> None:
     problem, trip = problem_and_trip(degree)
     kinematics = KinematicRows(problem)
-    matrix, bound = kinematics.at(trip)
+    matrix, bound = np.full((kinematics.count, kinematics.width), np.nan), kinematics.bounds(trip)
+    kinematics.write(trip, matrix)
     limits = problem.limits
 
     def arrival(other: Trajectory) -> Array:

@@ -78,6 +78,7 @@ class Rows:
         """Return some of the rows."""
         return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index], self.owner[index])
 
+    # NUMPY-CALLS: shaped by the cost of numpy calls alone
     def shares(self, index: Index, count: int) -> list[Rows]:
         """Return some of the rows, sorted by which of several trips they belong to, and in their order."""
         if count == 1:

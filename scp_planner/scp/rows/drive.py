@@ -40,17 +40,37 @@ class KinematicRows:
         self._lower = slice(self._upper.stop, self._upper.stop + len(moves))
         self._up = slice(self._lower.stop, self._lower.stop + count)
         self._down = slice(self._up.stop, self._up.stop + count)
-        self.matrix = np.zeros((self._down.stop, width))
-        self.matrix[self._upper, -1] = space.start_speed - limits.speed
-        self.matrix[self._lower, -1] = -space.start_speed
-        self.matrix[self._up, self._beta] = eye
-        self.matrix[self._up, -1] = -2.0 * problem.highest_accelerations
-        self.matrix[self._down, self._beta] = -eye
-        self.matrix[self._down, -1] = 2.0 * problem.lowest_accelerations
-        self.bound = np.zeros(self._down.stop)
+        # What is the same at every iterate
+        self._fixed = np.zeros((self._down.stop, width))
+        self._fixed[self._upper, -1] = space.start_speed - limits.speed
+        self._fixed[self._lower, -1] = -space.start_speed
+        self._fixed[self._up, self._beta] = eye
+        self._fixed[self._up, -1] = -2.0 * problem.highest_accelerations
+        self._fixed[self._down, self._beta] = -eye
+        self._fixed[self._down, -1] = 2.0 * problem.lowest_accelerations
+        self.count, self.width = self._fixed.shape
 
-    def at(self, trajectory: Trajectory) -> tuple[Array, Array]:
-        """Rows and bounds of the step from a trip: the first ``equalities`` rows with equality.
+    def write(self, trajectory: Trajectory, matrix: Array) -> None:
+        """Write the rows of the step from a trip: the first ``equalities`` ones hold with equality.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+        matrix : (count, width) array
+            Of the caller, who also keeps it.
+        """
+        problem = self.problem
+        tables, tau = problem.space.tables, trajectory.travel_time
+        matrix[:] = self._fixed
+        # Arrival: v0 tau + C2(1) b = L(theta)
+        matrix[0, : self.theta_size] = -trajectory.path.final_gradient[problem.ends.free]
+        matrix[0, self._beta] = tau * tau * tables.final_distance
+        matrix[0, -1] = problem.space.start_speed * tau
+        np.multiply(self._speeds, tau, out=matrix[self._upper, self._beta])
+        np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
+
+    def bounds(self, trajectory: Trajectory) -> Array:
+        """Return the bounds of the rows, (count,).
 
         Parameters
         ----------
@@ -58,29 +78,24 @@ class KinematicRows:
 
         Returns
         -------
-        (matrix, bound)
-            Reused at the next call.
+        (count,) array
+            In m for the arrival, then m/s of the speeds and m/s^2 of the accelerations.
         """
-        problem, matrix, bound = self.problem, self.matrix, self.bound
+        problem = self.problem
         tables, limits, v0 = problem.space.tables, problem.limits, problem.space.start_speed
         tau, beta, path = trajectory.travel_time, trajectory.beta, trajectory.path
-        # Arrival: v0 tau + C2(1) b = L(theta)
-        matrix[0, : self.theta_size] = -path.final_gradient[problem.ends.free]
-        matrix[0, self._beta] = tau * tau * tables.final_distance
-        matrix[0, -1] = v0 * tau
+        bound = np.empty(self.count)
         bound[0] = path.arc_length - v0 * tau - tau * tau * float(tables.final_distance @ beta)
-        np.multiply(self._speeds, tau, out=matrix[self._upper, self._beta])
-        np.multiply(self._speeds, -tau, out=matrix[self._lower, self._beta])
         speeds = v0 + tau * (self._speeds @ beta)
         bound[self._upper] = limits.speed - speeds
         bound[self._lower] = speeds - self._still
         bound[self._up] = problem.highest_accelerations - beta
         bound[self._down] = beta - problem.lowest_accelerations
-        return matrix, bound
+        return bound
 
     def excess(self, trajectory: Trajectory) -> float:
         """Largest excess over the bounds of speed (m/s) and acceleration (m/s^2), 0 where there is none."""
-        return max(0.0, -float(self.at(trajectory)[1][self.equalities :].min()))
+        return max(0.0, -float(self.bounds(trajectory)[self.equalities :].min()))
 
     def timing_curvature(self, prices: Array) -> float:
         """Second derivative of the bounds b_k <= a tau^2 with respect to rho, times the multipliers of all rows."""
