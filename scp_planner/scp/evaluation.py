@@ -58,12 +58,9 @@ class Batch:
 
     @classmethod
     def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> Batch:
-        """Return trips as a batch: the one that they were evaluated in if they are all of it, in order."""
-        batch = evaluations[0].batch
-        if batch is not None and batch.bundle.count == len(evaluations):
-            pairs = zip(evaluations, batch.bundle.trips, strict=True)
-            if all(evaluation.trajectory is trip for evaluation, trip in pairs):
-                return batch
+        """Return trips as a batch: for one trip that of its evaluation, if it has one."""
+        if len(evaluations) == 1 and evaluations[0].batch is not None:
+            return evaluations[0].batch
         bundle = TripBundle([evaluation.trajectory for evaluation in evaluations])
         return cls(bundle, TripPoints.joined([evaluation.points for evaluation in evaluations], table))
 
@@ -98,7 +95,7 @@ class Evaluation:
     given_violation : float
         Worst violation of a user's own constraints.
     batch : Batch or None
-        The trips that it was evaluated with.
+        Of this trip, if it was evaluated alone: it keeps no other trips alive.
     """
 
     trajectory: Trajectory
@@ -186,7 +183,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
     limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
-    batch = Batch(bundle, points)
+    alone = Batch(bundle, points) if count == 1 else None
     evaluations = []
     for k, (trip, its_points, its_minima) in enumerate(
         zip(trips, bundle.split_each(points), bundle.split(minima, owner), strict=True)
@@ -206,7 +203,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
                 limits[k],
                 optional[k],
                 0.0 if problem.given is None else problem.given.worst(trip),
-                batch,
+                alone,
             )
         )
     return evaluations
