@@ -72,10 +72,10 @@ class Outline:
 
     @property
     def middle(self) -> Array:
-        """Centre of the bounding box of a polygon that does not turn, else the origin, (2,) m."""
+        """Mean of the corners of a polygon that does not turn, else the origin, (2,) m: a point that turns with it."""
         if self.vertices is None or self.turning:
             return np.zeros(2)
-        middle: Array = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
+        middle: Array = self.vertices.mean(axis=0)
         return middle
 
     def moved(self, shift: Array, heading: float = 0.0) -> Outline:

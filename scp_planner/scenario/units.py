@@ -1,9 +1,10 @@
 """Natural units: every scene is planned in units of its own, so that vehicles of every size are planned alike.
 
-The unit of length is a twentieth of the trip, that of time such that the vehicle drives three units of length in one
-unit of time at the highest speed that it can reach on it. Inside, everything is a number of these units and has no
-dimension: 1 m and 1 s are units of nothing there, and what stands in the code as a length, a time or a speed is a ratio
-to the trip and to the top speed. The clock begins with the trip, and the start is the origin.
+The unit of length is a twentieth of how far the trip leads away from its start, that of time such that the vehicle
+drives three units of length in one unit of time at the highest speed that it can reach on it. Inside, everything is a
+number of these units and has no dimension: 1 m and 1 s are units of nothing there, and what stands in the code as a
+length, a time or a speed is a ratio to the trip and to the top speed. The clock begins with the trip, and the start is
+the origin.
 
 Quantities are only multiplied and divided on the way in and out. So a scene written in other units whose ratios to the
 first ones are powers of two gives the same plan to the bit, and other ratios, places and clocks change rounding only.
@@ -13,8 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from math import dist, sqrt
+from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
 from scp_planner.scenario.process_model import (
@@ -47,6 +47,7 @@ AnyPart = TypeVar("AnyPart", bound="Part")
 
 TRIP_LENGTH = 20.0  # units of length
 TOP_SPEED = 3.0  # units of length in a unit of time
+UNIT_BITS = 36  # of a unit: as many as a scene that is moved far away still tells
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,13 @@ class NaturalUnits(Units):
     def of(cls, scenario: Scenario) -> NaturalUnits:
         """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
         vehicle, start = scenario.vehicle, scenario.start
-        line = scenario.guide or (start.position, scenario.goal.position)
-        trip = sum(dist(first, second) for first, second in pairwise(line))
-        length, top = trip / TRIP_LENGTH, max(min(vehicle.max_speed, _within_reach(scenario, trip)), start.speed)
-        return cls(length, TOP_SPEED * length / top, start.position, start.time)
+        line = scenario.guide or (scenario.goal.position,)
+        trip = max(dist(start.position, point) for point in line)  # however winding it is
+        length, top = (
+            _short(trip / TRIP_LENGTH),
+            max(min(vehicle.max_speed, _within_reach(scenario, trip)), start.speed),
+        )
+        return cls(length, _short(TOP_SPEED * length / top), start.position, start.time)
 
     @classmethod
     def to_check(cls, scenario: Scenario) -> NaturalUnits:
@@ -241,6 +245,12 @@ class NaturalUnits(Units):
             acceleration=over(prior.acceleration, self.acceleration),
             acceleration_deviation=over(prior.acceleration_deviation, self.acceleration),
         )
+
+
+def _short(unit: float) -> float:
+    """A unit with its last bits rounded away, which a scene that is moved or turned has different."""
+    mantissa, exponent = frexp(unit)
+    return ldexp(round(ldexp(mantissa, UNIT_BITS)), exponent - UNIT_BITS)
 
 
 def _within_reach(scenario: Scenario, trip: float) -> float:

@@ -34,7 +34,7 @@ from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.merit import LIMIT_NAMES, Penalties
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.of_scenario import zones
 
 pytestmark = pytest.mark.numerics
@@ -254,7 +254,7 @@ def test_violations_of_zones_are_those_of_the_public_zones(name: str) -> None:
         sigma = np.unique(problem.samples.sigma)
         points = trajectory.at(problem.space.time_table(sigma))
         world = problem.frame.to_world(points.path.position)
-        keep = scenario.vehicle.radius + settings.clearance_margin
+        keep = scenario.vehicle.radius + for_scene(settings).clearance_margin
         for index, zone in enumerate(sp.zones(scenario)):
             clearance = zone.signed_distance(problem.frame.time + points.time, world) - keep
             expected = width * np.log1p(np.trapezoid(np.exp(-clearance / width), sigma))

@@ -229,6 +229,6 @@ def test_starts_are_bows_where_there_is_no_way() -> None:
 
 
 def test_scipy_is_imported_only_when_it_is_needed() -> None:
-    code = "import sys, scp_planner.penalty_descent; print('scipy.optimize' in sys.modules)"
+    code = "import sys, scp_planner.baseline.penalty_descent; print('scipy.optimize' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "False"

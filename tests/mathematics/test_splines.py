@@ -45,7 +45,7 @@ def test_values_without_zeros_are_all_that_there_are(degree: int, breaks: tuple[
 def test_values_at_many_parameters_are_made_in_parts_and_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     basis, x = clamped_basis(3, EVEN), np.random.default_rng(2).uniform(0.0, 1.0, 101)
     whole = basis.rows(x)
-    monkeypatch.setattr(splines, "GATHERED", 7 * basis.coefficients[0].size)
+    monkeypatch.setattr(splines, "MOST_GATHERED", 7 * basis.coefficients[0].size)
     assert np.array_equal(basis.rows(x), whole)
     tracemalloc.start()
     clamped_basis(3, tuple(np.linspace(0.0, 1.0, 301).tolist())).rows(np.linspace(0.0, 1.0, 3000))

@@ -149,7 +149,12 @@ def test_the_longest_names_can_be_written(tmp_path: Path) -> None:
 def test_commands_refuse_before_they_work(
     arguments: list[str], kind: str, special: dict[str, Path], easy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("planner.plan", "simulation.simulate", "comparison.compare", "batch.runner.run_batch"):
+    for name in (
+        "planning.offline.plan",
+        "simulation.loop.simulate",
+        "baseline.comparison.compare",
+        "batch.runner.run_batch",
+    ):
         monkeypatch.setattr(f"scp_planner.{name}", never)
     monkeypatch.chdir(easy.parent)
     before = kind_of(special[kind])

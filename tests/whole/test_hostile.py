@@ -126,8 +126,12 @@ class _Busy:
     """What a worker tells that is at something that does not end."""
 
     def __init__(self, used: float, peak: int, waited: float = 0.0) -> None:
-        self.began, self.used = time.monotonic() - waited, 0.0
+        self.waited, self.used = waited, 0.0
         self._used, self._peak = used, peak
+
+    @property
+    def began(self) -> float:
+        return time.monotonic() - self.waited
 
     def processor_time(self) -> float:
         return self._used
