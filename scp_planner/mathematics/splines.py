@@ -69,12 +69,15 @@ class PiecewiseBasis:
     def rows_at(self, span: Index, x: Array) -> Array:
         """Values of all basis functions at located parameters, (n, K)."""
         _, order, size = self.coefficients.shape
-        at_once = max(1, MOST_GATHERED // (order * size))
-        if len(span) > at_once:
-            parts = range(0, len(span), at_once)
-            return np.concatenate([self.rows_at(span[k : k + at_once], x[k : k + at_once]) for k in parts])
         powers = x[:, None] ** _exponents(order)
-        return np.matmul(powers[:, None, :], self.coefficients[span])[:, 0, :]
+        at_once = max(1, MOST_GATHERED // (order * size))
+        if len(span) <= at_once:
+            return np.matmul(powers[:, None, :], self.coefficients[span])[:, 0, :]
+        rows = np.empty((len(span), size))
+        for begin in range(0, len(span), at_once):
+            part = slice(begin, begin + at_once)
+            rows[part] = np.matmul(powers[part, None, :], self.coefficients[span[part]])[:, 0, :]
+        return rows
 
     def weights_at(self, span: NDArray[np.intp], x: Array) -> Iterator[tuple[NDArray[np.intp], Array]]:
         """Give the values of `rows_at` without those that are zero in all of a span, at located parameters.

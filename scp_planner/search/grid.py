@@ -66,6 +66,7 @@ class Fineness:
 
 LEAST_STEP = 0.2  # of the braking distance and of the turning radius at top speed: finer steps lead to no other ways
 FEWEST_STATIONS, MOST_STATIONS = 12, 2000
+MOST_CELLS = 200_000  # stations times offsets to one side: detours are narrower where there would be more
 PROFILE_LOOKS = 8  # at the fastest drive, between lines
 
 
@@ -179,7 +180,7 @@ class Grid:
         lines = np.linspace(0.0, space.length, LOOKS * count + 1)
         step = space.length / count
         offset_step = fineness.slope_step * step
-        middle = max(2, int(problem.settings.max_offset / offset_step))
+        middle = max(2, min(int(problem.settings.max_offset / offset_step), MOST_CELLS // count))
         steps = np.array([*(-some for some in reversed(fineness.slopes)), 0, *fineness.slopes], dtype=np.intp)
         squares = top * top * (1.0 - np.arange(fineness.speeds) / (fineness.speeds - 0.5))
         per_class = squares[0] - squares[1]
