@@ -195,7 +195,7 @@ NOT_GIVEN = {
     "scp_planner.certificate.verdict.Ends",
     "scp_planner.cli.application.ExitCode",
     "scp_planner.scp.merit.Limit",
-    "scp_planner.scp.record.Status",
+    "scp_planner.scp.record.LoopStatus",
     "scp_planner.baseline.descent.DescentStatus",
     "scp_planner.planning.plan.PlanStatus",
     "scp_planner.online.plan.Outcome",
@@ -205,6 +205,9 @@ NOT_GIVEN = {
     "scp_planner.studies.field.ZoneKind",
     "scp_planner.cli.many.Compared",  # the parser of the command line refuses what it does not know
     "scp_planner.cli.pictures.View",
+    "scp_planner.cli.commonroad.Model",
+    "scp_planner.cli.commonroad.Cost",
+    "scp_planner.scenario.commonroad_models.VehicleModel",  # words that the reader of CommonRoad refuses by itself
 }
 """Outcomes and labels, which nobody sets."""
 

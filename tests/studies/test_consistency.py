@@ -34,6 +34,7 @@ from scp_planner.studies.field import (
 )
 from scp_planner.studies.figures import plot_border, plot_consistency
 from scp_planner.studies.result_file import ResultFile
+from scp_planner.threat_zones.batch import ZoneBatch
 
 TINY = ConsistencySettings(sizes=(100, 1000), noises=(0.02,), repetitions=2, points=16)
 
@@ -150,7 +151,7 @@ def test_values_over_the_set_are_those_of_the_objective(study: Study) -> None:
     observed = sp.zones(study.observed(Task(0.1, 50, 0)))
     problem = replace(
         study.problem,
-        zones=type(study.problem.zones)(observed, study.problem.frame, study.problem.zones.radius[0] - 0.7),
+        zones=ZoneBatch.of(observed, study.problem.frame, study.problem.zones.radius[0] - 0.7),
     )
     expected = [study.objective(problem).value(omega) for omega in study.compact_set]
     assert study.set_values(problem.zones) == pytest.approx(expected, rel=1e-9)
