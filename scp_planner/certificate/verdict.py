@@ -54,9 +54,9 @@ class LimitUse:
     def outside(self, units: NaturalUnits, unit: str) -> LimitUse:
         """Return the use of a limit in the units of its scene in SI units, ``unit`` the quantity's own."""
         factor = units.factor(unit)
-        return LimitUse(
-            self.worst * factor, None if self.limit is None else self.limit * factor, units.absolute(self.time)
-        )
+        # A limit is a number that somebody wrote: without what two roundings made of its last digit.
+        limit = None if self.limit is None else float(f"{self.limit * factor:.14g}")
+        return LimitUse(self.worst * factor, limit, units.absolute(self.time))
 
 
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
