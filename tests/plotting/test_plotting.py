@@ -434,7 +434,7 @@ def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
     # Before it has passed the trucks' way, and while one of them is in it, that lies ahead of it.
     trucks = np.stack([center[:, 1] for center in drive.obstacles.values()])
     waiting = (drive.position[:, 0] < 5.0) & (np.abs(trucks).min(axis=0) < 1.0)
-    assert waiting.mean() > 0.1 and drive.speed[waiting].min() < 1.5
+    assert waiting.mean() > 0.2 and drive.speed[waiting].min() < 1.5
     regions = _regions(axes)
     ahead = [
         any(region.contains_point((t, s)) for region in regions for s in np.arange(at, station[-1], 0.2))
