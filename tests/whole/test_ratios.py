@@ -179,7 +179,6 @@ WAREHOUSE: dict[str, Any] = {
 }
 
 
-@pytest.mark.xfail(reason="without obstacles the loop ends 3 % above the trip among them", strict=True)
 def test_an_empty_warehouse_is_no_harder_than_one_with_obstacles() -> None:
     full = scene(disc("pallet", (7.0, -1.4), radius=0.6), disc("rack", (13.0, 2.2), radius=1.2), **WAREHOUSE)
     empty = scene(**WAREHOUSE)
