@@ -38,6 +38,7 @@ from scp_planner.certificate.verdict import (
     END_TOLERANCE,
     GOAL_SPEED_TOLERANCE,
     LATEST,
+    POSITION_TOLERANCE,
     RELATIVE_TOLERANCE,
     Certificate,
     Clearance,
@@ -168,9 +169,9 @@ def certify_trip(
     -------
     Certificate
     """
-    never = _never_arrives(trip)
-    if never is not None:
-        return Certificate(False, Clearance(-np.inf), {}, (never,))
+    unfit = _never_arrives(trip) or _is_anywhere(trip)
+    if unfit is not None:
+        return Certificate(False, Clearance(-np.inf), {}, (unfit,))
     if batch is None:
         batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
     check = _Check(scenario, trip, batch)
@@ -193,6 +194,15 @@ def _never_arrives(trip: Trip) -> Violation | None:
     if 0.0 < time <= LARGEST_COORDINATE:
         return None
     return Violation("travel time", time, LARGEST_COORDINATE, trip.frame.time)
+
+
+def _is_anywhere(trip: Trip) -> Violation | None:
+    """What is wrong with a trip whose positions are not known well enough: one with a cusp, or with absurd bends."""
+    path = trip.trajectory.path
+    error = path.space.guide.error + path.exact.error
+    if error <= POSITION_TOLERANCE:
+        return None
+    return Violation("error of the positions", error, POSITION_TOLERANCE, trip.frame.time)
 
 
 @dataclass(frozen=True)
@@ -375,9 +385,9 @@ class _Check:
         drive = trajectory.drive_at(_BOTH_ENDS)
         times = (self._absolute(0.0), self._absolute(1.0))
         # A trip that goes on beyond its path would be held at the goal, at a speed that it does not have.
-        found = [("distance beyond the path", float(drive.distance[1]) - trajectory.path.arc_length, 0.0, times[1])]
+        found = [("distance beyond the path", float(drive.distance[1]) - trajectory.path.driven_length, 0.0, times[1])]
         if ends:
-            points = trajectory.path.points(trajectory.path.parameter_at(drive.distance))
+            points = trajectory.path.points(trajectory.path.exact.parameter_at(drive.distance))
             position = self.trip.frame.to_world(points.position)
             direction = self.trip.frame.vectors_to_world(points.direction)
         start, goal = scenario.start, scenario.goal
@@ -478,7 +488,7 @@ class _Check:
         # Where the rate of the curvature counts, over a curved guide also where that of the guide's jumps.
         cells = self.scenario.vehicle.max_curvature_rate is not None and not space.guide.straight
         stride = 1 if cells else CELLS_PER_SPAN
-        knots = trajectory.path.until[stride:-1:stride]
+        knots = trajectory.path.exact.at(space.tables.station_parameters[stride:-1:stride])
         first, last = self.first_sigma, self.last_sigma
         duration = (last - first) * trajectory.travel_time
         count = int(min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
@@ -506,7 +516,7 @@ class _Check:
         half = pieces.half * trajectory.travel_time
         ends = pieces.middle - pieces.half, pieces.middle + pieces.half
         drive = trajectory.drive_at(np.concatenate([pieces.middle, *ends]))
-        parameters = path.parameter_at(drive.distance)
+        parameters = path.exact.parameter_at(drive.distance)
         parameter, low, high = parameters[:count], parameters[count : 2 * count], parameters[2 * count :]
         points, speed, middle = path.points(parameter), drive.speed[:count], drive.acceleration[:count]
         # Inside one span the acceleration is one polynomial of degree <= 2: linear ones are bounded by their ends.
@@ -633,7 +643,7 @@ class _Check:
             # Only where it is checked: a zone says nothing of what lies before it was made.
             half = 0.5 * (self.last_sigma - self.first_sigma) / count
             middle = np.linspace(self.first_sigma + half, self.last_sigma - half, count)
-            points = trajectory.at(trajectory.space.time_table(middle))
+            points = trajectory.driven(trajectory.space.time_table(middle))
             half *= trajectory.travel_time
             reach, position = half * top + ahead, points.path.position
             bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))

@@ -239,7 +239,7 @@ class Vetting:
         -------
         Vetted or Refusal
         """
-        trip = Trip(problem.frame, trajectory)
+        trip = Trip(problem.frame, trajectory.settled())
         violation = math.inf if evaluation is None else evaluation.worst_violation
         why = ""
         if not self.stops_will_do or self._may_hold(now, trip, evaluation):

@@ -24,7 +24,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.trips.guide import GuideFrame, StraightGuide
+from scp_planner.trips.guide import CurvedGuide, GuideFrame, StraightGuide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -70,7 +70,7 @@ def random_trip(
     theta[0] = theta[-1] = 0.0
     beta = rng.uniform(-0.15, 0.6, space.acceleration_size)
     beta[0], beta[3] = 0.8, -0.2
-    return Trip(frame, Trajectory.of(space, theta, beta))
+    return Trip(frame, Trajectory.of(space, theta, beta).settled())
 
 
 class Reference:
@@ -834,3 +834,14 @@ def test_interval_arithmetic_encloses(
     positive, z = Interval(np.abs(a.lower) + 0.1, np.abs(a.lower) + 0.1 + (a.upper - a.lower)), x - a.lower[:, None]
     for exponent in (-1.0, -3.0, -5.0):
         assert encloses(positive.power(exponent), (positive.lower[:, None] + z) ** exponent)
+
+
+def test_a_path_with_a_cusp_is_refused() -> None:
+    bend = CurvedGuide(20.0, np.linspace(0.0, 4.0, 21))  # a radius of 5 m, round which a path at 5 m turns on the spot
+    space = TripSpace(bend, 1.0, 3, 4, 0, BREAKS)
+    theta = np.full(space.path_size, 0.0)
+    theta[2:5] = 5.0
+    trip = Trip(FRAME, Trajectory.of(space, theta, np.zeros(space.acceleration_size)))
+    found = verdict(the_scene(), trip)
+    assert not found.holds
+    assert [violation.what for violation in found.violations] == ["error of the positions"]
