@@ -64,7 +64,7 @@ def _rule() -> _Rule:
     angles = np.pi * (np.arange(POINTS) + 0.5) / POINTS
     to_coefficients = (2.0 / POINTS) * np.cos(np.arange(POINTS)[:, None] * angles)
     to_coefficients[0] *= 0.5
-    to_powers = np.linalg.inv(np.vander(nodes, ORDER, increasing=True))
+    to_powers: Array = np.linalg.inv(np.vander(nodes, ORDER, increasing=True)).astype(np.float64)
     to_values = np.vander(np.cos(angles), ORDER, increasing=True)
     return _Rule(nodes, to_powers.T, np.cos(angles), to_values.T, to_coefficients.T)
 
