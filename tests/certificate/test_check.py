@@ -17,7 +17,9 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.special import fresnel
 
 import scp_planner as sp
-from scp_planner.certificate.check import Motions, _Check, certify_trip
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
@@ -552,14 +554,14 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
     zone, distance = elliptic_zone(reference, seed)
     scenario = the_scene(passing(reference, seed, 3.0).obstacle(0.1), disc("still", (8.0, 1.0)), *CROSSERS)
     zones = (*sp.zones(scenario), replace(zone, radius=distance - RADIUS))
-    check = _Check(scenario, trip, ZoneBatch.of(zones, trip.frame, RADIUS))
-    pieces = check._first_pieces()
+    check = CheckedTrip.of(scenario, trip, ZoneBatch.of(zones, trip.frame, RADIUS))
+    pieces = check.first_pieces()
     edges = np.sort(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
     assert edges[0] == pytest.approx(0.0, abs=1e-12)
     assert edges[-1] == pytest.approx(1.0, abs=1e-12)
     assert np.abs(edges[2:-1:2] - edges[1:-2:2]).max() < 1e-12
     for _ in range(2):
-        enclosure = check._enclose(pieces)
+        enclosure = check.enclosed(pieces)
         times = reference.tau * inside_intervals(pieces.middle, pieces.half)
         # Values on jumps belong to both sides; so stay inside.
         inner = reference.tau * inside_intervals(pieces.middle, 0.999999 * pieces.half)
@@ -834,6 +836,13 @@ def test_interval_arithmetic_encloses(
     positive, z = Interval(np.abs(a.lower) + 0.1, np.abs(a.lower) + 0.1 + (a.upper - a.lower)), x - a.lower[:, None]
     for exponent in (-1.0, -3.0, -5.0):
         assert encloses(positive.power(exponent), (positive.lower[:, None] + z) ** exponent)
+
+
+def test_a_clearance_that_is_no_number_is_none() -> None:
+    trip = random_trip(0)
+    zone, _ = elliptic_zone(Reference(trip), 0)
+    certificate = verdict(the_scene(), trip, (replace(zone, radius=np.nan),))
+    assert broken(certificate) == {"clearance"}
 
 
 def test_a_path_with_a_cusp_is_refused() -> None:
