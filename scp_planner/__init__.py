@@ -26,19 +26,19 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Confidence as Confidence
     from scp_planner.scenario.models import ConfidenceLevel as ConfidenceLevel
     from scp_planner.scenario.models import Course as Course
-    from scp_planner.scenario.models import Disc as Disc
-    from scp_planner.scenario.models import Ellipse as Ellipse
     from scp_planner.scenario.models import Goal as Goal
     from scp_planner.scenario.models import Model as Model
     from scp_planner.scenario.models import Motion as Motion
     from scp_planner.scenario.models import Observations as Observations
     from scp_planner.scenario.models import Obstacle as Obstacle
-    from scp_planner.scenario.models import PolygonShape as PolygonShape
-    from scp_planner.scenario.models import Rectangle as Rectangle
     from scp_planner.scenario.models import Scenario as Scenario
     from scp_planner.scenario.models import SpeedLimit as SpeedLimit
     from scp_planner.scenario.models import Start as Start
     from scp_planner.scenario.models import Vehicle as Vehicle
+    from scp_planner.scenario.shapes import Disc as Disc
+    from scp_planner.scenario.shapes import Ellipse as Ellipse
+    from scp_planner.scenario.shapes import PolygonShape as PolygonShape
+    from scp_planner.scenario.shapes import Rectangle as Rectangle
     from scp_planner.scp.given import TripVariables as TripVariables
     from scp_planner.settings.online import OnlineSettings as OnlineSettings
     from scp_planner.settings.online import Safety as Safety
@@ -56,8 +56,8 @@ _MODULE_OF = {
     "Confidence": "scenario.models",
     "ConfidenceLevel": "scenario.models",
     "Course": "scenario.models",
-    "Disc": "scenario.models",
-    "Ellipse": "scenario.models",
+    "Disc": "scenario.shapes",
+    "Ellipse": "scenario.shapes",
     "EstimationError": "errors",
     "Goal": "scenario.models",
     "Model": "scenario.models",
@@ -69,8 +69,8 @@ _MODULE_OF = {
     "Outcome": "online.plan",
     "Plan": "planning.plan",
     "PlanError": "errors",
-    "PolygonShape": "scenario.models",
-    "Rectangle": "scenario.models",
+    "PolygonShape": "scenario.shapes",
+    "Rectangle": "scenario.shapes",
     "Planner": "online.planner",
     "Run": "simulation.run",
     "Safety": "settings.online",

@@ -36,7 +36,9 @@ from scp_planner.online.track import (
     Track,
     TrackEstimator,
 )
-from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior, Shape, Vector
+from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior
+from scp_planner.scenario.shapes import Shape
+from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, estimated_body, known_zone
 from scp_planner.threat_zones.zone import ThreatZone

@@ -58,8 +58,9 @@ from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
-from scp_planner.scenario.models import Model, Obstacle, Scenario, Shape, Start
+from scp_planner.scenario.models import Model, Obstacle, Scenario, Start
 from scp_planner.scenario.places import anchored
+from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion

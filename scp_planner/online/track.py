@@ -21,8 +21,9 @@ from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.online.noticing import Bank
-from scp_planner.scenario.models import Course, KnownMotion, Model, Shape
+from scp_planner.scenario.models import Course, KnownMotion, Model
 from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
 from scp_planner.threat_zones.zone import ThreatZone

@@ -18,8 +18,8 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
 from scp_planner.plotting.borders import body_of, boundary_of, convex_pieces_of, corridor_of
 from scp_planner.plotting.scales import clock_of, length_text
-from scp_planner.scenario.models import Disc
 from scp_planner.scenario.places import limits_at, stretches
+from scp_planner.scenario.shapes import Disc
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import discs_at

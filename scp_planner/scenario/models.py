@@ -7,7 +7,6 @@ has been checked when it exists: `scp_planner.scenario.validation` says how faul
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from enum import StrEnum
 from os import PathLike
@@ -17,32 +16,19 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from scp_planner import files
-from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
-from scp_planner.files import LARGEST_COORDINATE
-from scp_planner.mathematics import planar
+from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.scenario import checks
 from scp_planner.scenario.goals import with_aim
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
+from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
 from scp_planner.scenario.validation import Part, Rule, faults_of, variant
+from scp_planner.scenario.values import Matrix, NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 MOST_OBSTACLES = 20_000
 """In a file."""
 
-LARGEST_RATE = 1e30
-"""m/s or m/s2. Squares and cubes of what is beyond it come near to the largest double."""
-
 _SHAPE = b"shape"
-
-Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
-Positive = Annotated[float, Field(strict=True, gt=0)]
-NotNegative = Annotated[float, Field(strict=True, ge=0)]
-Text = Annotated[str, Field(strict=True, min_length=1)]
-Vector = tuple[Number, Number]
-RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RATE)]
-Rate = tuple[RateNumber, RateNumber]
-Matrix = tuple[Vector, Vector]
-Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
 
 
 class Vehicle(Part):
@@ -179,85 +165,6 @@ class Confidence(Part):
     level: ConfidenceLevel = ConfidenceLevel.JOINT
 
 
-class Disc(Part):
-    """A disc about the obstacle's centre."""
-
-    disc: Positive = Field(description="radius, m")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
-        return max(0.0, math.hypot(*point) - self.disc)
-
-
-class Rectangle(Part):
-    """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
-
-    rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
-    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
-        turned = planar.turned(point, -(heading if self.heading is None else self.heading))
-        beyond = [max(0.0, abs(x) - 0.5 * side) for x, side in zip(turned, self.rectangle, strict=True)]
-        return math.hypot(*beyond)
-
-
-class PolygonShape(Part):
-    """A simple polygon, its vertices relative to the obstacle's centre; it does not turn with the heading."""
-
-    rules: ClassVar[tuple[Rule, ...]] = (checks.polygon_is_simple,)
-
-    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(description="vertices [[x, y], ...], m")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
-        return planar.distance_to_polygon(point, self.polygon)
-
-
-class Ellipse(Part):
-    """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
-
-    ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
-    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
-        own = heading if self.heading is None else self.heading
-        return planar.distance_to_ellipse(planar.turned(point, -own), *self.ellipse)
-
-
-_SHAPE_KEYS: dict[str, type[Part]] = {
-    "disc": Disc,
-    "rectangle": Rectangle,
-    "polygon": PolygonShape,
-    "ellipse": Ellipse,
-}
-
-
-def _shape_case(data: Any) -> str | None:
-    """Tell which shape is meant: the one with the given key, or else with a key spelt nearly so."""
-    if isinstance(data, Part):
-        return next((variant(key) for key, kind in _SHAPE_KEYS.items() if isinstance(data, kind)), None)
-    if not isinstance(data, Mapping):
-        return None
-    known = [key for key in data if key in _SHAPE_KEYS]
-    keys = known or [near for key in data if (near := nearest(key, _SHAPE_KEYS))]
-    return variant(keys[0]) if len(keys) == 1 else None
-
-
-Shape = Annotated[
-    Annotated[Disc, Tag(variant("disc"))]
-    | Annotated[Rectangle, Tag(variant("rectangle"))]
-    | Annotated[PolygonShape, Tag(variant("polygon"))]
-    | Annotated[Ellipse, Tag(variant("ellipse"))],
-    Discriminator(
-        _shape_case,
-        custom_error_type="shape",
-        custom_error_message=f"must be a mapping with exactly one of the keys {', '.join(_SHAPE_KEYS)}",
-    ),
-]
-
-
 def _covariance_case(data: Any) -> str:
     """Tell one matrix from a list of matrices by what stands two brackets deep."""
     try:
@@ -389,7 +296,7 @@ class Obstacle(Part):
     )
 
     id: Text = Field(description="text, unique")
-    shape: Shape = Field(description=f"{{one of {', '.join(_SHAPE_KEYS)}: size}}")
+    shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
     motion: KnownMotion | None = Field(None, description="known exactly")
     observations: Observations | None = Field(None, description="from which the motion is estimated")
     model: Model = Field(Model(), description="of the motion to estimate")

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
         Obstacle,
         Prior,
         Scenario,
-        Shape,
         SpeedLimit,
         Start,
         Vehicle,
     )
+    from scp_planner.scenario.shapes import Shape
     from scp_planner.scenario.validation import Part
 
 AnyPart = TypeVar("AnyPart", bound="Part")

@@ -24,7 +24,8 @@ from scp_planner.arrays import Array
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import STANDING
-from scp_planner.scenario.models import Disc, Model, Observations, Obstacle, Scenario, Shape
+from scp_planner.scenario.models import Model, Observations, Obstacle, Scenario
+from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
