@@ -264,7 +264,7 @@ class Planner:
         shape: Shape | Mapping[str, Any] | None = None,
         *,
         covariance: ArrayLike | None = None,
-        model: Model | Mapping[str, Any] | None = None,
+        model: Model | Mapping[str, Any] | str | None = None,
         margin: float = 0.0,
     ) -> None:
         """Take in a new obstacle: one as in a scenario, or the id and shape of one that will be observed.
@@ -277,8 +277,8 @@ class Planner:
             With an id: as in the scenario, such as ``{"disc": 0.3}``.
         covariance : (2, 2), optional
             With an id: of one observation, m2; else it comes with each, or is estimated.
-        model : Model, optional
-            With an id: of its motion.
+        model : Model, mapping or str, optional
+            With an id: of its motion, or the name of a ready-made one.
         margin : float
             With an id: extra clearance, m.
 

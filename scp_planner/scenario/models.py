@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.scenario import checks
+from scp_planner.scenario import checks, ready_made
 from scp_planner.scenario.goals import with_aim
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
@@ -257,8 +258,20 @@ class Prior(Part):
     acceleration_deviation: Positive | None = Field(None, description="of each component, m/s2; null: unknown")
 
 
+def _a_process(data: Any) -> Any:
+    """The process of a ready-made model by its name; others as they are."""
+    if not isinstance(data, str):
+        return data
+    if data not in ready_made.NAMES:
+        raise PydanticCustomError("ready_made", "{message}", {"message": f"{ready_made.unknown(data)}; or a mapping"})
+    return ready_made.ready_made(data)
+
+
 class Model(Part):
-    """What the estimate takes for granted about the motion."""
+    """What the estimate takes for granted about the motion.
+
+    Where one is wanted, the name of a ready-made one will do: pedestrian, cyclist, car, ship or drone.
+    """
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.prior_or_process,)
 
@@ -271,12 +284,43 @@ class Model(Part):
         description="standard deviation of each component of a change of acceleration that may begin with the last"
         " observation, m/s2",
     )
-    process: ProcessModel | None = Field(
+    process: Annotated[ProcessModel | None, BeforeValidator(_a_process)] = Field(
         None,
         description="motion with process noise in place of order and prior, or the name of its file beside this"
-        " one; null: none",
+        " one, or of a ready-made one; null: none",
         json_schema_extra=also_a_file_name,
     )
+
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Give a ready-made model, fitted to recorded tracks or from published figures.
+
+        Parameters
+        ----------
+        name : str
+            ``"pedestrian"``, ``"cyclist"``, ``"car"``, ``"ship"`` or ``"drone"``.
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        ValueError
+            If there is none of that name.
+        """
+        return cls(process=ready_made.ready_made(name))
+
+
+def _a_model(data: Any) -> Any:
+    """A ready-made model by its name; others as they are."""
+    return {"process": _a_process(data)} if isinstance(data, str) else data
+
+
+def _or_its_name(schema: dict[str, Any]) -> None:
+    """Let a JSON schema allow the name of a ready-made model."""
+    whole = schema.pop("$ref", None)
+    schema["anyOf"] = [*([{"$ref": whole}] if whole else []), {"enum": list(ready_made.NAMES)}]
 
 
 class Obstacle(Part):
@@ -299,7 +343,11 @@ class Obstacle(Part):
     shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
     motion: KnownMotion | None = Field(None, description="known exactly")
     observations: Observations | None = Field(None, description="from which the motion is estimated")
-    model: Model = Field(Model(), description="of the motion to estimate")
+    model: Annotated[Model, BeforeValidator(_a_model)] = Field(
+        Model(),
+        description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
+        json_schema_extra=_or_its_name,
+    )
     margin: NotNegative = Field(0.0, description="extra clearance, m")
 
 

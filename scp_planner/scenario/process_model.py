@@ -126,6 +126,8 @@ def also_a_file_name(schema: dict[str, Any]) -> None:
 def read_processes(data: Any, folder: Path) -> list[Fault]:
     """Put the contents of their files in the place of the names of process models in a scenario file.
 
+    Names without a suffix are those of ready-made models, which have no file beside it.
+
     Parameters
     ----------
     data
@@ -145,6 +147,8 @@ def read_processes(data: Any, folder: Path) -> list[Fault]:
         if not isinstance(model, dict) or not isinstance(model.get("process"), str):
             continue
         name = model["process"]
+        if not Path(name).suffix:
+            continue
         place = f"obstacles[{i}].model.process"
         model["process"] = _STAND_IN  # one fault is enough
         try:
