@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from scp_planner.online.planner import Planner as Planner
     from scp_planner.planning.offline import plan as plan
     from scp_planner.planning.plan import Plan as Plan
+    from scp_planner.scenario.estimates import Estimate as Estimate
     from scp_planner.scenario.models import Bounds as Bounds
     from scp_planner.scenario.models import Confidence as Confidence
     from scp_planner.scenario.models import ConfidenceLevel as ConfidenceLevel
@@ -58,6 +59,7 @@ _MODULE_OF = {
     "Course": "scenario.models",
     "Disc": "scenario.shapes",
     "Ellipse": "scenario.shapes",
+    "Estimate": "scenario.estimates",
     "EstimationError": "errors",
     "Goal": "scenario.models",
     "Model": "scenario.models",

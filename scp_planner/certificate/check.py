@@ -97,7 +97,7 @@ def tell_of_horizon(scenario: Scenario, trip: Trip, units: NaturalUnits) -> None
         Of the scene, in which the warning is not.
     """
     beyond = trip.frame.time + trip.trajectory.travel_time - (scenario.start.time + HORIZON)
-    if beyond > 0.0 and any(obstacle.observations is not None for obstacle in scenario.obstacles):
+    if beyond > 0.0 and any(obstacle.motion is None for obstacle in scenario.obstacles):
         logger.warning(
             "the trip ends %.4g s after the zones of observed obstacles do, which hold for %.4g s: the certificate says"
             " nothing of what they do later",

@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.errors import Fault, ScenarioError
-from scp_planner.online.arguments import _covariance, _point, check_number
+from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.looks import (
     FEWEST_LOOK_STEPS,
@@ -53,6 +53,7 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from, remaining_trip
 from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
+from scp_planner.online.updates import Update
 from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting, refused
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
@@ -204,6 +205,7 @@ class Planner:
         self._improved = self._looked = 0
         self._good_enough = True
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
+        self._updates: deque[Update] = deque()
         self._work = Lock()
 
     @property
@@ -239,7 +241,45 @@ class Planner:
         units = self._units
         noise = None if covariance is None else _covariance(covariance) / units.length**2
         self._inbox.append((obstacle, units.instant(float(time)), units.place(place), noise))
-        # A replan that is at work takes it in itself.
+        self._look_in()
+
+    def update_obstacle(
+        self,
+        obstacle: str,
+        time: float,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        acceleration: ArrayLike | None = None,
+        *,
+        covariance: ArrayLike,
+    ) -> None:
+        """Take what a tracker says of an obstacle in place of all that was known of it, at any time as :meth:`observe`.
+
+        Parameters
+        ----------
+        obstacle : str
+            Id of an obstacle that is known; its model says how it goes on from there.
+        time : float
+            What the state is of, absolute, s; what comes after a newer one is left out.
+        position, velocity, acceleration : (2,)
+            m, m/s, m/s2; without an acceleration the velocity is kept up.
+        covariance : (4, 4) or, with an acceleration, (6, 6)
+            Of the error of the state in the order x, y, vx, vy, ax, ay, in m and s.
+
+        Raises
+        ------
+        ValueError
+            If the id is unknown, a number is not finite, or the covariance is none.
+        """
+        if obstacle not in self.obstacles.tracks:
+            raise ValueError(f"update_obstacle: there is no obstacle {obstacle!r}; add_obstacle adds one")
+        self._updates.append(
+            Update(obstacle, self._units.estimate(checked_estimate(time, position, velocity, acceleration, covariance)))
+        )
+        self._look_in()
+
+    def _look_in(self) -> None:
+        """Take in what is new, unless a replan is at work, which does it itself."""
         if self._work.acquire(blocking=False):
             try:
                 self._take_in()
@@ -248,7 +288,12 @@ class Planner:
 
     def _take_in(self) -> bool:
         """Take in what has been observed; return whether there was anything."""
-        any_new = bool(self._inbox)
+        any_new = bool(self._inbox) or bool(self._updates)
+        while self._updates:
+            update = self._updates.popleft()
+            fault = update.taken_in(self.obstacles)
+            if fault is not None:
+                self.notes.append(f"{update.obstacle} at t = {self._units.absolute(update.given.time):.3f} s: {fault}")
         while self._inbox:
             name, time, position, covariance = self._inbox.popleft()
             if name not in self.obstacles.tracks:

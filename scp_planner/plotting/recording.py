@@ -346,7 +346,7 @@ def _record_obstacle(
         heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
         body=body,
         turns=turns,
-        padded=seen is not None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
+        padded=obstacle.motion is None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
         boundary=np.stack([boundary_of(piece, time) for piece in convex_pieces_of(zone)], axis=1),
         clearance=clearance,
         truth=truth,

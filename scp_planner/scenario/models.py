@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.scenario import checks, ready_made
+from scp_planner.scenario import checks, obstacle_checks, ready_made
+from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
+from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
 from scp_planner.scenario.validation import Part, Rule, faults_of, variant
@@ -197,11 +198,11 @@ class Course(Part):
     """
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.times_increase,
-        checks.one_position_a_time,
-        checks.covariance_is_one_or_each,
-        checks.covariance_is_definite,
-        checks.headings_turn_slowly,
+        obstacle_checks.times_increase,
+        obstacle_checks.one_position_a_time,
+        obstacle_checks.covariance_is_one_or_each,
+        obstacle_checks.covariance_is_definite,
+        obstacle_checks.headings_turn_slowly,
     )
 
     time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
@@ -233,10 +234,10 @@ class Observations(Part):
     """Noisy positions of one obstacle."""
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.times_increase,
-        checks.one_position_a_time,
-        checks.covariance_is_one_or_each,
-        checks.covariance_is_definite,
+        obstacle_checks.times_increase,
+        obstacle_checks.one_position_a_time,
+        obstacle_checks.covariance_is_one_or_each,
+        obstacle_checks.covariance_is_definite,
     )
 
     time: tuple[Number, ...] = Field(description="s, increasing")
@@ -250,21 +251,12 @@ class Observations(Part):
 class Prior(Part):
     """Independent normal priors of velocity and acceleration at the time of the last observation."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.prior_says_something,)
+    rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_says_something,)
 
     velocity: Rate = Field((0.0, 0.0), description="expected [x, y], m/s")
     velocity_deviation: Positive | None = Field(None, description="of each component, m/s; null: unknown")
     acceleration: Rate = Field((0.0, 0.0), description="expected [x, y], m/s2")
     acceleration_deviation: Positive | None = Field(None, description="of each component, m/s2; null: unknown")
-
-
-def _a_process(data: Any) -> Any:
-    """The process of a ready-made model by its name; others as they are."""
-    if not isinstance(data, str):
-        return data
-    if data not in ready_made.NAMES:
-        raise PydanticCustomError("ready_made", "{message}", {"message": f"{ready_made.unknown(data)}; or a mapping"})
-    return ready_made.ready_made(data)
 
 
 class Model(Part):
@@ -273,7 +265,7 @@ class Model(Part):
     Where one is wanted, the name of a ready-made one will do: pedestrian, cyclist, car, ship or drone.
     """
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.prior_or_process,)
+    rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_or_process,)
 
     order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
         2, description="0 standing, 1 constant velocity, 2 constant acceleration"
@@ -284,7 +276,7 @@ class Model(Part):
         description="standard deviation of each component of a change of acceleration that may begin with the last"
         " observation, m/s2",
     )
-    process: Annotated[ProcessModel | None, BeforeValidator(_a_process)] = Field(
+    process: Annotated[ProcessModel | None, BeforeValidator(ready_made.process_by_name)] = Field(
         None,
         description="motion with process noise in place of order and prior, or the name of its file beside this"
         " one, or of a ready-made one; null: none",
@@ -312,41 +304,37 @@ class Model(Part):
         return cls(process=ready_made.ready_made(name))
 
 
-def _a_model(data: Any) -> Any:
-    """A ready-made model by its name; others as they are."""
-    return {"process": _a_process(data)} if isinstance(data, str) else data
-
-
-def _or_its_name(schema: dict[str, Any]) -> None:
-    """Let a JSON schema allow the name of a ready-made model."""
-    whole = schema.pop("$ref", None)
-    schema["anyOf"] = [*([{"$ref": whole}] if whole else []), {"enum": list(ready_made.NAMES)}]
-
-
 class Obstacle(Part):
-    """Something to keep clear of: its shape, and either its motion or observations of it."""
+    """Something to keep clear of: its shape, and its motion, observations of it, or what a tracker says of it."""
 
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [
-                {"required": [key], "properties": {key: {"type": "object"}, other: {"type": "null"}}}
-                for key, other in (("motion", "observations"), ("observations", "motion"))
+                {
+                    "required": [key],
+                    "properties": {
+                        each: {"type": "object" if each == key else "null"} for each in obstacle_checks.WHEREABOUTS
+                    },
+                }
+                for key in WHEREABOUTS
             ]
         }
     )
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.motion_or_observations,
-        checks.enough_observations,
+        obstacle_checks.one_of_the_whereabouts,
+        obstacle_checks.enough_observations,
+        obstacle_checks.no_prior_of_an_estimate,
     )
 
     id: Text = Field(description="text, unique")
     shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
     motion: KnownMotion | None = Field(None, description="known exactly")
     observations: Observations | None = Field(None, description="from which the motion is estimated")
-    model: Annotated[Model, BeforeValidator(_a_model)] = Field(
+    estimate: Estimate | None = Field(None, description="what a tracker says, from which the motion is foretold")
+    model: Annotated[Model, BeforeValidator(ready_made.model_by_name)] = Field(
         Model(),
         description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
-        json_schema_extra=_or_its_name,
+        json_schema_extra=ready_made.or_its_name,
     )
     margin: NotNegative = Field(0.0, description="extra clearance, m")
 
@@ -483,8 +471,8 @@ class Scenario(Part):
         """Give the contents of the scenario's file: dictionaries, lists, text, numbers and None."""
         data = self.model_dump(mode="json", by_alias=True)
         for obstacle in data["obstacles"]:
-            # An obstacle has one of the two; the file need not say that the other is null.
-            for key in ("motion", "observations"):
+            # An obstacle has one of these; the file need not say that the others are null.
+            for key in WHEREABOUTS:
                 if obstacle[key] is None:
                     del obstacle[key]
         return data

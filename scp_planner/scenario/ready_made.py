@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib.resources import as_file, files
+from typing import Any
+
+from pydantic_core import PydanticCustomError
 
 from scp_planner.errors import nearest
 from scp_planner.scenario.process_model import ProcessModel
@@ -46,3 +49,23 @@ def unknown(name: str) -> str:
     near = nearest(name, NAMES)
     hint = f"; did you mean {near!r}?" if near else ""
     return f"must be one of {', '.join(NAMES)}{hint}"
+
+
+def process_by_name(data: Any) -> Any:
+    """Give the process of a ready-made model by its name; others as they are."""
+    if not isinstance(data, str):
+        return data
+    if data not in NAMES:
+        raise PydanticCustomError("ready_made", "{message}", {"message": f"{unknown(data)}; or a mapping"})
+    return ready_made(data)
+
+
+def model_by_name(data: Any) -> Any:
+    """Give a ready-made model by its name; others as they are."""
+    return {"process": process_by_name(data)} if isinstance(data, str) else data
+
+
+def or_its_name(schema: dict[str, Any]) -> None:
+    """Let a JSON schema allow the name of a ready-made model."""
+    whole = schema.pop("$ref", None)
+    schema["anyOf"] = [*([{"$ref": whole}] if whole else []), {"enum": list(NAMES)}]

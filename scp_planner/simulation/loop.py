@@ -250,7 +250,7 @@ class _Loop:
             by_id.setdefault(one.obstacle, []).append(one)
         obstacles = []
         for name, obstacle in self.known.items():
-            if obstacle.observations is not None:
+            if obstacle.motion is None:
                 obstacles.append(obstacle)
             elif len(by_id.get(name, ())) > obstacle.model.order:
                 obstacles.append(self._observed(obstacle, by_id.pop(name)))
@@ -259,7 +259,7 @@ class _Loop:
         )
         for observations in by_id.values():
             for one in observations:
-                if not (one.obstacle in self.known and self.known[one.obstacle].observations is not None):
+                if not (one.obstacle in self.known and self.known[one.obstacle].motion is None):
                     self._tell(one)
 
     def _observed(self, obstacle: Obstacle, seen: list[Observation]) -> Obstacle:
