@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from scp_planner.certificate.lower_bound import lower_bound as lower_bound
     from scp_planner.errors import EstimationError as EstimationError
     from scp_planner.errors import PlanError as PlanError
+    from scp_planner.errors import SamplesError as SamplesError
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
     from scp_planner.estimation.estimate import estimate_motion as estimate_motion
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from scp_planner.simulation.run import Run as Run
     from scp_planner.simulation.sensors import Sensor as Sensor
     from scp_planner.threat_zones.of_scenario import zones as zones
+    from scp_planner.trips.samples import SampledTrajectory as SampledTrajectory
 
 __version__ = "0.1.0"
 
@@ -77,6 +79,8 @@ _MODULE_OF = {
     "Run": "simulation.run",
     "Safety": "settings.online",
     "Scenario": "scenario.models",
+    "SampledTrajectory": "trips.samples",
+    "SamplesError": "errors",
     "ScenarioError": "errors",
     "ScpPlannerError": "errors",
     "Sensor": "simulation.sensors",

@@ -127,6 +127,10 @@ class PlanError(_FaultyInputError):
     """A plan file is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
 
 
+class SamplesError(_FaultyInputError):
+    """Samples of a trip are refused. `faults` names every row and column, `source` the file's name."""
+
+
 class MotionModelError(_FaultyInputError):
     """A file of a fitted motion model is refused. `faults` holds everything that is wrong with it."""
 

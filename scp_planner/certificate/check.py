@@ -31,6 +31,7 @@ from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.clearance import Disc, least_clearance, leaves_bounds
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import Motion, Motions
+from scp_planner.certificate.sampled import certify_samples
 from scp_planner.certificate.trip_ends import ends_broken
 from scp_planner.certificate.verdict import (
     CLEARANCE_TOLERANCE,
@@ -47,6 +48,7 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import HORIZON, ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip
 
 logger = logging.getLogger(__name__)
@@ -63,13 +65,15 @@ class HasTrip(Protocol):
         ...
 
 
-def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone] | None = None) -> Certificate:
+def certify(
+    scenario: Scenario, plan: HasTrip | SampledTrajectory, threat_zones: Sequence[ThreatZone] | None = None
+) -> Certificate:
     """Check a plan against a scenario in continuous time, whoever made it.
 
     Parameters
     ----------
     scenario : Scenario
-    plan : Plan
+    plan : Plan or SampledTrajectory
         Or whatever else has a ``trip``.
     threat_zones : sequence of ThreatZone, optional
         The scenario's zones, if they are at hand.
@@ -78,6 +82,8 @@ def certify(scenario: Scenario, plan: HasTrip, threat_zones: Sequence[ThreatZone
     -------
     Certificate
     """
+    if isinstance(plan, SampledTrajectory):
+        return certify_samples(scenario, plan, threat_zones)
     units = NaturalUnits.to_check(scenario)
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     tell_of_horizon(inside, trip, units)

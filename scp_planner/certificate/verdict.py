@@ -85,6 +85,7 @@ UNITS = {
     "travel time": "s",
     EARLIEST: "s",
     LATEST: "s",
+    "turn while standing": "rad",
     "start heading": "rad",
     "goal heading": "rad",
     "speed": "m/s",
