@@ -1,4 +1,4 @@
-"""Commands about one scenario: demo, plan, check, simulate."""
+"""Commands about one scenario: demo, plan, simulate."""
 
 from __future__ import annotations
 
@@ -131,25 +131,6 @@ def plan(
         made.draw(scenario, plot, view)
     report(summaries.of_plan(scenario, made), as_json, quiet)
     _finish(scenario_file, made.certified, f"{made.status}: {made.reason}" if made.reason else str(made.status))
-
-
-def check(
-    scenario_file: ScenarioFile,
-    plan_file: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (JSON), whoever made it.")],
-    motion: MotionModel = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
-    """Certify a plan file against a scenario."""
-    from scp_planner.certificate.check import certify
-    from scp_planner.planning.plan import Plan
-
-    start_logging(quiet, verbose)
-    scenario = load_scenario(scenario_file, motion)
-    certificate = certify(scenario, Plan.load(plan_file))
-    report(summaries.of_certificate(scenario, certificate), as_json, quiet)
-    _finish(str(plan_file), certificate.holds, "; ".join(str(violation) for violation in certificate.violations))
 
 
 def simulate(
