@@ -149,7 +149,7 @@ class Recording:
     obstacles : tuple of ObstacleRecord
     corridor : tuple of (k, 2) arrays
         Polygons that the vehicle stays in, m.
-    discs : tuple of float
+    discs : sequence of float
         Where the vehicle's discs are on its axis, m ahead of the position.
     """
 
@@ -169,7 +169,7 @@ class Recording:
     profiles: tuple[Profile, ...]
     obstacles: tuple[ObstacleRecord, ...]
     corridor: tuple[Array, ...] = ()
-    discs: tuple[float, ...] = (0.0,)
+    discs: Sequence[float] = (0.0,)
 
     @property
     def epoch(self) -> float:

@@ -66,7 +66,7 @@ class Estimate(Part):
     time: Number = Field(description="s, on the clock of start.time")
     position: Vector = Field(description="[x, y], m")
     velocity: Rate = Field(description="[x, y], m/s")
-    acceleration: Rate | None = Field(None, description="[x, y], m/s2; null: the tracker has none")
+    acceleration: Rate | None = Field(default=None, description="[x, y], m/s2; null: the tracker has none")
     covariance: tuple[tuple[RateNumber, ...], ...] = Field(
         description="of x, y, vx, vy (4 rows of 4) or of x, y, vx, vy, ax, ay (6 of 6), in m and s"
     )

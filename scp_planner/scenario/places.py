@@ -119,7 +119,7 @@ def stretches(scenario: Scenario) -> tuple[Stretch, ...]:
     return tuple(found)
 
 
-def reference_line(scenario: Scenario) -> tuple[tuple[float, float], ...]:
+def reference_line(scenario: Scenario) -> Sequence[tuple[float, float]]:
     """Return what places are measured along: the guide of a scenario, or the straight line from start to goal."""
     return scenario.guide or (scenario.start.position, scenario.goal.position)
 

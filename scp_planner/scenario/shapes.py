@@ -12,7 +12,7 @@ from scp_planner.errors import nearest
 from scp_planner.mathematics import planar
 from scp_planner.scenario import checks
 from scp_planner.scenario.validation import Part, Rule, variant
-from scp_planner.scenario.values import Number, Positive, Vector
+from scp_planner.scenario.values import Number, Polygon, Positive
 
 
 class Disc(Part):
@@ -29,7 +29,7 @@ class Rectangle(Part):
     """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
 
     rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
-    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
+    heading: Number | None = Field(default=None, description="rad; null: along the velocity, 0 standing")
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
@@ -43,7 +43,7 @@ class PolygonShape(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.polygon_is_simple,)
 
-    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(description="vertices [[x, y], ...], m")
+    polygon: Polygon = Field(description="vertices [[x, y], ...], m")
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
@@ -54,7 +54,7 @@ class Ellipse(Part):
     """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
 
     ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
-    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
+    heading: Number | None = Field(default=None, description="rad; null: along the velocity, 0 standing")
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""

@@ -12,7 +12,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
@@ -216,15 +216,15 @@ class NaturalUnits(Units):
         )
 
     @overload
-    def _line(self, line: tuple[Point, ...]) -> tuple[Point, ...]: ...
+    def _line(self, line: Sequence[Point]) -> tuple[Point, ...]: ...
 
     @overload
     def _line(self, line: None) -> None: ...
 
     @overload
-    def _line(self, line: tuple[Point, ...] | None) -> tuple[Point, ...] | None: ...
+    def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None: ...
 
-    def _line(self, line: tuple[Point, ...] | None) -> tuple[Point, ...] | None:
+    def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None:
         return None if line is None else tuple(map(self.place, line))
 
     def _motion(self, motion: KnownMotion) -> KnownMotion:

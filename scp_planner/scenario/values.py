@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from scp_planner.files import LARGEST_COORDINATE
+from scp_planner.scenario.validation import Pair, Row
 
 LARGEST_RATE = 1e30
 """m/s or m/s2. Squares and cubes of what is beyond it come near to the largest double."""
@@ -18,5 +19,5 @@ Text = Annotated[str, Field(strict=True, min_length=1)]
 Vector = tuple[Number, Number]
 RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RATE)]
 Rate = tuple[RateNumber, RateNumber]
-Matrix = tuple[Vector, Vector]
-Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
+Matrix = Pair[Pair[Number]]
+Polygon = Annotated[Row[Vector], Field(min_length=3)]

@@ -144,7 +144,7 @@ def _standing(scenario: Scenario, name: str, polygons: Sequence[corridor.Polygon
 
 
 @lru_cache(maxsize=16)
-def _walls(polygons: tuple[corridor.Polygon, ...]) -> list[corridor.Polygon]:
+def _walls(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
     return corridor.outside(polygons)
 
 

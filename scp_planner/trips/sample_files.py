@@ -13,7 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, SamplesError
-from scp_planner.trips.samples import MOST_FAULTS, check_columns
+from scp_planner.trips.sample_checks import MOST_FAULTS, check_columns
 
 SAMPLE_SUFFIXES = (".csv", ".npz", ".json")
 
