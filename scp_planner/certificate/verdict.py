@@ -68,7 +68,8 @@ ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arriva
 STEP_TOLERANCE = 0.01  # of the step that the arrival is on, and no more than that of all arrivals
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
-INSTANTS = (EARLIEST, LATEST)  # what is said of these are times, not durations
+BEYOND_ZONES = "arrival beyond what is known of observed obstacles"
+INSTANTS = (EARLIEST, LATEST, BEYOND_ZONES)  # what is said of these are times, not durations
 UNITS = {
     "clearance": "m",
     "workspace bounds": "m",
@@ -86,6 +87,7 @@ UNITS = {
     EARLIEST: "s",
     LATEST: "s",
     "turn while standing": "rad",
+    BEYOND_ZONES: "s",
     "start heading": "rad",
     "goal heading": "rad",
     "speed": "m/s",

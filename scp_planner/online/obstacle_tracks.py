@@ -335,6 +335,7 @@ class ObstacleTracks:
             PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
             PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
             track.body.outlines,
+            until=start + HORIZON,
         )
 
     def learning(self) -> dict[str, Learning]:

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
-from scp_planner.certificate.verdict import EARLIEST, LATEST, Certificate, Violation
+from scp_planner.certificate.verdict import BEYOND_ZONES, EARLIEST, LATEST, Certificate, Violation
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.ready_made import NAMES
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -160,6 +160,8 @@ def _relaxation(violation: Violation) -> str:
     excess = violation.value - violation.allowed
     if violation.what in (EARLIEST, LATEST):
         return f"the {violation.what} {abs(excess):.3g} s {'sooner' if excess < 0.0 else 'later'}"
+    if violation.what == BEYOND_ZONES:
+        return f"a trip that ends {excess:.3g} s sooner, since later nothing is known of observed obstacles"
     if violation.what == "workspace bounds":
         return f"workspace bounds {-excess:.3g} m wider"
     return f"{abs(excess):.3g}{violation.unit} more of {violation.what}"

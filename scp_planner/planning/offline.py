@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.check import certify_trip, tell_of_horizon
+from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, Certificate, off_a_step
 from scp_planner.mathematics.splines import greville_sites
@@ -130,8 +130,6 @@ def plan(
         ending = Ending.of(run, search.tried, units.time)
         until = deadline if hopeless else now
         reason = explain(scenario, zones(scenario), trip, ending, found, prove_until=until)
-    else:
-        tell_of_horizon(inside, search.trip(run), units)
     return Plan(
         scenario=scenario.name,
         status=status,

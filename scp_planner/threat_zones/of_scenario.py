@@ -173,6 +173,7 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
         PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
         PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
         body.outlines,
+        until=start + HORIZON,
     )
 
 
