@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 import tracemalloc
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,11 +19,20 @@ from scp_planner.errors import TooLargeError
 from scp_planner.mathematics import splines
 from scp_planner.planning.offline import _Planning
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.guides import guide_along
+from scp_planner.problem.problem import Problem
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scp import loop
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import LoopRun
+from scp_planner.scp.together import RunInStep, run_together
+from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
+from scp_planner.solvers.interface import solver_named
 from scp_planner.trips import guide
 from scp_planner.trips.guide import StraightGuide, check_pieces, smooth_guide
+from scp_planner.trips.path import Path
 from scp_planner.trips.space import MOST_BYTES, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -169,3 +179,38 @@ def test_a_trip_beyond_the_horizon_of_estimated_zones_is_not_certified(earliest:
     # With the same obstacle where it is known to be, there is no such end.
     there = {"id": "far", "shape": {"disc": 0.1}, "motion": {"position": [0.0, 900.0]}}
     assert sp.certify(scene(there, goal={"earliest_arrival": earliest}), plan).holds
+
+
+def test_a_vehicle_that_turns_in_wide_bends_to_a_goal_nearby_has_not_more_spans_than_its_bends_need() -> None:
+    scenario = scene(
+        start={"heading": 2.0}, goal={"position": [3.0, 0.0], "heading": -2.0}, vehicle={"max_curvature": 0.02}
+    )
+    units = NaturalUnits.of(scenario)
+    problem = build_problem(units.scenario(scenario), (), for_scene(Settings(), units))
+    space = problem.space
+    assert 150 <= len(space.path.widths) <= 250
+    assert space.length / len(space.path.widths) < 100.0 / units.length  # m: its bends have a radius of 100 m
+    assert space.gradient_bytes < 100 * MEGABYTE
+    again = guide_along(Path(space, np.zeros(space.path_size)), Settings())
+    assert again.pieces <= 5 * 250
+
+
+def test_trips_of_many_spans_are_looked_at_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(disc("in the way", (10.0, 0.2)))
+    problem = build_problem(scenario, sp.zones(scenario), for_scene(Settings()))
+    starts = list(bows(problem))
+    assert len(starts) > 1
+    looked: list[int] = []
+
+    def counted(problem: Problem, runs: Sequence[RunInStep]) -> list[LoopRun]:
+        looked.append(len(runs))
+        return run_together(problem, runs)
+
+    monkeypatch.setattr(loop, "run_together", counted)
+    monkeypatch.setattr(loop, "MOST_BYTES", problem.space.gradient_bytes)
+    runs = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
+    assert looked == [1] * len(starts)
+    monkeypatch.setattr(loop, "MOST_BYTES", 10**12)
+    together = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
+    for one, other in zip(runs, together, strict=True):
+        assert one.evaluation.trajectory.travel_time == pytest.approx(other.evaluation.trajectory.travel_time, rel=1e-6)
