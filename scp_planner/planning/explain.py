@@ -13,6 +13,7 @@ from scp_planner.certificate.verdict import BEYOND_ZONES, EARLIEST, LATEST, Cert
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.ready_made import NAMES
 from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.threat_zones.of_scenario import covering_radius, is_taken_for_a_disc
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
 
@@ -179,6 +180,11 @@ def _causes(
             yield f"The tightest turn that is allowed has a radius of {1.0 / violation.allowed:.3g} m"
     cut = [each for each in told if each.obstacle is not None and each.obstacle in zones]
     yield from _uncertainty(scenario, zones, cut)
+    shapes = {obstacle.id: obstacle.shape for obstacle in scenario.obstacles}
+    for name in dict.fromkeys(str(each.obstacle) for each in cut):
+        if name in shapes and is_taken_for_a_disc(shapes[name], zones[name]):
+            disc = f"a disc of {covering_radius(shapes[name]):.3g} m"
+            yield f"{name} is taken for {disc}, as its heading is not known: give shape.heading if you know it"
     for violation in cut:
         yield from _stopping(scenario, zones[str(violation.obstacle)], violation)
     if perf_counter() < prove_until:

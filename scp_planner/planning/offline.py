@@ -36,7 +36,7 @@ from scp_planner.search.starts import COARSENESSES
 from scp_planner.search.ways import WaySearch, WayTree
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver, solver_named
-from scp_planner.threat_zones.of_scenario import ZonesOf, zones
+from scp_planner.threat_zones.of_scenario import ZonesOf, tell_of_discs, zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.path import Path
@@ -116,6 +116,7 @@ def plan(
     given = None if constraints is None else Given(constraints, units)
     at_any_time = _at_any_time(inside)
     search = _Planning(at_any_time, ZonesOf(at_any_time), settings, deadline, own_solver=solver, given=given)
+    tell_of_discs(scenario.obstacles, search.threat_zones)
     run, certificate = search.best()
     if constraints is None:  # those are written in stations of the guide
         run, certificate = _over_better_guides(search, run, certificate)

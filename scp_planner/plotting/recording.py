@@ -338,12 +338,12 @@ def _record_obstacle(
     obstacle: Obstacle, zone: ThreatZone, time: Array, clearance: Array, truth: Array | None
 ) -> ObstacleRecord:
     body, turns = body_of(obstacle.shape)
-    velocity = zone.center(time + 1e-3) - zone.center(time - 1e-3)
+    ahead = zone.heading_vector(time)
     seen = obstacle.observations
     return ObstacleRecord(
         id=obstacle.id,
         center=zone.center(time),
-        heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
+        heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
         body=body,
         turns=turns,
         padded=obstacle.motion is None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),

@@ -6,10 +6,11 @@ A rule reads the fields that it needs; where one of them is faulty itself the ru
 
 from __future__ import annotations
 
+import functools
 import itertools
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from scp_planner.errors import MISSING
@@ -322,7 +323,7 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
         if motion is None or shape is None or _known(motion, "covariance") is not None:
             continue  # observed, or faulty, or a course that is not known exactly
         try:
-            seen_from = _from_centre if _known(motion, "time") is None else _from_course
+            seen_from = _from_centre if _known(motion, "time") is None else _seen_from_course(shape)
             distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
         except Unknown:
             continue
@@ -443,8 +444,20 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
     return (x, y), math.atan2(vy, vx)
 
 
-def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.Point, float]:
-    """Express a point relative to the centre of an obstacle on a course, and give the obstacle's heading in rad."""
+def _seen_from_course(shape: Any) -> Callable[[planar.Point, Any, float], tuple[planar.Point, float]]:
+    """See points from the centre of a shape on a course."""
+    return functools.partial(_from_course, _length(shape))
+
+
+def _length(shape: Any) -> float:
+    """How long a shape is that heads along its motion, m; 0 for others."""
+    if hasattr(shape, "rectangle"):
+        return math.hypot(*shape.rectangle)
+    return 2.0 * max(shape.ellipse) if hasattr(shape, "ellipse") else 0.0
+
+
+def _from_course(length: float, point: planar.Point, course: Any, time: float) -> tuple[planar.Point, float]:
+    """Express a point relative to the centre of a shape of a length on a course, and give its heading in rad."""
     import numpy as np
 
     from scp_planner.mathematics.courses import course_polynomials
@@ -460,6 +473,8 @@ def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.
 
         pointing = course_pointing(course.time, course.heading)
     else:
-        pointing = centre
+        from scp_planner.mathematics.headings import course_heading
+
+        pointing = course_heading(centre, length) or centre
     (x, y), (vx, vy) = centre.grid(now)[0, 0].tolist(), pointing.derivative.grid(now)[0, 0].tolist()
     return (point[0] - x, point[1] - y), math.atan2(vy, vx)

@@ -217,7 +217,7 @@ class Course(Part):
     heading: Row[Number] | None = Field(
         default=None,
         description="where the shape heads, rad, one for each time, each less than half a turn from the one before;"
-        " null: along the velocity",
+        " null: along the velocity, and as last known while it stands",
     )
 
 

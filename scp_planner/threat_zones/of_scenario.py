@@ -3,7 +3,8 @@
 A zone at time t is the obstacle's estimated centre + the ellipse {z : z' C(t)^-1 z <= 1} + its shape. C(t) is the
 covariance of the estimate scaled by the quantile of the level (confidence.py), zero for a motion that is known.
 Centres and covariances are piecewise polynomials in time. A shape is a disc, or one convex outline, or several (a
-concave polygon). Rectangles and ellipses without a heading of their own turn with the direction of the velocity.
+concave polygon). Rectangles and ellipses without a heading of their own turn with the direction of the velocity; where
+that is estimated they are widened by what it may be off (widening.py).
 
 :class:`ThreatZone` is one zone in world coordinates, to look at. :class:`ZoneBatch` holds all zones of a plan, in the
 planning frame, for evaluation of many at once; inflated by the vehicle's radius its distances are those of the
@@ -12,16 +13,18 @@ vehicle's reference point.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import atan2, hypot
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.courses import course_covariances, course_pointing, course_polynomials
+from scp_planner.mathematics.headings import course_heading
 from scp_planner.mathematics.outlines import Outline, convex_pieces
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.models import Confidence, Course, KnownMotion, Model, Motion, Obstacle, Scenario
@@ -30,9 +33,12 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
+if TYPE_CHECKING:
+    from scp_planner.estimation.motion_estimate import MotionEstimate
+
+logger = logging.getLogger(__name__)
+
 STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
-SLOWEST_HEADING = 0.1  # units of speed; shapes on courses that are anywhere slower are covered by discs
-SLOWNESS_LOOKS = 17  # at each piece of a course
 HORIZON = 120.0  # units of time; longest trip that estimated zones are made for
 
 
@@ -54,7 +60,25 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
     units = NaturalUnits.of(scenario)
-    return tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
+    made = tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
+    tell_of_discs(scenario.obstacles, made)
+    return made
+
+
+def tell_of_discs(obstacles: Sequence[Obstacle], zones: Sequence[ThreatZone]) -> None:
+    """Say which shapes are taken for the discs that cover them.
+
+    Parameters
+    ----------
+    obstacles : sequence of Obstacle
+    zones : sequence of ThreatZone
+        Of these, in order; there may be more.
+    """
+    for number, obstacle in enumerate(obstacles):
+        # most are discs, whose zones need not be made for this
+        if isinstance(obstacle.shape, Rectangle | Ellipse) and is_taken_for_a_disc(obstacle.shape, zones[number]):
+            kind, radius = type(obstacle.shape).__name__.lower(), covering_radius(obstacle.shape)
+            logger.info("%s: taken for a disc of %.3g m, the heading of its %s is not known", obstacle.id, radius, kind)
 
 
 class ZonesOf(SortedZones):
@@ -152,26 +176,75 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     if obstacle.motion is not None:
         confidence = scenario.confidence
         return known_zone(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, confidence, estimated)
-    body = estimated_body(obstacle.shape, obstacle.model)
-    from scp_planner.estimation.confidence import region_scale
     from scp_planner.estimation.estimate import estimate_obstacle
 
     estimate = estimate_obstacle(obstacle)
     start = max(scenario.start.time, estimate.reference_time)  # which may be later by rounding
-    scale = region_scale(
-        str(scenario.confidence.level),
-        scenario.confidence.probability,
-        estimate,
-        obstacles=estimated,
-        start=start,
-        stop=start + HORIZON,
+    body = estimated_body(obstacle.shape, obstacle.model)
+    return estimated_zone(
+        Embodied(obstacle.id, obstacle.shape, body, obstacle.margin), estimate, scenario.confidence, estimated, start
     )
-    pieces = estimate.polynomials(start, start + HORIZON)
+
+
+@dataclass(frozen=True)
+class Embodied:
+    """An obstacle whose motion is estimated.
+
+    Attributes
+    ----------
+    id : str
+    shape : Shape
+    body : Body
+        Of the shape.
+    margin : float
+        Extra clearance, m.
+    """
+
+    id: str
+    shape: Shape
+    body: Body
+    margin: float
+
+
+def estimated_zone(
+    obstacle: Embodied, estimate: MotionEstimate, confidence: Confidence, estimated: int, start: float
+) -> ThreatZone:
+    """Return the zone of an obstacle whose motion is estimated.
+
+    Parameters
+    ----------
+    obstacle : Embodied
+    estimate : MotionEstimate
+    confidence : Confidence
+    estimated : int
+        How many obstacles are not known exactly.
+    start : float
+        From which on the zone holds for `HORIZON`, s.
+
+    Returns
+    -------
+    ThreatZone
+    """
+    from scp_planner.estimation.confidence import region_scale
+    from scp_planner.threat_zones.widening import Split, widened, widening_of
+
+    body, widening = obstacle.body, None
+    level, probability, sharing = str(confidence.level), confidence.probability, estimated
+    stop = start + HORIZON
+    if body.turning is not None:
+        split = Split.of(confidence, estimated)
+        widening = widening_of(body.turning, estimate, split.heading, start, HORIZON)
+        if widening is not None:
+            level, probability, sharing = split.level, split.position, 1
+            body = Body(0.0, shape_outlines(obstacle.shape, widening.heading))
+    scale = region_scale(level, probability, estimate, obstacles=sharing, start=start, stop=stop)
+    pieces = estimate.polynomials(start, stop)
+    covariances = PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None])
     return ThreatZone(
         obstacle.id,
         body.radius + obstacle.margin + pieces.center_error,
         PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
-        PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
+        covariances if widening is None else widened(covariances, widening),
         body.outlines,
         until=start + HORIZON,
     )
@@ -179,10 +252,14 @@ def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
 
 @dataclass(frozen=True)
 class Body:
-    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone."""
+    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone.
+
+    A disc that covers a shape which turns with its motion has that in ``turning``.
+    """
 
     radius: float
     outlines: tuple[Outline, ...] = ()
+    turning: Outline | None = None
 
 
 def is_uncertain(obstacle: Obstacle) -> bool:
@@ -215,8 +292,8 @@ def known_zone(
 
         scale = marginal_scale(str(confidence.level), confidence.probability, len(motion.time), uncertain)
         given = np.broadcast_to(np.array(motion.covariance), (len(motion.time), 2, 2))
-        body = estimated_body(shape, Model())
         covariances = course_covariances(motion.time, scale * given)
+        body = estimated_body(shape, Model())
         return ThreatZone(name, body.radius + margin, centers, covariances, body.outlines)
     if isinstance(shape, Disc):
         return ThreatZone(name, shape.disc + margin, centers)
@@ -225,9 +302,12 @@ def known_zone(
         pointing = course_pointing(motion.time, motion.heading) if any(one.turning for one in outlines) else None
         return ThreatZone(name, margin, centers, None, outlines, pointing)
     outlines = shape_outlines(shape, _fixed_heading(centers))
-    if isinstance(motion, Course) and any(outline.turning for outline in outlines) and _turns_on_the_spot(centers):
-        return ThreatZone(name, covering_radius(shape) + margin, centers)
-    return ThreatZone(name, margin, centers, None, outlines)
+    pointing = None
+    if isinstance(motion, Course) and any(outline.turning for outline in outlines):
+        pointing = course_heading(centers, 2.0 * covering_radius(shape))
+        if pointing is None:
+            return ThreatZone(name, covering_radius(shape) + margin, centers)
+    return ThreatZone(name, margin, centers, None, outlines, None if pointing is centers else pointing)
 
 
 def estimated_body(shape: Shape, model: Model) -> Body:
@@ -237,8 +317,8 @@ def estimated_body(shape: Shape, model: Model) -> Body:
     standing = model.order == 0 and model.process is None
     outlines = shape_outlines(shape, 0.0 if standing else None)
     if any(outline.turning for outline in outlines):
-        # The direction of an estimated velocity may be wrong by any angle: all of them are covered.
-        return Body(covering_radius(shape))
+        # The direction of an estimated velocity may be wrong by any angle, as long as nobody bounds it.
+        return Body(covering_radius(shape), (), outlines[0])
     return Body(0.0, outlines)
 
 
@@ -285,13 +365,9 @@ def _fixed_heading(centers: PiecewisePolynomials) -> float | None:
     return atan2(largest[1], largest[0]) if np.all(across <= STRAIGHT * np.hypot(*vectors.T)) else None
 
 
-def _turns_on_the_spot(centers: PiecewisePolynomials) -> bool:
-    """Whether a course is anywhere so slow that its direction says nothing of its heading."""
-    breaks = centers.breakpoints[0]
-    ends = np.where(np.isfinite(breaks[1:]), breaks[1:], breaks[:-1] + 1.0)
-    times = (breaks[:-1] + np.linspace(0.0, 1.0, SLOWNESS_LOOKS)[:, None] * (ends - breaks[:-1])).ravel()
-    velocity = centers.derivative.at(np.zeros(len(times), dtype=np.intp), times)
-    return bool(np.hypot(velocity[:, 0], velocity[:, 1]).min() < SLOWEST_HEADING)
+def is_taken_for_a_disc(shape: Shape, zone: ThreatZone) -> bool:
+    """Whether a zone is that of a disc that covers a shape, for want of a heading."""
+    return isinstance(shape, Rectangle | Ellipse) and not zone.outlines
 
 
 def covering_radius(shape: Shape) -> float:

@@ -174,3 +174,13 @@ def test_the_same_fault_in_many_obstacles_is_told_once() -> None:
     text = hasty(*crowd(7, {"order": 2}, gap=0.5))
     assert text.count("clearance to person") == text.count("uncertain by up to") == text.count("set model") == 1
     assert "as of 6 more (person" in text and ", ...)" in text
+
+
+def test_a_rectangle_that_is_taken_for_a_disc_is_told() -> None:
+    times = np.linspace(-1.0, 0.0, 6).tolist()
+    noise = [[0.0001, 0.0], [0.0, 0.0001]]
+    seen = {"time": times, "position": [[20.0, 2.0]] * 6, "covariance": noise}
+    crate = {"id": "crate", "shape": {"rectangle": [6.0, 1.0]}, "observations": seen, "model": {"order": 1}}
+    assert "crate is taken for a disc of 3.04 m, as its heading is not known: give shape.heading" in hasty(crate)
+    known = {**crate, "shape": {"rectangle": [6.0, 5.0], "heading": 0.0}}
+    assert "taken for a disc" not in hasty(known)
