@@ -1,16 +1,18 @@
 """Rectangles and ellipses whose heading is estimated: at the expected heading, widened by what that may be off.
 
 A shape turned by an angle a about its centre lies in the unturned one + a disc of radius 2 r sin(a / 2), r its reach:
-no point of it moves farther. And whatever the angle, it lies in the unturned one + a disc of radius r - i, i the radius
-of the disc inside it. So with w(t) the smaller of the two for the largest angle until t, the shape at the expected
-heading + a disc of radius w(t) holds the true one at that time.
+no point of it moves farther. And whatever the angle, it lies in the unturned one + the ellipse of semi-axes r - l along
+and r - m across, l and m its own half length and width: for a direction (c, s) the support of the three is
+l c + m s + ((r - l)^2 c^2 + (r - m)^2 s^2)^1/2 >= l c + m s + (r - l) c^2 + (r - m) s^2 >= r, as c^2 <= c and s^2 <= s.
+For an ellipse (l^2 c^2 + m^2 s^2)^1/2 >= l c^2 + m s^2 takes the place of l c + m s. So the shape at the expected
+heading, widened by the one as long as that is small and by the other then, holds the true one.
 
 The velocity is v(t) + an error, of which |error| <= b(t) holds at all times with a probability of its own, split off
 that of the position. Then the heading is off by no more than the turn of v(t) since the beginning + asin(b / |v|).
 
-The uncertainty ellipse C of the position and the disc w together lie in an ellipse again: for any A >= w / s > 0,
-(1 + A) C + (w^2 + s w) I has the support (nu' C nu)^1/2 + w at least. s, w and A are linear between leads here, so that
-this is a polynomial; A is as large as at the ends of its pieces and of their neighbours.
+The uncertainty ellipse C of the position and the ellipse E of the widening together lie in an ellipse again:
+(1 + A) C + (1 + 1 / A) E for any A > 0. E and A are linear between leads here, and for 1 / A stands its chord, which is
+never less; so it is a polynomial of time.
 """
 
 from __future__ import annotations
@@ -35,6 +37,8 @@ WORTH_IT = 0.5
 """Of the widening that holds for every heading: a heading that is uncertain by more at once says nothing."""
 LEADS = 12
 """At which the widening is computed, between a share of the horizon and all of it, besides the beginning."""
+LEAST_RATIO = 1e-3
+"""Of the size of a widening and that of an uncertainty: less is taken for that."""
 FIRST_LEAD = 1e-3
 """That share."""
 EARLY = 6
@@ -80,13 +84,13 @@ class Widening:
         rad.
     leads : (L,) array
         After that time, s, the first 0.
-    widths : (L,) array
-        m; linear between leads, at least what is needed there.
+    squares : (L, 2) array
+        Of the semi-axes along the heading and across it, m^2; linear between leads, at least what is needed there.
     """
 
     heading: float
     leads: Array
-    widths: Array
+    squares: Array
 
 
 def widening_of(
@@ -120,12 +124,19 @@ def widening_of(
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.arcsin(np.minimum(errors / slowest, 1.0))
     off = np.where((slowest > errors) & (slowest > 0.0), np.maximum(turn[:-1], turn[1:]) + off, np.pi)
-    most = outline.reach - _inner(outline)
-    needed = np.maximum.accumulate(np.minimum(2.0 * outline.reach * np.sin(0.5 * np.minimum(off, np.pi)), most))
-    if needed[0] > WORTH_IT * most:
+    reach, half = outline.reach, _half_sides(outline)
+    moved = np.maximum.accumulate(2.0 * reach * np.sin(0.5 * np.minimum(off, np.pi)))
+    every = reach - half
+    if moved[0] > WORTH_IT * every[1]:
         return None
-    # at a lead as much as is needed until the next one
-    return Widening(beginning, leads, np.append(needed, needed[-1]))
+    known = int(np.searchsorted(moved, WORTH_IT * every[1], "right"))
+    # at a lead what is needed from the one before to the next one, which grows until the heading is not known any more
+    squares = np.empty((len(leads), 2))
+    squares[:known] = moved[:known, None] ** 2
+    squares[known:] = every**2
+    if known < len(leads):
+        squares[known, 0] = max(moved[known - 1], every[0]) ** 2
+    return Widening(beginning, leads, squares)
 
 
 def _speed_errors(estimate: MotionEstimate, probability: float, times: Array) -> Array | None:
@@ -191,12 +202,9 @@ def _distance_of_origin(first: Array, last: Array) -> Array:
     return np.asarray(np.hypot(nearest[:, 0], nearest[:, 1]))
 
 
-def _inner(outline: Outline) -> float:
-    """Radius of the disc about the centre inside a rectangle or an ellipse, m."""
-    if outline.vertices is not None:
-        return float(np.einsum("va,va->v", outline.normals, outline.vertices).min())
-    assert outline.matrix is not None
-    return float(np.sqrt(np.linalg.eigvalsh(outline.matrix[[0, 1, 1, 2]].reshape(2, 2))[0]))
+def _half_sides(outline: Outline) -> Array:
+    """Half length and half width of a rectangle or an ellipse along its axes, m."""
+    return outline.support(np.eye(2))
 
 
 def widened(covariances: PiecewisePolynomials, widening: Widening) -> PiecewisePolynomials:
@@ -204,22 +212,21 @@ def widened(covariances: PiecewisePolynomials, widening: Widening) -> PiecewiseP
     breaks, whole = covariances.breakpoints[0], covariances.coefficients[0]
     leads = widening.leads[breaks[0] + widening.leads < breaks[-1]]
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads]))
-    at = edges - breaks[0]
-    width = np.interp(at, widening.leads, widening.widths)
+    squares = np.stack([np.interp(edges - breaks[0], widening.leads, each) for each in widening.squares.T], axis=1)
     packed = covariances.at(np.zeros(len(edges), dtype=np.intp), edges)
-    size = np.sqrt(0.5 * (packed[:, 0] + packed[:, 2]))
-    ratio = width / size
-    around = np.concatenate([ratio[:1], ratio, ratio[-1:]])
-    factor = 1.0 + np.max([around[:-2], around[1:-1], around[2:]], axis=0)
+    ratio = np.maximum(np.sqrt(squares.sum(axis=1) / (packed[:, 0] + packed[:, 2])), LEAST_RATIO)
     begins, steps = edges[:-1], np.diff(edges)
     piece = np.clip(np.searchsorted(breaks, begins, "right") - 1, 0, len(whole) - 1)
     powers = whole.shape[1]
     shifted = shift_matrices(powers, begins - breaks[piece]) @ whole[piece]
     product = np.zeros((len(begins), max(powers + 1, 3), 3))
-    product[:, :powers] = factor[:-1, None, None] * shifted
-    product[:, 1 : powers + 1] += (np.diff(factor) / steps)[:, None, None] * shifted
-    w, s, dw, ds = width[:-1], size[:-1], np.diff(width) / steps, np.diff(size) / steps
-    disc = np.stack([w * w + s * w, 2.0 * w * dw + s * dw + ds * w, dw * dw + ds * dw], axis=1)
-    product[:, :3, 0] += disc
-    product[:, :3, 2] += disc
+    product[:, :powers] = (1.0 + ratio[:-1, None, None]) * shifted
+    product[:, 1 : powers + 1] += (np.diff(ratio) / steps)[:, None, None] * shifted
+    c, s = math.cos(widening.heading), math.sin(widening.heading)
+    own = squares @ np.array([[c * c, c * s, s * s], [s * s, -c * s, c * c]])
+    slopes, factor = np.diff(own, axis=0) / steps[:, None], 1.0 + 1.0 / ratio
+    growth = (np.diff(factor) / steps)[:, None]
+    product[:, 0] += factor[:-1, None] * own[:-1]
+    product[:, 1] += factor[:-1, None] * slopes + growth * own[:-1]
+    product[:, 2] += growth * slopes
     return PiecewisePolynomials(edges[None], product[None])

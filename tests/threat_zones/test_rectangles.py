@@ -193,16 +193,36 @@ def test_an_ellipse_and_a_widening_lie_in_the_widened_ellipse() -> None:
         later = np.stack([terms[0] + 2.0 * terms[1] + 4.0 * terms[2], terms[1], terms[2]])
         before = PiecewisePolynomials(breaks, np.stack([terms, later])[None])
         leads = np.array([0.0, 0.3, 1.0, 4.0, 10.0])
-        widening = Widening(0.0, leads, np.sort(rng.uniform(0.0, 1.5, 5)))
+        widening = Widening(float(rng.uniform(0.0, 3.0)), leads, np.sort(rng.uniform(0.0, 1.5, (5, 2)), axis=0))
         after = widened(before, widening)
         times = np.linspace(1.0, 11.0, 801)
         every = np.zeros(len(times), dtype=int)
-        width = np.interp(times - 1.0, leads, widening.widths)
+        along, across = (np.interp(times - 1.0, leads, each) for each in widening.squares.T)
         for angle in np.linspace(0.0, np.pi, 13):
             nu = np.broadcast_to([np.cos(angle), np.sin(angle)], (len(times), 2))
+            off = angle - widening.heading
+            width = np.sqrt(along * np.cos(off) ** 2 + across * np.sin(off) ** 2)
             whole, own = support(after.at(every, times), nu), support(before.at(every, times), nu)
             assert np.all(whole >= (own + width) * (1.0 - 1e-12))
-            assert np.all(whole <= 3.0 * (own + width) + 1e-9)
+
+
+@pytest.mark.parametrize("shape", [{"rectangle": [LENGTH, WIDTH]}, {"ellipse": [2.4, 0.95]}])
+def test_a_widened_shape_holds_it_at_every_heading_that_is_possible(shape: dict[str, Any]) -> None:
+    """By dense search: the shape turned by what its heading may be off, at the beginning and when nothing is known."""
+    past = [20.0, 3.0] + TIMES[:, None] * [6.0, 0.0]
+    places = past + np.random.default_rng(0).normal(0.0, 0.1, past.shape)
+    seen = {"time": TIMES, "position": places, "covariance": NOISE}
+    own = {"id": "car", "shape": shape, "observations": seen, "model": {"order": 2}}
+    (zone,) = sp.zones(lane(own))
+    angle = np.linspace(0.0, 2.0 * np.pi, 721)
+    nu = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    (late,) = (zone.support(np.full(721, 90.0), nu),)
+    reach = zone.outlines[0].reach
+    assert np.all(late >= reach)  # every heading
+    (outline,) = zone.outlines
+    for off in np.linspace(-0.05, 0.05, 11):  # less than what two seconds of observations leave open
+        turned = np.stack([np.cos(angle - off), np.sin(angle - off)], axis=1)
+        assert np.all(zone.support(np.zeros(721), nu) >= outline.support(turned))
 
 
 WANDERER = {
