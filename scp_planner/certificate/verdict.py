@@ -27,6 +27,9 @@ class Clearance:
     obstacle: str | None = None
     time: float | None = None
 
+    def __str__(self) -> str:
+        return "no obstacles" if self.obstacle is None else f"{self.minimum:.4g} m clear of {self.obstacle}"
+
     def outside(self, units: NaturalUnits) -> Clearance:
         """Return a clearance in the units of its scene in SI units."""
         time = None if self.time is None else units.absolute(self.time)
@@ -183,6 +186,12 @@ class Certificate:
     clearance: Clearance
     limits: dict[str, LimitUse]
     violations: tuple[Violation, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        if self.holds:
+            return f"Certificate(holds, {self.clearance})"
+        more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
+        return f"Certificate(does not hold: {self.violations[0] if self.violations else 'nothing is known'}{more})"
 
     def outside(self, units: NaturalUnits) -> Certificate:
         """Return a certificate in the units of its scene in SI units."""

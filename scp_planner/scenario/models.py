@@ -435,6 +435,11 @@ class Scenario(Part):
         """Fill in where a goal that is a region is aimed at; what is faulty is left to the checks."""
         return with_aim(data)
 
+    def __repr__(self) -> str:
+        away = math.dist(self.start.position, self.goal.position)
+        count = len(self.obstacles)
+        return f"Scenario({self.name!r}, {away:.4g} m, {count} obstacle{'' if count == 1 else 's'})"
+
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
         """Read a scenario from a YAML or JSON file.

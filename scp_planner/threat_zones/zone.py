@@ -46,6 +46,11 @@ class ThreatZone:
     pointing: PiecewisePolynomials | None = None
     until: float = inf
 
+    def __repr__(self) -> str:
+        shape = f"disc of {self.radius:.4g} m" if not self.outlines else f"{len(self.outlines)} convex outlines"
+        grows = "known motion" if self.covariances is None else "uncertain motion"
+        return f"ThreatZone({self.id!r}, {shape}, {grows})"
+
     def inside(self, units: NaturalUnits) -> ThreatZone:
         """Return the zone in the units of its scene."""
         if units.are_those_of_the_user:
