@@ -34,7 +34,9 @@ UNIT = re.compile(
     r"|greater than 0 and less than 1)",
 )
 NUMBER = re.compile(r"\b(?:float|ArrayLike|Array|NDArray|Vector)\b")
-A_CLASS = re.compile(r"(?:(?:tuple|Row)\[)?[A-Z][A-Za-z]*(?:(?:, \.\.\.)?\])?(?: \| None)?")  # which is documented itself
+A_CLASS = re.compile(
+    r"(?:(?:tuple|Row)\[)?[A-Z][A-Za-z]*(?:(?:, \.\.\.)?\])?(?: \| None)?"
+)  # which is documented itself
 ARRAY = re.compile(r"\b(?:ArrayLike|Array|NDArray)\b")
 
 
