@@ -29,7 +29,8 @@ _UNITS = {
     "velocity_deviation": "m/s",
     "noise_deviation": "m",
 }
-_TOLD_AT_THE_END = ("reason", "violations", "limits")
+_NOT_LISTED = ("reason", "violations", "limits", "file")
+"""Told elsewhere, or known."""
 
 
 def start_logging(quiet: bool, verbose: bool) -> None:
@@ -64,7 +65,7 @@ def report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
         print_json(summary)
     elif not quiet:
         for key, value in summary.items():
-            if value is not None and key not in _TOLD_AT_THE_END:
+            if value is not None and key not in _NOT_LISTED:
                 unit = _UNITS.get(key.removeprefix("simulated_"), "")
                 typer.echo(f"{key.replace('_', ' ') + ':':<24} {_shown(value)} {unit}".rstrip())
 
