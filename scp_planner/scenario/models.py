@@ -7,6 +7,7 @@ has been checked when it exists: `scp_planner.scenario.validation` says how faul
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from enum import StrEnum
 from os import PathLike

@@ -19,7 +19,7 @@ from scenes import CROSSERS, scene
 import scp_planner
 import scp_planner as sp
 from scp_planner.baseline import comparison
-from scp_planner.baseline.descent import DescentSettings, Variant
+from scp_planner.baseline.descent_settings import DescentSettings, Variant
 from scp_planner.batch import jobs
 from scp_planner.errors import SettingsError
 from scp_planner.estimation.least_squares import Noise
@@ -196,7 +196,7 @@ NOT_GIVEN = {
     "scp_planner.cli.application.ExitCode",
     "scp_planner.scp.merit.Limit",
     "scp_planner.scp.record.LoopStatus",
-    "scp_planner.baseline.descent.DescentStatus",
+    "scp_planner.baseline.descent_run.DescentStatus",
     "scp_planner.planning.plan.PlanStatus",
     "scp_planner.online.plan.Outcome",
     "scp_planner.batch.executor.Fate",
