@@ -184,14 +184,18 @@ def guide_moves_on(scenario: Any) -> Iterator[Problem]:
 
 def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Problem]:
     """Each polygon of the corridor is simple and convex."""
-    for i, polygon in enumerate(scenario.corridor or ()):
+    yield from _not_convex("corridor", scenario.corridor or ())
+
+
+def _not_convex(key: str, polygons: Any) -> Iterator[Problem]:
+    for i, polygon in enumerate(polygons):
         faults = [
-            Problem(("corridor", i, *problem.location[1:]), problem.value, problem.message)
+            Problem((key, i, *problem.location[1:]), problem.value, problem.message)
             for problem in _polygon_faults(polygon)
         ]
         yield from faults
         if not faults and not planar.is_convex(polygon):
-            yield Problem(("corridor", i), polygon, "must be convex")
+            yield Problem((key, i), polygon, "must be convex")
 
 
 def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
@@ -245,14 +249,7 @@ def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
 
 def walls_are_convex(scenario: Any) -> Iterator[Problem]:
     """Each wall is a simple and convex polygon."""
-    for i, polygon in enumerate(scenario.walls):
-        faults = [
-            Problem(("walls", i, *problem.location[1:]), problem.value, problem.message)
-            for problem in _polygon_faults(polygon)
-        ]
-        yield from faults
-        if not faults and not planar.is_convex(polygon):
-            yield Problem(("walls", i), polygon, "must be convex")
+    yield from _not_convex("walls", scenario.walls)
 
 
 def start_is_clear_of_walls(scenario: Any) -> Iterator[Problem]:
