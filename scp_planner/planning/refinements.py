@@ -11,8 +11,8 @@ import numpy as np
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
-from scp_planner.problem.build import EARLIEST_MARGIN
 from scp_planner.problem.guides import may_want_another_guide
+from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.settings.planning import Settings

@@ -8,12 +8,14 @@ normal, k its curvature, p = 1 - k f, N the path's normal and kappa its curvatur
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.path import Path, PathPoints
@@ -194,3 +196,13 @@ class DiscBox(OptionalLimit):
         theta = Swing.of(path, points).rows(path, points, self.normals[side], self.offset)[:, self.free]
         gradient[:, : theta.shape[1]] = theta
         return gradient
+
+
+def disc_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make what keeps the further discs of a long vehicle clear of zones, and inside the box."""
+    box = inputs.box
+    for offset in inputs.vehicle.discs:
+        if offset != 0.0:
+            yield DiscClearance(offset, inputs.free, inputs.samples, inputs.zones)
+            if len(box.offsets):
+                yield DiscBox(offset, inputs.free, inputs.step_size, box.normals, box.offsets)
