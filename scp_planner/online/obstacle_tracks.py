@@ -36,7 +36,8 @@ from scp_planner.online.track import (
     TrackEstimator,
 )
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior
+from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
+from scp_planner.scenario.motions import Course
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch

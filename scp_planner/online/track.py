@@ -23,7 +23,8 @@ from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
 from scp_planner.online.noticing import Bank
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Course, KnownMotion, Model
+from scp_planner.scenario.models import Model
+from scp_planner.scenario.motions import Course, KnownMotion
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers

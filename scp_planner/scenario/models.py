@@ -8,24 +8,24 @@ has been checked when it exists: `scp_planner.scenario.validation` says how faul
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.scenario import checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
+from scp_planner.scenario.motions import Covariance, KnownMotion
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
-from scp_planner.scenario.validation import Part, Row, Rule, faults_of, variant
-from scp_planner.scenario.values import Matrix, NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
+from scp_planner.scenario.validation import Part, Row, Rule, faults_of
+from scp_planner.scenario.values import NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 MOST_OBSTACLES = 20_000
@@ -169,69 +169,6 @@ class Confidence(Part):
         default=0.95, description="greater than 0 and less than 1"
     )
     level: ConfidenceLevel = ConfidenceLevel.JOINT
-
-
-def _covariance_case(data: Any) -> str:
-    """Tell one matrix from a list of matrices by what stands two brackets deep."""
-    try:
-        return variant("each" if isinstance(data[0][0], (list, tuple)) else "common")
-    except (TypeError, LookupError):
-        return variant("common")
-
-
-Covariance = Annotated[
-    Annotated[Matrix, Tag(variant("common"))] | Annotated[Row[Matrix], Tag(variant("each"))],
-    Discriminator(_covariance_case),
-]
-
-
-class Motion(Part):
-    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
-
-    position: Vector = Field(description="[x, y] at t = 0, m")
-    velocity: Rate = Field(default=(0.0, 0.0), description="[x, y] at t = 0, m/s")
-    acceleration: Rate = Field(default=(0.0, 0.0), description="[x, y], m/s2")
-
-
-class Course(Part):
-    """A motion given by positions at times, such as another program's prediction: a cubic spline through them.
-
-    After the last time it goes straight on at the speed that it then has, and before the first one too. With a
-    covariance the positions are those of a prediction: the obstacle keeps clear of at the level of confidence that is
-    asked for, its errors between two times in line with those there, and after the last time as large as then.
-    """
-
-    rules: ClassVar[tuple[Rule, ...]] = (
-        obstacle_checks.times_increase,
-        obstacle_checks.one_position_a_time,
-        obstacle_checks.covariance_is_one_or_each,
-        obstacle_checks.covariance_is_definite,
-        obstacle_checks.headings_turn_slowly,
-    )
-
-    time: Annotated[Row[Number], Field(min_length=2)] = Field(description="s, increasing")
-    position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
-    covariance: Covariance | None = Field(
-        default=None,
-        description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
-    )
-    heading: Row[Number] | None = Field(
-        default=None,
-        description="where the shape heads, rad, one for each time, each less than half a turn from the one before;"
-        " null: along the velocity, and as last known while it stands",
-    )
-
-
-def _motion_case(data: Any) -> str:
-    """Tell a course from a motion by its times."""
-    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
-    return variant("course" if given else "motion")
-
-
-KnownMotion = Annotated[
-    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
-    Discriminator(_motion_case),
-]
 
 
 class Observations(Part):

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.estimates import Estimate
     from scp_planner.scenario.models import (
         Goal,
-        KnownMotion,
         Model,
-        Motion,
         Observations,
         Obstacle,
         Prior,
@@ -41,6 +39,7 @@ if TYPE_CHECKING:
         Start,
         Vehicle,
     )
+    from scp_planner.scenario.motions import KnownMotion, Motion
     from scp_planner.scenario.shapes import Shape
     from scp_planner.scenario.validation import Part
 

@@ -17,7 +17,8 @@ from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.scenario.models import KnownMotion, Motion, Obstacle
+from scp_planner.scenario.models import Obstacle
+from scp_planner.scenario.motions import KnownMotion, Motion
 from scp_planner.threat_zones.of_scenario import motion_polynomials
 
 Course = Callable[[Array], Array]

@@ -27,7 +27,8 @@ from scp_planner.mathematics.courses import course_covariances, course_pointing,
 from scp_planner.mathematics.headings import course_heading
 from scp_planner.mathematics.outlines import Outline, convex_pieces
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.scenario.models import Confidence, Course, KnownMotion, Model, Motion, Obstacle, Scenario
+from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
+from scp_planner.scenario.motions import Course, KnownMotion, Motion
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import KnownDiscs, SortedZones
