@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Start as Start
     from scp_planner.scenario.models import Vehicle as Vehicle
     from scp_planner.scenario.motions import Course as Course
+    from scp_planner.scenario.motions import Future as Future
+    from scp_planner.scenario.motions import Futures as Futures
     from scp_planner.scenario.motions import Motion as Motion
     from scp_planner.scenario.shapes import Disc as Disc
     from scp_planner.scenario.shapes import Ellipse as Ellipse
@@ -63,6 +65,8 @@ _MODULE_OF = {
     "Ellipse": "scenario.shapes",
     "Estimate": "scenario.estimates",
     "EstimationError": "errors",
+    "Future": "scenario.motions",
+    "Futures": "scenario.motions",
     "Goal": "scenario.models",
     "Model": "scenario.models",
     "Motion": "scenario.motions",

@@ -12,6 +12,7 @@ import logging
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -37,11 +38,11 @@ from scp_planner.online.track import (
 )
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
-from scp_planner.scenario.motions import Course
+from scp_planner.scenario.motions import Course, GivenMotion
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
-from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_body, estimated_zone, known_zone
+from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_body, estimated_zone, given_zones
 from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
@@ -184,6 +185,11 @@ class ObstacleTracks:
         if track.estimator is not None:
             track.estimator.close()
 
+    def foretell(self, name: str, motion: GivenMotion) -> None:
+        """Take an obstacle to move as is foretold, until it is observed."""
+        track = self.tracks[name]
+        track.fixed, track.suspects = motion, []
+
     def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> Track:
         margin += self.margin
         return Track(name, shape, model, margin, estimated_body(shape, model), noise_factor=self.noise.factor)
@@ -261,17 +267,21 @@ class ObstacleTracks:
         made = self._together(tracks, start, level)
         for track in tracks:
             if track.fixed is not None:
-                made[track.id] = known_zone(
-                    track.id, track.shape, track.margin, track.fixed, self.confidence, estimated
-                )
-            elif track.id not in made:
+                continue
+            if track.id not in made:
                 made[track.id] = self._alone(track, start, level)
-            compared = track.fixed is None and track.given is None and track.predicted is not None
+            compared = track.given is None and track.predicted is not None
             if self.watch.regions is Regions.ADAPTIVE and compared:
                 assert track.predicted is not None, "it is compared"
                 track.foretold.append(track.predicted)
                 track.zone = made[track.id] = self._scaled(track, made[track.id])
-        return tuple(made[track.id] for track in tracks)
+        every = ((made[track.id],) if track.fixed is None else self._given(track, estimated) for track in tracks)
+        return tuple(chain.from_iterable(every))
+
+    def _given(self, track: Track, uncertain: int) -> tuple[ThreatZone, ...]:
+        """Zones of a track whose motion is given, beside how many that are not known exactly."""
+        assert track.fixed is not None
+        return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
 
     def _compare(self, track: Track, one: Seen) -> None:
         """Learn from what is seen how large regions have to be."""

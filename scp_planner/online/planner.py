@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.errors import Fault, ScenarioError
-from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate
+from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.looks import (
     FEWEST_LOOK_STEPS,
@@ -53,13 +53,14 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from, remaining_trip
 from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
-from scp_planner.online.updates import Update
+from scp_planner.online.updates import Forecast, Update
 from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting, refused
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Start
+from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
@@ -205,7 +206,7 @@ class Planner:
         self._improved = self._looked = 0
         self._good_enough = True
         self._inbox: deque[tuple[str, float, tuple[float, float], Array | None]] = deque()
-        self._updates: deque[Update] = deque()
+        self._updates: deque[Update | Forecast] = deque()
         self._work = Lock()
 
     @property
@@ -278,6 +279,29 @@ class Planner:
         )
         self._look_in()
 
+    def update_motion(self, obstacle: str, motion: GivenMotion | Mapping[str, Any]) -> None:
+        """Take in a new prediction for a known obstacle: it replaces all that was known of its motion.
+
+        During a replan, of another thread, it is taken in between two of its stages. It holds until there is another
+        one, or until the obstacle is observed: then its motion is estimated from what is observed.
+
+        Parameters
+        ----------
+        obstacle : str
+            Its id.
+        motion : Motion, Course, Futures or mapping
+            As in the scenario: exact, with a covariance, or several futures with their weights.
+
+        Raises
+        ------
+        ValueError
+            If the id is unknown or a value is not allowed.
+        """
+        if obstacle not in self.obstacles.tracks:
+            raise ValueError(f"update_motion: there is no obstacle {obstacle!r}; add_obstacle adds one")
+        self._updates.append(Forecast(obstacle, self._units.motion(checked_motion(obstacle, motion))))
+        self._look_in()
+
     def _look_in(self) -> None:
         """Take in what is new, unless a replan is at work, which does it itself."""
         if self._work.acquire(blocking=False):
@@ -292,7 +316,7 @@ class Planner:
         while self._updates:
             update = self._updates.popleft()
             fault = update.taken_in(self.obstacles)
-            if fault is not None:
+            if fault is not None and isinstance(update, Update):
                 self.notes.append(f"{update.obstacle} at t = {self._units.absolute(update.given.time):.3f} s: {fault}")
         while self._inbox:
             name, time, position, covariance = self._inbox.popleft()

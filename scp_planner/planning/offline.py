@@ -73,15 +73,16 @@ def plan(
     units = NaturalUnits.of(scenario)
     inside = units.scenario(scenario)
     any_time = at_any_time(inside)
+    found = ZonesOf(any_time)
+    tell_of_discs(scenario.obstacles, found.of_others)
     task = Task(
         any_time,
-        ZonesOf(any_time),
+        found,
         for_scene(settings, units),
         np.inf if time_limit is None else began + time_limit,
         own_solver=solver,
         given=None if constraints is None else Given(constraints, units),
     )
-    tell_of_discs(scenario.obstacles, task.threat_zones)
     runs = CheckedRuns(task)
     best = WaysRound(runs).best()
     if constraints is None:  # those are written in stations of the guide

@@ -317,8 +317,8 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
     discs = _disc_centres(start, scenario)
     for i, obstacle in enumerate(scenario.obstacles):
         motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
-        if motion is None or shape is None or _known(motion, "covariance") is not None:
-            continue  # observed, or faulty, or a course that is not known exactly
+        if shape is None or not _is_exact(motion):
+            continue  # observed, or faulty, or a prediction
         try:
             seen_from = _from_centre if _known(motion, "time") is None else _seen_from_course(shape)
             distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
@@ -329,6 +329,11 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
             which = f"obstacles[{i}]" if name is None else f"obstacles[{i}] ({name:.40})"
             text = f"must be at least {radius:g} m, the radius, from {which}; it is {distance:.6g} m"
             yield Problem(("start", "position"), start.position, text)
+
+
+def _is_exact(motion: Any) -> bool:
+    """Whether a motion is given that is known exactly."""
+    return motion is not None and all(_known(motion, key) is None for key in ("covariance", "futures"))
 
 
 def observations_are_past(scenario: Any) -> Iterator[Problem]:

@@ -20,7 +20,7 @@ from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.scenario import checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
-from scp_planner.scenario.motions import Covariance, KnownMotion
+from scp_planner.scenario.motions import Covariance, GivenMotion
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
@@ -269,7 +269,9 @@ class Obstacle(Part):
 
     id: Text = Field(description="text, unique")
     shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
-    motion: KnownMotion | None = Field(default=None, description="known exactly")
+    motion: GivenMotion | None = Field(
+        default=None, description="known exactly, or predicted; {futures: [...]}: several that are possible"
+    )
     observations: Observations | None = Field(default=None, description="from which the motion is estimated")
     estimate: Estimate | None = Field(
         default=None, description="what a tracker says, from which the motion is foretold"

@@ -32,7 +32,7 @@ from scp_planner.settings.planning import Settings
 from scp_planner.simulation.cycle import Cycle, ZoneRecord
 from scp_planner.simulation.run import STRANGER, Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
-from scp_planner.simulation.worlds import Script, VehicleState, World, as_course, drawn_course, motion_course
+from scp_planner.simulation.worlds import Script, VehicleState, World, as_course, drawn_course
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.of_scenario import covering_radius
 from scp_planner.trips.trip import discs_at
@@ -182,14 +182,7 @@ def simulate(
 def _world_of(scenario: Scenario, world: World | Mapping[str, Any] | None, seed: int) -> World | Script:
     if world is None:
         rng = np.random.default_rng([seed, 0])
-        return Script(
-            {
-                obstacle.id: motion_course(obstacle.motion)
-                if obstacle.motion is not None
-                else drawn_course(obstacle, rng)
-                for obstacle in scenario.obstacles
-            }
-        )
+        return Script({obstacle.id: drawn_course(obstacle, rng) for obstacle in scenario.obstacles})
     if isinstance(world, Script):
         return world
     if isinstance(world, Mapping):

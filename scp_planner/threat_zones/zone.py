@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -13,6 +14,14 @@ from scp_planner.mathematics.frames import covariance_turned_back, directions_of
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.units import NaturalUnits
+
+
+def by_obstacle(zones: Iterable[ThreatZone]) -> dict[str, list[ThreatZone]]:
+    """Return zones by the ids of their obstacles, in order: several of an obstacle of several futures."""
+    several: dict[str, list[ThreatZone]] = {}
+    for zone in zones:
+        several.setdefault(zone.id, []).append(zone)
+    return several
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,15 @@ def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool, monkey
     assert ("No trip at all" in plan.reason) is proved
 
 
+def test_an_obstacle_is_named_once_whichever_of_its_futures_is_in_the_way() -> None:
+    places = [(5.0, 30.0), (20.0, 0.3), (19.8, 0.1)]
+    weights = (0.25, 0.25, 0.5)
+    futures = [{"weight": one, "motion": {"position": place}} for one, place in zip(weights, places, strict=True)]
+    text = reason({"id": "crate", "shape": {"disc": 1.0}, "motion": {"futures": futures}})
+    assert text.startswith("clearance to crate -")
+    assert ": crate covers the goal" in text
+
+
 def test_a_wall_across_the_workspace_is_named_with_the_room_beside_it() -> None:
     text = reason(block("wall", (10.0, 0.1), (1.0, 5.4)), bounds=BOX)
     # 3.0 + 0.1 - 2.7 below it, less above; the vehicle is 0.6 m wide.
