@@ -179,10 +179,10 @@ def _api_faults(item: griffe.Object) -> Iterator[str]:
     else:
         yield from _number_faults("what it returns", returned, text)
     if item.is_class:
-        yield from _attribute_faults(item, sections, text)
+        yield from _attribute_faults(item, sections)
 
 
-def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringSection], text: str) -> Iterator[str]:
+def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringSection]) -> Iterator[str]:
     described = {}
     if "attributes" in sections:
         for each in sections["attributes"].value:

@@ -134,8 +134,8 @@ class Descent:
         run = self.run_so_far
         try:
             for width in self.settings.widths:
-                value = self._stage(width)
-                self._raise_prices(width, value)
+                self._stage(width)
+                self._raise_prices(width)
             self.settle()
         except _OutOfTimeError:
             run.status = DescentStatus.TIME_LIMIT
@@ -190,7 +190,7 @@ class Descent:
             if off < SETTLED_EXCESS:
                 run.status = DescentStatus.CONVERGED
                 break
-            if self._raise_prices(width, value):
+            if self._raise_prices(width):
                 continue
             reach = STUCK * width * np.array([1.0, self.settings.limit_width])
             self.margins = Margins(
@@ -202,7 +202,7 @@ class Descent:
         self.y = self.coordinates.with_goal_speed(self.y)
         run.evaluation = self._exact()
 
-    def _raise_prices(self, width: float, value: ObjectiveValue) -> bool:
+    def _raise_prices(self, width: float) -> bool:
         """Make dearer what is violated by more than the hinge explains; whether anything was."""
         zones, limits = signed_excess(self.problem, self.run_so_far.evaluation)
         last = self.settings.last_price
