@@ -10,7 +10,6 @@ import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from itertools import islice
 from os import PathLike
 from time import perf_counter
@@ -23,6 +22,7 @@ from scp_planner.baseline.checked_descent import checked_descent
 from scp_planner.baseline.descent import Descent
 from scp_planner.baseline.descent_run import Moment
 from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.methods import Method
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.files import write_text
@@ -34,11 +34,11 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
-from scp_planner.scp.record import NEAR
 from scp_planner.search.starts import starts
 from scp_planner.settings.knobs import word_of
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import solver_named
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
@@ -48,15 +48,6 @@ CURVE_PRICE = (
     50.0  # units of time for one of length, or of excess: the merit of convergence curves, the same for all methods
 )
 CLEARLY_FASTER = 1e-3  # relative difference of travel times that counts
-
-
-class Method(StrEnum):
-    """What is compared."""
-
-    SCP = "scp"
-    LBFGS = "l-bfgs"
-    GRADIENT = "gradient-descent"
-    MONTE_CARLO = "monte-carlo"
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ from scp_planner.baseline.objective_parts import (
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
-from scp_planner.scp.record import NEAR
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)

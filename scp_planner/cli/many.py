@@ -6,12 +6,12 @@ import logging
 from collections import Counter
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scp_planner.baseline import methods as compared
 from scp_planner.batch.jobs import Method
 from scp_planner.cli import pictures
 from scp_planner.cli.application import ExitCode
@@ -46,15 +46,6 @@ if TYPE_CHECKING:
 
 MOST_TOLD = 10
 """Scenarios without a certified plan that are named one by one."""
-
-
-class Compared(StrEnum):
-    """What is compared: sequential convex programming, and the variants of penalty descent."""
-
-    SCP = "scp"
-    LBFGS = "l-bfgs"
-    GRADIENT = "gradient-descent"
-    MONTE_CARLO = "monte-carlo"
 
 
 def batch(
@@ -191,7 +182,7 @@ def compare(
         int, typer.Option("--starts", metavar="N", callback=at_least(1), help="Starts of each scenario, at most.")
     ] = 3,
     methods: Annotated[
-        list[Compared] | None,
+        list[compared.Method] | None,
         typer.Option("--method", help="What to compare; may be given several times; default: scp and l-bfgs."),
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write all trials, CSV.")] = None,
@@ -214,7 +205,7 @@ def compare(
     pictures.check_picture("--plot", plot, suffixes=pictures.FIGURE_SUFFIXES)
     settings = replace(Settings(), **keyword_settings(assignments, None))
     scenarios = [load_scenario(file) for file in scenario_files]
-    chosen = [comparison.Method(method.value) for method in methods or (Compared.SCP, Compared.LBFGS)]
+    chosen = methods or [compared.Method.SCP, compared.Method.LBFGS]
     with progress_bar(len(scenarios) * starts * len(chosen), "trial", quiet) as bar:
 
         def advance(_: object) -> None:

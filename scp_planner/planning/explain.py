@@ -33,7 +33,7 @@ MOST_CULPRITS = 4
 MOST_NAMED = 3
 """Of many obstacles that are alike."""
 TOUCHING = 0.1  # of the vehicle's radius
-LOOKS = 65  # at times of a trip
+TRIP_LOOKS = 65  # at times of a trip
 ROUNDING = 1e-6  # of the trip's length or time
 
 _ENDS = {
@@ -249,7 +249,7 @@ def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violat
     stop = start.speed / vehicle.max_deceleration
     if violation.time > start.time + stop:
         return
-    after = np.linspace(0.0, stop, LOOKS)
+    after = np.linspace(0.0, stop, TRIP_LOOKS)
     driven = start.speed * after - 0.5 * vehicle.max_deceleration * after**2
     positions = np.array(start.position) + driven[:, None] * [np.cos(start.heading), np.sin(start.heading)]
     distance = np.min([zone.signed_distance(start.time + after, positions) for zone in zones], axis=0)
@@ -264,7 +264,7 @@ def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violat
 def _touched(scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip) -> list[str]:
     """Name the zones that a trip cuts or touches, the ones it cuts deepest first."""
     trajectory = trip.trajectory
-    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, LOOKS)))
+    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, TRIP_LOOKS)))
     times, positions = trip.frame.time + points.time, trip.frame.to_world(points.path.position)
     radius = scenario.vehicle.radius
     least = {
@@ -309,8 +309,8 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
 
 def _covers_goal(scenario: Scenario, zones: Sequence[ThreatZone], first: float, last: float) -> bool:
     """Whether the zones of an obstacle leave no room at the goal, whenever a trip might arrive."""
-    times = scenario.start.time + np.linspace(first, last, LOOKS)
-    goal = np.broadcast_to(np.array(scenario.goal.position), (LOOKS, 2))
+    times = scenario.start.time + np.linspace(first, last, TRIP_LOOKS)
+    goal = np.broadcast_to(np.array(scenario.goal.position), (TRIP_LOOKS, 2))
     distance = np.min([zone.signed_distance(times, goal) for zone in zones], axis=0)
     return bool(np.all(distance + scenario.goal.radius - scenario.vehicle.radius < 0.0))
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from scp_planner.threat_zones.zone import ThreatZone
 
 MOST_FRAMES = 1200
-STANDING = 1e-6
+STILL_SPEED = 1e-6
 """m/s. What is slower has no direction."""
 CREEPING = 0.01
 """Below this part of the greatest speed the curvature is not told: it is a quotient of two differences near 0."""
@@ -153,7 +153,7 @@ def _obstacle(
 def _directions(known: Array, centers: Array, time: Array) -> Array:
     """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
     velocity = np.gradient(centers, known, axis=0)
-    angle = np.where(np.hypot(*velocity.T) < STANDING, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
+    angle = np.where(np.hypot(*velocity.T) < STILL_SPEED, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
     nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
     return nearest
 

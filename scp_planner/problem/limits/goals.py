@@ -11,7 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.rounding import ANGLE_DECIMALS
-from scp_planner.problem.limits.discs import Swing, disc_positions
+from scp_planner.problem.limits.discs import Swing, disc_positions, of_offsets_alone
 from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.scenario.goal_sides import GoalSides
@@ -63,9 +63,7 @@ class GoalRegion(OptionalLimit):
         path = trajectory.path
         points = path.points(np.ones(len(index)))
         theta = Swing.of(path, points).rows(path, points, self.normals[index], self.ahead)[:, self.free]
-        gradient = np.zeros((len(index), self.step_size))
-        gradient[:, : theta.shape[1]] = theta
-        return gradient
+        return of_offsets_alone(theta, self.step_size)
 
 
 @dataclass(frozen=True)
@@ -106,9 +104,7 @@ class GoalHeading(OptionalLimit):
         path = trajectory.path
         points = path.points(_END)
         turn = Swing.of(path, points).turn_rows(path, points)[0, self.free]
-        gradient = np.zeros((len(index), self.step_size))
-        gradient[:, : len(turn)] = np.where(index == 0, 1.0, -1.0)[:, None] * turn
-        return gradient
+        return of_offsets_alone(np.where(index == 0, 1.0, -1.0)[:, None] * turn, self.step_size)
 
 
 @dataclass(frozen=True)
