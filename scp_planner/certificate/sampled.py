@@ -134,7 +134,7 @@ class _SampledCheck:
             missed = abs(np.remainder(first.heading - wanted + np.pi, 2.0 * np.pi) - np.pi)
             if missed <= STANDING_TURN:
                 first = EndState(first.time, first.position, wanted, first.speed, first.acceleration)
-        self.violations += [*start_violations(self.scenario, first), *goal_violations(self.scenario, last)]
+        self.violations += [*start_violations(self.scenario, first), *goal_violations(self.scenario, last, first.time)]
 
     def _directions(self) -> None:
         """Whether it moves backwards, or turns where it stands."""
