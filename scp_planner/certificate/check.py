@@ -45,7 +45,7 @@ from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones.batch import ZoneBatch, known_until
+from scp_planner.threat_zones.batch import SortedZones, ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.samples import SampledTrajectory
@@ -132,7 +132,7 @@ def certify_trip(
     if batch is None:
         batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
     checked = CheckedTrip.of(scenario, trip, batch, since, until)
-    beyond = _goes_beyond(checked, known_until(threat_zones))
+    beyond = _goes_beyond(checked, threat_zones)
     if beyond is not None:
         return Certificate(False, Clearance(-np.inf), {}, (beyond,))
     if since is not None:
@@ -197,7 +197,9 @@ def _is_anywhere(trip: Trip) -> Violation | None:
     return Violation("error of the positions", error, POSITION_TOLERANCE, trip.frame.time)
 
 
-def _goes_beyond(checked: CheckedTrip, known: float) -> Violation | None:
-    """What is wrong with a trip that takes longer than zones of observed obstacles are made for: until a time, s."""
+def _goes_beyond(checked: CheckedTrip, zones: Sequence[ThreatZone]) -> Violation | None:
+    """What is wrong with a trip that takes longer than zones of observed obstacles are made for."""
+    others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
+    known = min((zones[k].until for k in others), default=np.inf)
     end = checked.absolute(checked.last)
     return Violation(BEYOND_ZONES, end, known, known) if end > known else None

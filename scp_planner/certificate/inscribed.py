@@ -18,7 +18,15 @@ TINY = 1e-300
 
 
 def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> Iterator[tuple[Index, Array]]:
-    """Convex polygons inside the parts of zones that come near a box with given corners, m.
+    """Convex polygons inside the parts of zones that come near a box.
+
+    Parameters
+    ----------
+    batch : ZoneBatch
+    times : (n,) array
+        On the planning clock, s.
+    low, high : (2,) arrays
+        Corners of the box, m.
 
     Yields
     ------

@@ -7,13 +7,14 @@ n = T turned by +90 degrees the normal, T' = k n and n' = -k T with k the signed
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb, factorial
+from math import factorial
 from typing import Any, Protocol
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import TooLargeError
+from scp_planner.mathematics.bell_polynomials import complete_bell_polynomials
 from scp_planner.mathematics.intervals import Interval
 
 CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline, or twice as many, and so on
@@ -203,7 +204,7 @@ class CurvedGuide:
         """
         rate = np.maximum(np.abs(self._rate[:, 0]), np.abs(self._rate[:, 0] + self._second * self._width))
         bend = np.abs(self._curvature[:, 0]) + rate * self._width
-        bells = _bell_polynomials(bend, rate, np.abs(self._second), 2 * QUADRATURE_ORDER)
+        bells = complete_bell_polynomials(bend, rate, np.abs(self._second), 2 * QUADRATURE_ORDER)
         n, quintic, rule = QUADRATURE_ORDER, float(bells[5].max()), float(bells[2 * QUADRATURE_ORDER].sum())
         quintic /= 64 * factorial(6)
         rule *= factorial(n) ** 4 / ((2 * n + 1) * factorial(2 * n) ** 3)
@@ -293,15 +294,6 @@ class CurvedGuide:
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""
         return {"kind": "curved", "length": self.length, "headings": self.headings.tolist()}
-
-
-def _bell_polynomials(first: Array, second: Array, third: Array, count: int) -> list[Array]:
-    """Complete Bell polynomials 0 to count of x1, x2, x3 and nothing further, each (n,)."""
-    bells = [np.ones_like(first)]
-    for m in range(count):
-        terms = zip((first, second, third), range(min(m, 2) + 1), strict=False)
-        bells.append(sum((comb(m, k) * x * bells[m - k] for x, k in terms), np.zeros_like(first)))
-    return bells
 
 
 def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
