@@ -271,7 +271,7 @@ def test_words_become_members_and_others_are_refused(kind: type[Enum]) -> None:
 def test_the_word_for_safety_is_in_force() -> None:
     for word, stops_will_do in (("stop", True), ("trip", False)):
         planner = sp.Planner(scene(), online=sp.OnlineSettings(safety=word))  # type: ignore[arg-type]
-        assert planner._vetting.stops_will_do is stops_will_do
+        assert planner._means.vetting.stops_will_do is stops_will_do
         assert planner.online.safety is Safety(word)
 
 
