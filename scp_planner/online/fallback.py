@@ -11,9 +11,10 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
+from scp_planner.online.stops import fits, stop_now, straight_stop
 from scp_planner.online.vetting import Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
@@ -25,6 +26,8 @@ LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
 """Sizes of regions, as shares of those at the level asked for, that trips keep clear of where nothing does better."""
 EVADING_STEPS = 8
 """Steps of the loop for each of them."""
+LONG_ENOUGH = 2.0 / 3.0
+"""Of the time that getting out of the way keeps clear: a stop that stays clear for so long is preferred to it."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -39,6 +42,7 @@ class Fallback:
 
     def __init__(self, means: Means) -> None:
         self._means = means
+        self._evasion = Evasion(means)
 
     def fall_back(
         self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, why: str
@@ -57,7 +61,23 @@ class Fallback:
             repaired = self._repair(now, problem, ahead)
             if repaired is not None:
                 return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
-        return self._brake(now, problem, ahead, why)
+        return self._give_way(now, problem, ahead, why)
+
+    def _give_way(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
+        """Get out of the way, or stand where that is as safe; or else do what is clear for longest."""
+        dodge = self._evasion.safest(now)
+        if dodge.safe:
+            stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
+            text = f"{_what(dodge)}: {why}"
+            if not dodge.moves:
+                return self._means.plan_of(
+                    Vetted(dodge.trip, dodge.certificate, stop, 0.0),
+                    now,
+                    Outcome.BRAKING,
+                    f"{text}; the vehicle stands",
+                )
+            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, Outcome.EVADING, text)
+        return self._brake(now, problem, ahead, why, dodge)
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
@@ -95,23 +115,22 @@ class Fallback:
                     return self._means.plan_of(trip, now, Outcome.EVADING, text)
         return None
 
-    def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
-        """The first certified stop, or the one that does least harm."""
+    def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str, dodge: Dodge) -> OnlinePlan:
+        """Where nothing stays clear: a stop that does at least until the vehicle stands, or what does least harm."""
         moment = now.moment
-        if moment.state.speed <= STANDING:
-            return self._means.standing(now, why)
+        time = moment.state.time
         least: tuple[float, Trip, Certificate] | None = None
         for trip in self._stops(now, problem, ahead):
             stop = Stop(trip, trip.frame.time)
-            since = moment.state.time if trip.frame.time < moment.state.time else None
+            since = time if trip.frame.time < time else None
             if since is not None and since >= stop.stands:
                 continue
             certificate = moment.certify(
                 trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
             )
-            if certificate.holds:
+            if certificate.holds and self._means.vetting.clear_for(moment, stop) >= LONG_ENOUGH * dodge.clear:
                 text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
-                return self._means.plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, text)
+                return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
             if least is None or certificate.clearance.minimum > least[0]:
                 least = certificate.clearance.minimum, trip, certificate
         evading = self._evade(now, ahead, why)
@@ -120,6 +139,11 @@ class Fallback:
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
+        if dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
+            text = f"{why}; nothing is safe, this keeps clear for longest, {dodge.clear * self._means.units.time:.3g} s"
+            threat = "" if dodge.threat is None else f", then comes near to {dodge.threat}"
+            outcome = Outcome.EVADING if dodge.moves else Outcome.BRAKING
+            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, outcome, text + threat)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"
         return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
@@ -132,3 +156,12 @@ class Fallback:
             if fits(along):
                 yield Trip(problem.frame, along)
         yield straight_stop(moment.state, problem.limits, self._means.settings, self._means.breakpoints)
+
+
+def _what(dodge: Dodge) -> str:
+    """What is done, and for whom, in words."""
+    whom = dodge.blocked_by or dodge.threat
+    of = "what is ahead" if whom is None else whom
+    if not dodge.moves:
+        return f"waits for {of}"
+    return f"nears the goal as far as is safe, behind {of}" if dodge.nears else f"gives way to {of}"

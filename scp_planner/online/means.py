@@ -35,6 +35,8 @@ from scp_planner.trips.trip import Trip
 
 LOOK_GAIN_TIME = 0.1
 """Units of time by which another way round must be faster for the vehicle to change over."""
+CLEAR_WIDTHS = 4.0
+"""Widths of the vehicle: a stop stays clear for the time in which it drives these at top speed, unless that is set."""
 
 
 @dataclass
@@ -94,6 +96,8 @@ class Means:
         Decides what may be driven.
     breakpoints : tuple of float
         Of the acceleration of all trips, in normalised time.
+    wait : float
+        For how long a stop must stay clear after the vehicle stands, s.
     """
 
     def __init__(
@@ -107,7 +111,10 @@ class Means:
     ) -> None:
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
         self.solver, self.obstacles = solver, inbox.obstacles
-        self.vetting = Vetting(online.period, online.safety is Safety.STOP, online.tracking_error, units)
+        self.wait = CLEAR_WIDTHS * 2.0 * given.vehicle.radius / given.vehicle.max_speed
+        if online.stay_clear is not None:
+            self.wait = online.stay_clear
+        self.vetting = Vetting(online.period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
         self.breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
         stopping = given.vehicle.max_speed / given.vehicle.max_deceleration
         self._foresight = online.period + online.reaction_time + stopping + 0.5 * COMMITMENT

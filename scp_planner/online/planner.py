@@ -344,7 +344,9 @@ class Planner:
         return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._online.tracking_error
 
     def _answer(self, now: Replan) -> OnlinePlan:
-        last = self._last if self._last is not None and self._last.outcome is not Outcome.BRAKING else None
+        last = self._last
+        if last is not None and last.outcome in (Outcome.BRAKING, Outcome.EVADING):
+            last = None
         state = now.moment.state
         if self._is_there(state.position):
             # Within the goal's radius the vehicle may still be coming to rest, or on its way to where it arrives.
