@@ -3,6 +3,7 @@
     python -m benchmarks.crowds circle      across a circle of 4 m radius among 5 people (CrowdNav)
     python -m benchmarks.crowds square      across a square of 10 m among 10 people
     python -m benchmarks.crowds crowdnav    20 restless people in an arena of 12 m, seen 5 m far (CrowdNav++)
+    python -m benchmarks.crowds recorded    through ETH, HOTEL and the university in the manner of ECP-MPC
 
 People give way to each other by ORCA, and to the robot if they see it. Each writes a CSV file, a row an episode, as it
 goes on; called again it goes on from there. ``--fresh`` begins anew, ``--json`` writes the summary.
@@ -18,10 +19,11 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from benchmarks.crowds import protocols
+from benchmarks.crowds import protocols, recorded
 from benchmarks.crowds.profiles import PROFILES
 from benchmarks.crowds.protocols import Row
 from benchmarks.online import Ledger
@@ -60,6 +62,23 @@ def crossing(options: argparse.Namespace) -> int:
     return 0
 
 
+def through_recordings(options: argparse.Namespace) -> int:
+    """Scenes of recorded people."""
+    ledger = Ledger(options.output / "crowds-recorded.csv", ("place", "number", "profile"), options.fresh)
+    wanted = [
+        {"place": place, "number": number, "profile": options.profile}
+        for number in range(options.seed, options.seed + options.count)
+        for place in recorded.PLACES
+    ]
+    rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
+    sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED}\n")
+    if options.json:
+        facts = {"protocol": "recorded", "profile": options.profile, **recorded.summary(rows)}
+        common.write_text(options.json, json.dumps(facts, indent=1) + "\n")
+    common.write_environment(options.output / "crowds-environment.csv", common.environment())
+    return 0
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.crowds",
@@ -73,9 +92,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         sub.add_argument("--people", type=int, help=f"default: {protocols.PEOPLE[name]}")
         sub.add_argument("--robot", choices=("seen", "unseen"), default="unseen", help="by the people")
         sub.add_argument("--policy", choices=("scp", *protocols.POLICIES), default="scp", help="that the robot has")
-    for sub in commands.choices.values():
+    sub = commands.add_parser("recorded")
+    sub.set_defaults(run=through_recordings)
+    sub.add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    for name, sub in commands.choices.items():
+        count, what = (3, "scenes of each place") if name == "recorded" else (500, "episodes")
         sub.add_argument("--profile", choices=tuple(PROFILES), default="trip", help="settings of the planner")
-        sub.add_argument("--count", type=int, default=500, help="episodes; default: 500")
+        sub.add_argument("--count", type=int, default=count, help=f"{what}; default: {count}")
         sub.add_argument("--seed", type=int, default=0, help="of the first")
         sub.add_argument("--workers", type=int, default=1, help="processes; default: 1")
         sub.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")

@@ -22,6 +22,7 @@ Array = np.ndarray
 
 SHY = 0.3  # m, by which people are missed by who waits
 STANDING = 0.01  # m/s
+PLAN_OUTCOMES = tuple(str(each) for each in sp.Outcome)
 
 
 @dataclass(frozen=True)

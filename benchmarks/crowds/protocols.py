@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.crowds.policies import POLICIES, Outcome, planned, stepped
-from scp_planner.online.plan import Outcome as PlanOutcome
+from benchmarks.crowds.policies import PLAN_OUTCOMES, POLICIES, Outcome, planned, stepped
 from scp_planner.simulation.crowds import Episode, circle_crossing, restless_arena, square_crossing
 
 Row = dict[str, Any]
@@ -24,7 +23,6 @@ MAKERS: dict[str, Callable[[int, int, bool], Episode]] = {
 }
 PEOPLE = {"circle": 5, "square": 10, "crowdnav": 20}
 """Unless another number is given."""
-OUTCOMES = tuple(str(each) for each in PlanOutcome)
 PUBLISHED = {
     ("circle", "unseen"): "published: up to 1.00 at 10.46 s, .99 at 10.55 s; ORCA .43 at 10.86 s",
     ("circle", "seen"): "published for ORCA: 1.00 at 10.02 s",
@@ -58,7 +56,7 @@ def written(outcome: Outcome) -> Row:
         "least_distance": outcome.least_distance,
         "median_ms": float(np.median(wall)) if wall.size else math.nan,
         "slow_ms": float(np.quantile(wall, 0.99)) if wall.size else math.nan,
-        **{name: int(outcome.replans.get(name, 0)) for name in OUTCOMES},
+        **{name: int(outcome.replans.get(name, 0)) for name in PLAN_OUTCOMES},
     }
 
 
@@ -70,7 +68,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
     won = column("success") > 0
     times = column("time")[won]
-    replans = sum(column(name).sum() for name in OUTCOMES)
+    replans = sum(column(name).sum() for name in PLAN_OUTCOMES)
     facts = {
         "episodes": float(len(rows)),
         "success": float(won.mean()),
@@ -83,7 +81,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
         "median_ms": common.median(column("median_ms")),
         "slow_ms": common.median(column("slow_ms")),
     }
-    return facts | {name: float(column(name).sum() / replans) if replans else math.nan for name in OUTCOMES}
+    return facts | {name: float(column(name).sum() / replans) if replans else math.nan for name in PLAN_OUTCOMES}
 
 
 HEADINGS = [
