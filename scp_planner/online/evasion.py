@@ -8,6 +8,7 @@ there is none, the one that keeps clear for longest is driven, and of those the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,6 +122,34 @@ class Evasion:
             if found.safe:
                 return found
         return self._made(moment, dodges, seen, self._longest_clear(moment, dodges, seen))
+
+    def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
+        """Where no dodge is safe: one that is at the highest lower level at which any is.
+
+        Parameters
+        ----------
+        now : Replan
+        shares : sequence of float
+            Sizes of regions, as shares of those at the level asked for, from the largest on.
+
+        Returns
+        -------
+        (Dodge, float) or None
+            And its share.
+        """
+        dodges = self._dodges(now.moment)
+        for share in shares:
+            moment = now.moment.with_smaller_zones(share)
+            seen = self._look(moment, dodges)
+            now.lap("evasion")
+            safe = np.flatnonzero(np.isinf(seen.clear))
+            worth = self._worth(moment, seen, np.full(len(seen.clear), -1))
+            for number in safe[np.argsort(-worth[safe], kind="stable")][:TRIED].tolist():
+                found = self._made(moment, dodges, seen, number)
+                now.lap("certificate")
+                if found.safe:
+                    return found, share
+        return None
 
     def _dodges(self, moment: Moment) -> Dodges:
         state = moment.state

@@ -77,6 +77,12 @@ class Fallback:
                     f"{text}; the vehicle stands",
                 )
             return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, Outcome.EVADING, text)
+        lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
+        if lower is not None:
+            risky, share = lower
+            text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
+            outcome = Outcome.EVADING if risky.moves else Outcome.BRAKING
+            return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, outcome, text)
         return self._brake(now, problem, ahead, why, dodge)
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
