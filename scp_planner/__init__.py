@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from scp_planner.certificate.lower_bound import lower_bound as lower_bound
     from scp_planner.errors import EstimationError as EstimationError
     from scp_planner.errors import PlanError as PlanError
+    from scp_planner.errors import SamplesError as SamplesError
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
     from scp_planner.estimation.estimate import estimate_motion as estimate_motion
@@ -22,23 +23,24 @@ if TYPE_CHECKING:
     from scp_planner.online.planner import Planner as Planner
     from scp_planner.planning.offline import plan as plan
     from scp_planner.planning.plan import Plan as Plan
+    from scp_planner.scenario.estimates import Estimate as Estimate
     from scp_planner.scenario.models import Bounds as Bounds
     from scp_planner.scenario.models import Confidence as Confidence
     from scp_planner.scenario.models import ConfidenceLevel as ConfidenceLevel
     from scp_planner.scenario.models import Course as Course
-    from scp_planner.scenario.models import Disc as Disc
-    from scp_planner.scenario.models import Ellipse as Ellipse
     from scp_planner.scenario.models import Goal as Goal
     from scp_planner.scenario.models import Model as Model
     from scp_planner.scenario.models import Motion as Motion
     from scp_planner.scenario.models import Observations as Observations
     from scp_planner.scenario.models import Obstacle as Obstacle
-    from scp_planner.scenario.models import PolygonShape as PolygonShape
-    from scp_planner.scenario.models import Rectangle as Rectangle
     from scp_planner.scenario.models import Scenario as Scenario
     from scp_planner.scenario.models import SpeedLimit as SpeedLimit
     from scp_planner.scenario.models import Start as Start
     from scp_planner.scenario.models import Vehicle as Vehicle
+    from scp_planner.scenario.shapes import Disc as Disc
+    from scp_planner.scenario.shapes import Ellipse as Ellipse
+    from scp_planner.scenario.shapes import PolygonShape as PolygonShape
+    from scp_planner.scenario.shapes import Rectangle as Rectangle
     from scp_planner.scp.given import TripVariables as TripVariables
     from scp_planner.settings.online import OnlineSettings as OnlineSettings
     from scp_planner.settings.online import Safety as Safety
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from scp_planner.simulation.setup import Follower as Follower
     from scp_planner.simulation.setup import SimulationSettings as SimulationSettings
     from scp_planner.threat_zones.of_scenario import zones as zones
+    from scp_planner.trips.samples import SampledTrajectory as SampledTrajectory
 
 __version__ = "0.1.0"
 
@@ -57,8 +60,9 @@ _MODULE_OF = {
     "Confidence": "scenario.models",
     "ConfidenceLevel": "scenario.models",
     "Course": "scenario.models",
-    "Disc": "scenario.models",
-    "Ellipse": "scenario.models",
+    "Disc": "scenario.shapes",
+    "Ellipse": "scenario.shapes",
+    "Estimate": "scenario.estimates",
     "EstimationError": "errors",
     "Goal": "scenario.models",
     "Model": "scenario.models",
@@ -70,12 +74,14 @@ _MODULE_OF = {
     "Outcome": "online.plan",
     "Plan": "planning.plan",
     "PlanError": "errors",
-    "PolygonShape": "scenario.models",
-    "Rectangle": "scenario.models",
+    "PolygonShape": "scenario.shapes",
+    "Rectangle": "scenario.shapes",
     "Planner": "online.planner",
     "Run": "simulation.run",
     "Safety": "settings.online",
     "Scenario": "scenario.models",
+    "SampledTrajectory": "trips.samples",
+    "SamplesError": "errors",
     "ScenarioError": "errors",
     "ScpPlannerError": "errors",
     "Sensor": "simulation.sensors",

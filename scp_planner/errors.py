@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -78,6 +79,28 @@ class Fault:
         return f"{where} = {_shortener.repr(self.value)}: {self.message}"
 
 
+def _told_once(faults: Iterable[Fault]) -> list[str]:
+    """Say each fault; of more than `_MOST_ALIKE` that many obstacles have alike the first, and where else it is."""
+    alike: dict[tuple[str, str], list[Fault]] = {}
+    for number, fault in enumerate(faults):
+        obstacle = _OBSTACLE.match(fault.path)
+        key = str(number) if obstacle is None else f"{fault.path[obstacle.end() :]}"
+        alike.setdefault((key, fault.message), []).append(fault)
+    lines = []
+    for same in alike.values():
+        if len(same) <= _MOST_ALIKE:
+            lines += [str(fault) for fault in same]
+            continue
+        places = [match[0] for fault in same[1:] if (match := _OBSTACLE.match(fault.path))]
+        named = ", ".join(places[:_MOST_ALIKE]) + (", ..." if len(places) > _MOST_ALIKE else "")
+        lines.append(f"{same[0]} (and so in {len(places)} more: {named})")
+    return lines
+
+
+_OBSTACLE = re.compile(r"obstacles\[\d+\]")
+_MOST_ALIKE = 3
+
+
 class ScpPlannerError(Exception):
     """What every exception raised on purpose by this package derives from."""
 
@@ -93,7 +116,7 @@ class _FaultyInputError(ScpPlannerError, ValueError):
 
     def __str__(self) -> str:
         count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
-        return "\n".join([f"{self.source}: {count}", *(f"  {fault}" for fault in self.faults)])
+        return "\n".join([f"{self.source}: {count}", *(f"  {line}" for line in _told_once(self.faults))])
 
 
 class ScenarioError(_FaultyInputError):
@@ -102,6 +125,10 @@ class ScenarioError(_FaultyInputError):
 
 class PlanError(_FaultyInputError):
     """A plan file is refused. `faults` holds everything that is wrong with it, `source` the file's name."""
+
+
+class SamplesError(_FaultyInputError):
+    """Samples of a trip are refused. `faults` names every row and column, `source` the file's name."""
 
 
 class MotionModelError(_FaultyInputError):

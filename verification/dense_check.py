@@ -2,16 +2,17 @@
 
 The check shares no mathematics with the planner. All that it takes is a function of time to position;
 speed, acceleration, curvature and heading come from differences of 20,001 positions, clearances from the
-distances to each obstacle at the same times.
+distances to each obstacle at the same times. Where a trip turns so fast that this is too coarse there are up to
+sixteen times as many.
 
 What the differences can and cannot see
 ---------------------------------------
-- **Speed** is a chord of about 1 ms divided by its duration. A chord is never longer than its arc, so this
-  is at most the exact mean speed over the chord: an exact trip is never refused for rounding up. It falls
-  short by a share of (turn rate * 1 ms)^2 / 24, below 1e-6 at 5 rad/s.
+- **Speed** is the sum of the chords of about 1 ms divided by their duration. A chord is never longer than its arc,
+  so this is at most the exact mean speed over that time: an exact trip is never refused for rounding up. It falls
+  short by a share of (turn between samples)^2 / 24, below 1e-9 at 5 rad/s.
 - **Acceleration along the path** is the difference of two such speeds about 4 ms apart: a weighted mean of
-  the exact acceleration over 5 ms, plus less than 1e-4 m/s2 from the chords. A jump is seen as a ramp,
-  never as more than it is.
+  the exact acceleration over 5 ms, plus less than 1e-4 m/s2 from the chords: samples are added until what they
+  fall short by cannot be more. A jump is seen as a ramp, never as more than it is.
 - **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted
   mean over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps
   or stops. A corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
@@ -50,6 +51,9 @@ ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
 END_CHORD = 5e-4  # m, for the headings at the ends, whose error grows with the square of the chords
+END_TURN = 1e-3  # rad, in a window at an end: speeds are off by a share of a third of its square
+MOST_REFINEMENT = 16  # times the samples, for trips that turn fast
+CHORD_SHARE = 0.2  # of what an acceleration is allowed to be off, that chords may make it
 REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
 _THREE: Array = np.array([0.0, 1.0, 2.0])  # places of a one-sided difference of second order
 
@@ -167,10 +171,10 @@ def check_trip(
     allowed = tolerances or Tolerances()
     if not (math.isfinite(start_time) and math.isfinite(arrival_time) and arrival_time > start_time):
         raise ValueError(f"a trip needs start_time < arrival_time, got {start_time!r} and {arrival_time!r}")
-    times = np.linspace(start_time, arrival_time, samples + 1)
-    positions = np.asarray(position(times), dtype=float)
-    if positions.shape != (times.size, 2):
-        raise ValueError(f"position gave shape {positions.shape} for {times.size} times, (n, 2) expected")
+    times, positions = _sampled(position, start_time, arrival_time, samples)
+    needed = _refinement(times, positions, allowed) if np.isfinite(positions).all() else 1
+    if needed > 1:
+        times, positions = _sampled(position, start_time, arrival_time, samples * min(needed, MOST_REFINEMENT))
     if not np.isfinite(positions).all():
         first = times[np.flatnonzero(~np.isfinite(positions).all(axis=1))[0]]
         broken = Finding("position", math.nan, 0.0, math.inf, 0.0, float(first), "not a number")
@@ -187,6 +191,33 @@ def check_trip(
             *_clearances(data, times, place, allowed, regions or {}),
         ]
     return DenseReport(tuple(findings), arrival_time - start_time)
+
+
+def _sampled(position: PositionFunction, start_time: float, arrival_time: float, samples: int) -> tuple[Array, Array]:
+    """Equidistant times of a trip, (samples + 1,), and its positions there."""
+    times = np.linspace(start_time, arrival_time, samples + 1)
+    positions = np.asarray(position(times), dtype=float)
+    if positions.shape != (times.size, 2):
+        raise ValueError(f"position gave shape {positions.shape} for {times.size} times, (n, 2) expected")
+    return times, positions
+
+
+def _refinement(times: Array, positions: Array, allowed: Tolerances) -> int:
+    """How many times as many samples it takes for chords to fall short of their arcs by little enough.
+
+    A chord of speed v that turns by phi is short by v phi^2 / 24 of speed, and that is differenced.
+    """
+    chords = np.diff(positions, axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    chords, lengths = chords[lengths > REVERSAL_LENGTH], lengths[lengths > REVERSAL_LENGTH]
+    if len(lengths) < 2:
+        return 1
+    headings = np.arctan2(chords[:, 1], chords[:, 0])
+    turns = np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi
+    step = float(times[1] - times[0])
+    short = float((np.maximum(lengths[1:], lengths[:-1]) / step * turns**2).max()) / 24.0
+    ratio = short / (CHORD_SHARE * allowed.acceleration * ACCELERATION_WINDOW)
+    return math.ceil(math.sqrt(min(ratio, 1.0 / np.finfo(float).eps)))
 
 
 def check_samples(
@@ -252,7 +283,7 @@ def _ends(
 
     for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
         if place.get("speed") is not None:
-            speed = _end_speed(position, when, order * END_WINDOW)
+            speed = _end_speed(position, when, order * _end_window(position, when, order * END_WINDOW))
             gap = abs(speed - float(place["speed"]))
             require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
         if place.get("heading") is not None:
@@ -270,6 +301,14 @@ def _end_speed(position: PositionFunction, end: float, window: float) -> float:
     return float(np.linalg.norm(velocity))
 
 
+def _end_window(position: PositionFunction, end: float, window: float) -> float:
+    """Length of a window to the inside of an end, s, that is shorter where the trip turns fast there."""
+    here, near, far = np.asarray(position(end + window * _THREE), dtype=float)
+    before, after = near - here, far - near
+    turn = abs(math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after)))
+    return abs(window) * min(1.0, END_TURN / turn) if turn > 0.0 else abs(window)
+
+
 def _end_heading(position: PositionFunction, positions: Array, end: float, order: int) -> float:
     """Heading to the inside at an end, over two short chords, however far apart the samples are."""
     speed = _end_speed(position, end, order * END_WINDOW)
@@ -279,7 +318,7 @@ def _end_heading(position: PositionFunction, positions: Array, end: float, order
         second = max(first + 1, 1 + int(np.searchsorted(distance, distance[min(first, len(distance)) - 1] + END_CHORD)))
         second = min(second, len(positions) - 1)
         return _first_heading(positions[[0, min(first, second - 1), second]])
-    window = order * END_CHORD / speed
+    window = order * _end_window(position, end, order * END_CHORD / speed)
     return _first_heading(np.asarray(position(end + window * _THREE), dtype=float))
 
 
@@ -320,7 +359,8 @@ def _motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allo
     displacements = positions[width:] - positions[:-width]
     chords = np.linalg.norm(displacements, axis=1)
     middles = (times[width:] + times[:-width]) / 2.0
-    speeds = chords / (width * step)
+    driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    speeds = (driven[width:] - driven[:-width]) / (width * step)
     at_most("speed", speeds, float(vehicle["max_speed"]), allowed.speed, middles)
 
     backward, when = _backward_speed(displacements, chords, width * step, middles)

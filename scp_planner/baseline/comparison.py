@@ -261,7 +261,7 @@ def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Tr
         run = loop.run(current, settings.max_iterations)
         iterations += len(run.record)
         clock = perf_counter()
-        trip = Trip(problem.frame, run.evaluation.trajectory)
+        trip = Trip(problem.frame, run.evaluation.trajectory.settled())
         certificate = certify_trip(problem.scenario, trip, threat_zones)
         checking += perf_counter() - clock
         if certificate.holds or not run.feasible:

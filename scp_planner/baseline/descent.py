@@ -582,7 +582,7 @@ def checked_descent(
         for _ in range(TIGHTENINGS + 1):
             assert run is not None
             clock = perf_counter()
-            certificate = certify_trip(problem.scenario, Trip(problem.frame, run.trajectory), threat_zones)
+            certificate = certify_trip(problem.scenario, Trip(problem.frame, run.trajectory.settled()), threat_zones)
             checking += perf_counter() - clock
             descent.began += perf_counter() - clock
             checked = CheckedDescent(replace(run), certificate)

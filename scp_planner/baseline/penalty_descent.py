@@ -75,7 +75,7 @@ def penalty_descent(
     inside = units.scenario(scenario)
     search = _Search(inside, tuple(ZonesOf(inside)), for_scene(settings, units), descent, seed, deadline)
     best = search.best(None if start is None else _as_start(search.problem, start, units))
-    trip = Trip(search.problem.frame, best.run.trajectory).outside(units)
+    trip = Trip(search.problem.frame, best.run.trajectory.settled()).outside(units)
     certificate = best.certificate.outside(units)
     status, reason = _verdict(scenario, trip, best, certificate)
     return Plan(

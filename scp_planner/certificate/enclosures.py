@@ -14,23 +14,42 @@ _QUARTERS = np.array([-3.0, -1.0, 1.0, 3.0])
 
 
 @dataclass(frozen=True)
-class _Pieces:
-    """Intervals of time, none across a knot: middles and half widths in normalised time."""
+class Pieces:
+    """Intervals of time, none across a knot.
+
+    Attributes
+    ----------
+    middle, half : (n,) arrays
+        Middles and half widths, in normalised time.
+    """
 
     middle: Array
     half: Array
 
-    def halves(self, keep: Mask) -> _Pieces:
-        middle, half = self.middle[keep], 0.5 * self.half[keep]
-        return _Pieces(np.concatenate([middle - half, middle + half]), np.concatenate([half, half]))
+    @classmethod
+    def between(cls, edges: Array) -> Pieces:
+        """Return the intervals between times that do not decrease, (n + 1,), but for those of no length."""
+        before, after = edges[:-1], edges[1:]
+        wide = after > before
+        return cls((0.5 * (before + after))[wide], (0.5 * (after - before))[wide])
 
-    def quarters(self, keep: Mask) -> _Pieces:
+    def part(self, index: slice) -> Pieces:
+        """Return some of the intervals."""
+        return Pieces(self.middle[index], self.half[index])
+
+    def halves(self, keep: Mask) -> Pieces:
+        """Return the halves of some of the intervals."""
+        middle, half = self.middle[keep], 0.5 * self.half[keep]
+        return Pieces(np.concatenate([middle - half, middle + half]), np.concatenate([half, half]))
+
+    def quarters(self, keep: Mask) -> Pieces:
+        """Return the quarters of some of the intervals."""
         middle, half = self.middle[keep], 0.25 * self.half[keep]
-        return _Pieces((middle + _QUARTERS[:, None] * half).ravel(), np.tile(half, len(_QUARTERS)))
+        return Pieces((middle + _QUARTERS[:, None] * half).ravel(), np.tile(half, len(_QUARTERS)))
 
 
 @dataclass(frozen=True)
-class _Enclosure:
+class Enclosure:
     """What holds on whole intervals.
 
     Attributes

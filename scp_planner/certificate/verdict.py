@@ -63,6 +63,7 @@ RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
 END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, in natural units and rad
 GOAL_SPEED_TOLERANCE = 1e-3  # units of speed
 CLEARANCE_TOLERANCE = 1e-9  # units of length
+POSITION_TOLERANCE = 1e-9  # units of length, by which positions may be off the trip that is certified
 ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arrival
 STEP_TOLERANCE = 0.01  # of the step that the arrival is on, and no more than that of all arrivals
 LATEST = "latest arrival"
@@ -72,6 +73,7 @@ UNITS = {
     "clearance": "m",
     "workspace bounds": "m",
     "distance beyond the path": "m",
+    "error of the positions": "m",
     "distance from the start": "m",
     "distance from the goal": "m",
     "distance from the goal region": "m",
@@ -83,6 +85,7 @@ UNITS = {
     "travel time": "s",
     EARLIEST: "s",
     LATEST: "s",
+    "turn while standing": "rad",
     "start heading": "rad",
     "goal heading": "rad",
     "speed": "m/s",

@@ -4,12 +4,13 @@ Exit codes: 0 done and certified; 2 bad input, and nothing has been written; 3 n
 found, and the best attempt has been written with its status and the reason; 4 the workers of a batch have gone, and
 the rows that were done are kept; 130 interrupted.
 
-May import everything. Begin with `application`, then the commands: `trips`, `many`, `studies`, `exports`, `listings`.
+May import everything. Begin with `application`, then the commands: `trips`, `checks`, `many`,
+`studies`, `exports`, `listings`.
 """
 
 from __future__ import annotations
 
-from scp_planner.cli import exports, listings, many, studies, trips
+from scp_planner.cli import checks, exports, listings, many, studies, trips
 from scp_planner.cli.application import ExitCode, add_command, app, main, study_app
 
 __all__ = ["ExitCode", "app", "main"]
@@ -32,8 +33,9 @@ add_command(
 add_command(
     app,
     "check",
-    trips.check,
+    checks.check,
     "scp-planner check crossing.yaml plan.json",
+    "scp-planner check crossing.yaml plan.json mine.csv theirs.csv --slack 0.02",
 )
 add_command(
     app,

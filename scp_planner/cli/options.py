@@ -16,7 +16,7 @@ from scp_planner.batch.jobs import Method
 from scp_planner.files import regular_target
 
 if TYPE_CHECKING:
-    from scp_planner.scenario.models import Scenario
+    from scp_planner.scenario.models import Model, Scenario
 
 BUILT_IN = "builtin:"
 """What the name of a built-in scenario follows where a file is wanted."""
@@ -73,6 +73,12 @@ def _assigned_settings(context: typer.Context, incomplete: str) -> Iterable[str]
     return [f"{name}=" for name in known_settings(incomplete) if drives or name in knobs(Settings)]
 
 
+def _known_models(incomplete: str) -> Iterable[str]:
+    from scp_planner.scenario.ready_made import NAMES
+
+    return [name for name in NAMES if name.startswith(incomplete)]
+
+
 ScenarioFile = Annotated[
     str,
     typer.Argument(
@@ -87,6 +93,16 @@ ScenarioFiles = Annotated[
         metavar="SCENARIO",
         help=f"Scenario files (YAML or JSON; XML of CommonRoad), or {BUILT_IN}NAME.",
         autocompletion=_known_scenarios,
+    ),
+]
+MotionModel = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="Motion model of all obstacles whose motion is estimated, whatever the scenario says: pedestrian, cyclist,"
+        " car, ship, drone, or a file of fit-motion.",
+        autocompletion=_known_models,
     ),
 ]
 DemoName = Annotated[str, typer.Argument(metavar="NAME", help="A built-in scenario.", autocompletion=_known_demos)]
@@ -149,8 +165,35 @@ Quiet = Annotated[
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell on stderr what the planner does.")]
 
 
-def load_scenario(source: str) -> Scenario:
-    """Load a scenario file, a built-in scenario, or a scenario of CommonRoad."""
+def load_scenario(source: str, model: str | None = None) -> Scenario:
+    """Load a scenario file, a built-in scenario, or a scenario of CommonRoad; all its estimates by one model."""
+    given = None if model is None else motion_model(model)
+    scenario = _loaded(source)
+    if given is None:
+        return scenario
+    if all(obstacle.motion is not None for obstacle in scenario.obstacles):
+        raise bad_option("--model", model, f"{source} has no obstacle whose motion is to be estimated")
+    obstacles = [
+        obstacle if obstacle.motion is not None else obstacle.model_copy(update={"model": given})
+        for obstacle in scenario.obstacles
+    ]
+    return scenario.model_copy(update={"obstacles": tuple(obstacles)})
+
+
+def motion_model(source: str) -> Model:
+    """Give a motion model: a ready-made one by its name, or one from a file."""
+    from scp_planner.scenario import ready_made
+    from scp_planner.scenario.models import Model
+    from scp_planner.scenario.process_model import ProcessModel
+
+    if source in ready_made.NAMES:
+        return Model.named(source)
+    if not Path(source).suffix:
+        raise bad_option("--model", source, f"{ready_made.unknown(source)}; or a file")
+    return Model(process=ProcessModel.load(source))
+
+
+def _loaded(source: str) -> Scenario:
     if source.startswith(BUILT_IN):
         from scp_planner import builtin
 

@@ -6,7 +6,7 @@ import json
 import logging
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ _UNITS = {
     "velocity_deviation": "m/s",
     "noise_deviation": "m",
 }
-_TOLD_AT_THE_END = ("reason", "violations")
+_TOLD_AT_THE_END = ("reason", "violations", "limits")
 
 
 def start_logging(quiet: bool, verbose: bool) -> None:
@@ -67,6 +67,18 @@ def report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
             if value is not None and key not in _TOLD_AT_THE_END:
                 unit = _UNITS.get(key.removeprefix("simulated_"), "")
                 typer.echo(f"{key.replace('_', ' ') + ':':<24} {_shown(value)} {unit}".rstrip())
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Write a table for a terminal: the first column to the left, the others to the right."""
+    widths = [max(len(row[column]) for row in [heads, *rows]) for column in range(len(heads))]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if column else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in [heads, *rows]
+    )
 
 
 def print_json(data: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from scp_planner.cli.options import (
     check_folder,
     check_probability,
     check_target,
+    motion_model,
 )
 from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
 
@@ -90,6 +92,14 @@ def coverage(
         int, typer.Option("--runs", metavar="N", callback=at_least(1), help="Simulated runs of each case.")
     ] = 20_000,
     probability: Annotated[float, typer.Option("--probability", metavar="P", help="Nominal level.")] = 0.95,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            metavar="NAME",
+            help="Only test this motion model, a ready-made one or a file of fit-motion --half, on every other track.",
+        ),
+    ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for tables and figure.")] = Path("coverage"),
     seed: NoiseSeed = 0,
     as_json: Json = False,
@@ -103,6 +113,9 @@ def coverage(
     start_logging(quiet, verbose)
     check_folder("--output", output, *COVERAGE_FILES)
     check_probability(probability)
+    if model is not None:
+        _coverage_of_model(model, tracks or [], probability, output, as_json, quiet)
+        return
     from scp_planner.studies import coverage as simulated
     from scp_planner.studies import recorded
 
@@ -139,8 +152,30 @@ def coverage(
     _tell_written(written, quiet)
 
 
+def _coverage_of_model(
+    model: str, tracks: list[Path], probability: float, output: Path, as_json: bool, quiet: bool
+) -> None:
+    """Test a model on recorded tracks."""
+    if not tracks:
+        raise bad_option("TRACKS", "none", "are needed to test a model on")
+    from scp_planner.estimation.tracks import Tracks
+    from scp_planner.studies import recorded
+
+    process = motion_model(model).process
+    assert process is not None
+    name = Path(model).stem
+    measured = recorded.measure_model(Tracks.joined(tracks), process, data=name, name=name, probability=probability)
+    output.mkdir(exist_ok=True)
+    recorded.save_csv(measured, output / "recorded.csv")
+    if as_json:
+        print_json({"recorded": [asdict(row) for row in measured]})
+    elif not quiet:
+        typer.echo(recorded.summary(measured))
+    _tell_written([output / "recorded.csv"], quiet)
+
+
 def fit_motion(
-    tracks_file: Annotated[Path, typer.Argument(metavar="TRACKS", help="File or folder of recorded tracks.")],
+    tracks_files: Annotated[list[Path], typer.Argument(metavar="TRACKS", help="Files or folders of recorded tracks.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Write the model, .yaml or .json.")] = Path(
         "motion.yaml"
     ),
@@ -159,6 +194,21 @@ def fit_motion(
             help="Level at which regions are split-conformal, from half of the tracks; such as 0.95.",
         ),
     ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            "--noise",
+            metavar="S",
+            help="Standard deviation of observed coordinates, m; default: fitted. Smoothed tracks show none.",
+        ),
+    ] = None,
+    half: Annotated[
+        bool,
+        typer.Option("--half", help="Fit to every other track; `study coverage --model` tests it on the rest."),
+    ] = False,
+    source: Annotated[
+        str | None, typer.Option("--source", metavar="TEXT", help="What the file says that the tracks are.")
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -168,18 +218,29 @@ def fit_motion(
     It is a motion with process noise, for use as an obstacle's `model: {process: FILE}`.
     """
     start_logging(quiet, verbose)
-    check_target("--output", output, tracks_file)
+    for tracks_file in tracks_files:
+        check_target("--output", output, tracks_file)
     if output.suffix not in (".yaml", ".yml", ".json"):
         raise bad_option("--output", output, "must end in .yaml, .yml or .json")
     if conformal is not None and not 0.0 < conformal < 1.0:
         raise bad_option("--conformal", conformal, "must be between 0 and 1")
-    from scp_planner.estimation.motion_fitting import fit_motion_model
+    if noise is not None and not 0.0 < noise < math.inf:
+        raise bad_option("--noise", noise, "must be a positive number")
+    from scp_planner.estimation.motion_fitting import bounds_met, fit_motion_model
+    from scp_planner.estimation.tracks import Tracks
 
-    model = fit_motion_model(_load_tracks([tracks_file])[0][1], kind, window=window, conformal=conformal)
+    tracks = Tracks.joined(tracks_files)
+    fitted = tracks.halves()[0] if half else tracks
+    model = fit_motion_model(fitted, kind, window=window, conformal=conformal, noise=noise)
+    if source is not None and model.fitted_to is not None:
+        model = model.model_copy(update={"fitted_to": model.fitted_to.model_copy(update={"source": source})})
     model.save(output)
     found = model.model_dump(mode="json", by_alias=True)
     listed = {**found["process"], **{key: found[key] for key in ("velocity_deviation", "noise_deviation")}}
-    report(found if as_json else listed | {"tracks": found["fitted_to"]["tracks"]}, as_json, quiet)
+    listed |= {"tracks": found["fitted_to"]["tracks"]}
+    report(found if as_json else listed, as_json, quiet)
+    for text in () if quiet else bounds_met(fitted, model):
+        tell(text)
     _tell_written([output], quiet)
 
 

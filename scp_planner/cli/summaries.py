@@ -58,5 +58,14 @@ def of_certificate(scenario: Scenario, certificate: Certificate) -> dict[str, An
         "least_clearance": certificate.clearance.minimum,
         "nearest_obstacle": certificate.clearance.obstacle,
         "time_of_least_clearance": certificate.clearance.time,
+        "limits": {
+            name: {
+                "worst": use.worst,
+                "limit": use.limit,
+                "used": None if use.limit is None else use.worst / use.limit,
+                "time": use.time,
+            }
+            for name, use in certificate.limits.items()
+        },
         "violations": [str(violation) for violation in certificate.violations],
     }

@@ -1,4 +1,4 @@
-"""Commands about one scenario: demo, plan, check, simulate."""
+"""Commands about one scenario: demo, plan, simulate."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from scp_planner.cli.options import (
     DemoName,
     Json,
     MethodName,
+    MotionModel,
     NoiseSeed,
     Quiet,
     Samples,
@@ -86,6 +87,7 @@ def plan(
         typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
     ] = None,
     view: pictures.PictureView = pictures.View.MAP,
+    motion: MotionModel = None,
     method: MethodName = Method.SCP,
     solver: SolverName = None,
     assignments: Assignments = None,
@@ -115,7 +117,7 @@ def plan(
     commonroad.check_solution(solution, scenario_file, method)
     values = keyword_settings(assignments, solver)
     if solution is None:
-        scenario = load_scenario(scenario_file)
+        scenario = load_scenario(scenario_file, motion)
         made = _plan(scenario, method, values, time_limit)
     else:
         answer = commonroad.plan_solution(scenario_file, model, values, time_limit)
@@ -129,24 +131,6 @@ def plan(
         made.draw(scenario, plot, view)
     report(summaries.of_plan(scenario, made), as_json, quiet)
     _finish(scenario_file, made.certified, f"{made.status}: {made.reason}" if made.reason else str(made.status))
-
-
-def check(
-    scenario_file: ScenarioFile,
-    plan_file: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (JSON), whoever made it.")],
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
-    """Certify a plan file against a scenario."""
-    from scp_planner.certificate.check import certify
-    from scp_planner.planning.plan import Plan
-
-    start_logging(quiet, verbose)
-    scenario = load_scenario(scenario_file)
-    certificate = certify(scenario, Plan.load(plan_file))
-    report(summaries.of_certificate(scenario, certificate), as_json, quiet)
-    _finish(str(plan_file), certificate.holds, "; ".join(str(violation) for violation in certificate.violations))
 
 
 def simulate(
@@ -169,6 +153,7 @@ def simulate(
             "--rate", metavar="HZ", help="Observations and replans per second; default: 70 or so in the fastest trip."
         ),
     ] = None,
+    motion: MotionModel = None,
     seed: NoiseSeed = 0,
     solver: SolverName = None,
     assignments: Assignments = None,
@@ -188,7 +173,7 @@ def simulate(
     check_target("--output", output, scenario_file)
     pictures.check_picture("--animate", animation, scenario_file, pictures.MOVING_SUFFIXES)
     pictures.check_picture("--plot", plot, scenario_file, pictures.FIGURE_SUFFIXES, view)
-    run = _drive(load_scenario(scenario_file), noise, rate, seed, quiet, solver, assignments)
+    run = _drive(load_scenario(scenario_file, motion), noise, rate, seed, quiet, solver, assignments)
     if output is not None:
         run.save(output)
     if animation is not None:

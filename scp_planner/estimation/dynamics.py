@@ -28,6 +28,22 @@ _QUADRATURE = 1.0  # below this many time constants quadrature is used
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)  # exact to rounding for lags that short
 
 
+@dataclass(frozen=True)
+class Start:
+    """How a state follows from position, velocity and perhaps acceleration.
+
+    Attributes
+    ----------
+    matrix : (d, n)
+        From those n to the expected state.
+    variance : (d,)
+        What each component's variance has besides, of its own.
+    """
+
+    matrix: Array
+    variance: Array
+
+
 class Dynamics(ABC):
     """One component of a motion: position, velocity and what else the noise needs.
 
@@ -53,6 +69,15 @@ class Dynamics(ABC):
     @abstractmethod
     def prior(self, velocity_variance: float) -> Array:
         """Covariance of all states but the position before anything was seen: (d, d), of the position 0."""
+
+    def from_kinematics(self, known: int, velocity_variance: float) -> Start:
+        """Begin with what somebody else knows: position, velocity and, if 3 are ``known``, acceleration.
+
+        What the state does not have is left out; what nobody knows of it is as beforehand.
+        """
+        variance = np.diag(self.prior(velocity_variance)).copy()
+        variance[:known] = 0.0
+        return Start(np.eye(self.states, known), variance)
 
     @abstractmethod
     def acceleration(self, state: Array) -> Array:
@@ -179,6 +204,15 @@ class MeanReverting(Dynamics):
         p[1:, 1:] = velocity_variance
         p[1, 1] += own
         return p
+
+    def from_kinematics(self, known: int, velocity_variance: float) -> Start:
+        """Tell the kept velocity from the present one, which wanders about it: the regression of one on the other."""
+        own = 0.5 * self.diffusion * self.time_constant
+        share = velocity_variance / (velocity_variance + own)
+        matrix = np.eye(3, known)
+        matrix[2] = 0.0
+        matrix[2, 1] = share
+        return Start(matrix, np.array([0.0, 0.0, share * own]))
 
     def acceleration(self, state: Array) -> Array:
         """Expect the return to the kept velocity."""

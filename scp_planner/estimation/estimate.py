@@ -99,8 +99,12 @@ def estimate_motion(
 
 
 def estimate_obstacle(obstacle: Obstacle) -> MotionEstimate:
-    """Estimate the motion of a scenario's obstacle from its ``observations``, as its ``model`` says."""
+    """Estimate the motion of a scenario's obstacle from its ``observations`` or ``estimate``, as its ``model`` says."""
     seen, model = obstacle.observations, obstacle.model
+    if obstacle.estimate is not None:
+        from scp_planner.estimation.tracked import tracked_motion
+
+        return tracked_motion(obstacle.estimate, model)
     if seen is None:
         raise EstimationError(f"obstacle {obstacle.id!r}: it has no observations; its motion is given")
     try:

@@ -46,6 +46,8 @@ _GROUPS = 20  # of tracks, for the jackknife
 _FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
 _BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
 _TIME_CONSTANTS = (1e-2, 1e3)  # s
+_LEAST_NOISE = 1e-3  # of the usual distance between positions: less does not matter
+_AT_BOUND = 0.01  # relative: a parameter so near to its bound is at it
 _LEAD_TOLERANCE = 0.501  # of the usual time between positions: how near to a lead time one must be
 _LEVELS = np.array([0.05, 0.02, 0.01, 0.005])  # tail probabilities that one Student distribution is matched to
 _MATCHED = 0  # which of them exactly, for each lead time
@@ -68,6 +70,7 @@ def fit_motion_model(
     lead_times: Sequence[float] = LEAD_TIMES,
     tails: bool = True,
     conformal: float | None = None,
+    noise: float | None = None,
 ) -> ProcessModel:
     """Fit a motion with process noise to tracks.
 
@@ -86,6 +89,8 @@ def fit_motion_model(
         A probability between 0 and 1, such as 0.95: the level at which regions for the lead times are split-conformal
         (`scp_planner.estimation.conformal`). Motion and tails are then fitted to every other track, and the sizes of
         the regions taken from the rest.
+    noise : float, optional
+        Standard deviation of an observed coordinate, m, to be taken as it is: smoothed tracks show none of their own.
 
     Returns
     -------
@@ -102,8 +107,10 @@ def fit_motion_model(
         raise EstimationError(f"window: {window!r} is not a positive number")
     if conformal is not None and not 0.0 < conformal < 1.0:
         raise EstimationError(f"conformal: {conformal!r} is not between 0 and 1")
+    if noise is not None and not 0.0 < noise < math.inf:
+        raise EstimationError(f"noise: {noise!r} is not a positive number")
     fitted = tracks if conformal is None else tracks.halves()[0]
-    model = _most_likely(fitted, kind)
+    model = _most_likely(fitted, kind, noise)
     if tails or conformal is not None:
         errors = prediction_errors(fitted, model, window=window, lead_times=lead_times)
         model = model.model_copy(update={"tails": fit_tails(errors)})
@@ -356,27 +363,67 @@ def _noise(model: ProcessModel, count: int) -> Array:
     return np.broadcast_to(model.noise_deviation**2 * np.eye(2), (count, 2, 2))
 
 
-def _most_likely(tracks: Tracks, kind: str) -> ProcessModel:
-    """Maximise the likelihood over the logarithms of the parameters."""
+def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
+    """Say which parameters of a fit to tracks ended at their bounds, so that the tracks say nothing more of them.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        That it was fitted to.
+    model : ProcessModel
+
+    Returns
+    -------
+    list of str
+        A sentence each; none where the tracks decide all parameters.
+    """
+    process = model.process.model_dump(exclude={"kind", "deviation"})
+    if model.process.kind == "singer":
+        process["diffusion"] = 2.0 * model.process.deviation**2 * model.process.time_constant
+    values = {**process, "velocity_deviation": model.velocity_deviation, "noise_deviation": model.noise_deviation}
+    bounds = {name: _bounds_of(name, tracks) for name in values}
+    if model.tails is not None:
+        values["degrees_of_freedom"], bounds["degrees_of_freedom"] = model.tails.degrees_of_freedom, _DEGREES
+    return [
+        f"{name} ended at its {which} bound, {bound:.3g}: the tracks do not tell how much {word} it is"
+        for name, value in values.items()
+        for bound, which, word in zip(bounds[name], ("lower", "upper"), ("less", "more"), strict=True)
+        if abs(math.log(value / bound)) < _AT_BOUND
+    ]
+
+
+def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
+    """Least and largest value of a parameter that are tried, in its unit."""
+    if name == "time_constant":
+        return _TIME_CONSTANTS
+    if name == "noise_deviation":
+        steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in tracks])
+        return max(_BOUNDS[0], _LEAST_NOISE * float(steps.mean()) if len(steps) else 0.0), _BOUNDS[1]
+    return _BOUNDS
+
+
+def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel:
+    """Maximise the likelihood over the logarithms of the parameters; the noise may be given, m."""
     from scipy.optimize import minimize
 
     pieces = _pieces(tracks)
     count = int(np.sum(pieces.lengths - 1))
-    names = [*_STARTS[kind], "velocity_deviation", "noise_deviation"]
-    start = np.log([*_STARTS[kind].values(), 1.0, 0.05])
+    starts = {**_STARTS[kind], "velocity_deviation": 1.0, **({"noise_deviation": 0.05} if noise is None else {})}
 
     def model_at(logs: Array) -> ProcessModel:
-        values = dict(zip(names, np.exp(logs).tolist(), strict=True))
-        velocity, noise = values.pop("velocity_deviation"), values.pop("noise_deviation")
+        values = dict(zip(starts, np.exp(logs).tolist(), strict=True))
+        velocity, own = values.pop("velocity_deviation"), values.pop("noise_deviation", noise)
         if kind == "singer":
             values["deviation"] = math.sqrt(0.5 * values.pop("diffusion") / values["time_constant"])
-        return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=noise)
+        return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=own)
 
+    bounds = [_bounds_of(name, tracks) for name in starts]
+    start = np.clip(list(starts.values()), *np.transpose(bounds))
     result = minimize(
         lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,
-        start,
+        np.log(start),
         method="L-BFGS-B",
-        bounds=[tuple(np.log(_TIME_CONSTANTS if "time" in name else _BOUNDS)) for name in names],
+        bounds=[tuple(np.log(each)) for each in bounds],
     )
     _logger.info("log likelihood %.6g per position after %d iterations: %s", -result.fun, result.nit, result.message)
     return model_at(result.x)

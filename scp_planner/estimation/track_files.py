@@ -20,7 +20,8 @@ DUT_FRAME_RATE = 23.98  # 1/s
 
 _OBSMAT_COLUMNS = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
 _MOST_FAULTS = 20  # of a file that are listed
-_SUFFIXES = (".csv", ".txt")
+_XML = ".xml"
+_SUFFIXES = (".csv", ".txt", _XML)
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,8 @@ class _Format:
 
 def _read(path: Path) -> list[Track]:
     """Read one file."""
+    if path.suffix.lower() == _XML:
+        return _read_commonroad(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -105,6 +108,36 @@ def _read(path: Path) -> list[Track]:
     if not rows:
         raise TracksError(str(path), [Fault("", lines[0][1], "must have rows below its header")])
     return _tracks(path, rows, form.seconds(rows), form.time)
+
+
+def _read_commonroad(path: Path) -> list[Track]:
+    """Read the trajectories of a scenario of CommonRoad: exact times in steps, and points."""
+    from xml.etree import ElementTree
+
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise TracksError(str(path), [Fault("", path.name, f"must be XML ({error})")]) from None
+    step = _number(root.get("timeStepSize"))
+    if step is None or step <= 0.0:
+        raise TracksError(str(path), [Fault("timeStepSize", root.get("timeStepSize"), "must be a positive number")])
+    faults: list[Fault] = []
+    rows: list[_Row] = []
+    for obstacle in [*root.iter("dynamicObstacle"), *root.iter("obstacle")]:
+        name = obstacle.get("id", "")
+        states = [*obstacle.findall("initialState"), *obstacle.findall("trajectory/state")]
+        for count, state in enumerate(states if len(states) > 1 else ()):
+            values = [_number(state.findtext(each)) for each in ("time/exact", "position/point/x", "position/point/y")]
+            time, x, y = values
+            if time is None or x is None or y is None:
+                faults.append(Fault(f"obstacle {name}, state {count}", values, "must have an exact time and a point"))
+            else:
+                rows.append(_Row(count, name, time, x, y))
+    if faults:
+        raise TracksError(str(path), faults[:_MOST_FAULTS])
+    if not rows:
+        raise TracksError(str(path), [Fault("", path.name, "must hold obstacles with trajectories")])
+    return _tracks(path, rows, step, "time")
 
 
 def _is_obsmat(line: str) -> bool:

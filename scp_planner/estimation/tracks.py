@@ -1,13 +1,14 @@
 """Recorded tracks: where people, cars and cyclists really went, read from files and turned into scenarios.
 
-Formats are told apart by their first line:
+Formats are told apart by their first line, XML by the end of its name:
 
 - CSV with the header ``id,time,x,y`` (in any order, other columns are ignored), in s and m;
 - ``obsmat`` text files of pedestrians (frame, id, x, z, y, vx, vz, vy), one row of each person every 0.4 s:
   the step in frames is detected. Data of ETH, HOTEL and UNIV: S. Pellegrini et al., ICCV 2009, and A. Lerner
   et al., 2007;
 - CSV of the DUT data set (``id,frame,label,x_est,y_est,...``, 23.98 frames per second; D. Yang et al., 2019);
-- CSV of single cyclists of the VRU data set (``,timestamp,x,y``), one file a track.
+- CSV of single cyclists of the VRU data set (``,timestamp,x,y``), one file a track;
+- XML of CommonRoad: the trajectories of its moving obstacles, which are recorded ones in scenarios cut from NGSIM.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class Tracks(Sequence[Track]):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Tracks:
-        """Read a file, or all .csv and .txt files of a folder and of the folders in it.
+        """Read a file, or all .csv, .txt and .xml files of a folder and of the folders in it.
 
         In a folder each id begins with the name of its file, as in ``eth_obsmat/12``.
 
@@ -102,6 +103,33 @@ class Tracks(Sequence[Track]):
                 single = track.id == name.stem
                 tracks.append(Track(place if single else f"{place}/{track.id}", track.times, track.positions))
         return cls(tracks, str(root))
+
+    @classmethod
+    def joined(cls, paths: Sequence[str | PathLike[str]]) -> Tracks:
+        """Read several files or folders as one; then each id begins with the name of its file, too.
+
+        Parameters
+        ----------
+        paths : sequence of path
+
+        Returns
+        -------
+        Tracks
+
+        Raises
+        ------
+        TracksError, OSError
+            As in :meth:`load`.
+        """
+        parts = [cls.load(path) for path in paths]
+        if len(parts) == 1:
+            return parts[0]
+        tracks = [
+            Track(f"{Path(path).stem}/{track.id}", track.times, track.positions)
+            for path, part in zip(paths, parts, strict=True)
+            for track in part
+        ]
+        return cls(tracks, ", ".join(part.source for part in parts))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a CSV file ``id,time,x,y`` that `load` reads back exactly, whole or not at all."""

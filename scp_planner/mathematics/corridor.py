@@ -22,7 +22,7 @@ FLAT = 1e-9  # relative to the extent: thinner pieces are none
 SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, and an edge between them has no direction
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
-Polygon = tuple[planar.Point, ...]
+Polygon = Sequence[planar.Point]
 
 
 def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
@@ -75,7 +75,7 @@ def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.P
         return ()
     points = []
     while before[here] >= 0:
-        common = rings[here]
+        common: Polygon = rings[here]
         for a, b in planar.edges(rings[before[here]]):
             common = _clipped(common, a, b)
         points.append(planar.centroid(common))

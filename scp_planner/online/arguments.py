@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.files import LARGEST_COORDINATE
+from scp_planner.scenario.estimates import Estimate
 
 
 def _point(name: str, value: ArrayLike) -> tuple[float, float]:
@@ -31,6 +32,39 @@ def _covariance(value: ArrayLike) -> Array:
     for entry in covariance.ravel():
         check_number("covariance", entry)
     return covariance
+
+
+def checked_estimate(
+    time: float, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike | None, covariance: ArrayLike
+) -> Estimate:
+    """Make what a tracker says of its parts, in SI units.
+
+    Parameters
+    ----------
+    time : float
+        s.
+    position, velocity, acceleration : (2,)
+        m, m/s, m/s2.
+    covariance : (4, 4) or (6, 6)
+        Of the state.
+
+    Returns
+    -------
+    Estimate
+
+    Raises
+    ------
+    ValueError
+        Naming what is wrong.
+    """
+    check_number("time", time)
+    return Estimate(
+        time=float(time),
+        position=_point("position", position),
+        velocity=_point("velocity", velocity),
+        acceleration=None if acceleration is None else _point("acceleration", acceleration),
+        covariance=np.asarray(covariance, dtype=float).tolist(),
+    )
 
 
 def check_number(name: str, value: float, least: float = -math.inf) -> None:

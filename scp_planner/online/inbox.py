@@ -8,6 +8,7 @@ from threading import Lock
 
 from scp_planner.arrays import Array
 from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.updates import Update
 from scp_planner.scenario.units import NaturalUnits
 
 MOST_NOTES = 100
@@ -34,6 +35,12 @@ class Sighting:
     position: tuple[float, float]
     covariance: Array | None
 
+    def taken_in(self, obstacles: ObstacleTracks) -> str | None:
+        """Let the obstacles take it in; say what is wrong with it, if it was not used."""
+        if self.obstacle not in obstacles.tracks:
+            return None
+        return obstacles.observe(self.obstacle, self.time, self.position, self.covariance)
+
 
 class Inbox:
     """What has been observed and not been taken in yet.
@@ -59,14 +66,14 @@ class Inbox:
         self.obstacles, self.notes = obstacles, deque[str](maxlen=MOST_NOTES)
         self.work = Lock()
         self._units, self._forget_after = units, forget_after
-        self._queue: deque[Sighting] = deque()
+        self._queue: deque[Sighting | Update] = deque()
 
     def __bool__(self) -> bool:
         """Whether there is anything in it."""
         return bool(self._queue)
 
-    def put(self, one: Sighting) -> None:
-        """Take an observation; a replan that is at work takes it in itself."""
+    def put(self, one: Sighting | Update) -> None:
+        """Take an observation, or what a tracker says; a replan that is at work takes it in itself."""
         self._queue.append(one)
         if self.work.acquire(blocking=False):
             try:
@@ -78,9 +85,7 @@ class Inbox:
         """Let the obstacles take in what has been observed."""
         while self._queue:
             one = self._queue.popleft()
-            if one.obstacle not in self.obstacles.tracks:
-                continue
-            fault = self.obstacles.observe(one.obstacle, one.time, one.position, one.covariance)
+            fault = one.taken_in(self.obstacles)
             if fault is not None:
                 self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 

@@ -36,7 +36,10 @@ from scp_planner.online.track import (
     Track,
     TrackEstimator,
 )
-from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior, Shape, Vector
+from scp_planner.scenario.estimates import Estimate
+from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior
+from scp_planner.scenario.shapes import Shape
+from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, estimated_body, known_zone
 from scp_planner.threat_zones.zone import ThreatZone
@@ -93,6 +96,8 @@ class ObstacleTracks:
             self.tracks[track.id] = track
             if obstacle.motion is not None:
                 track.fixed = obstacle.motion
+            elif obstacle.estimate is not None:
+                track.follow(obstacle.estimate)
             elif obstacle.observations is not None:
                 _remember(track, obstacle.observations)
                 together.append(track)
@@ -205,6 +210,8 @@ class ObstacleTracks:
         track, one = self.tracks[name], Seen(time, position, covariance)
         if track.fixed is not None:
             track.fixed, track.newcomer = None, True  # it does not move as was known
+        if track.given is not None:
+            track.forsake_tracker()
         if track.came_already(one):
             return "it came twice"
         if track.comes_too_late(one):
@@ -224,6 +231,26 @@ class ObstacleTracks:
             self._judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
         return None
 
+    def update(self, name: str, given: Estimate) -> str | None:
+        """Take what a tracker says of an obstacle in place of all that was known of it.
+
+        Parameters
+        ----------
+        name : str
+            Id of the obstacle.
+        given : Estimate
+
+        Returns
+        -------
+        str or None
+            What is wrong with it, if it was not used.
+        """
+        track = self.tracks[name]
+        if track.given is not None and given.time < track.given.time:
+            return "it came too late, after a newer estimate"
+        track.follow(given)
+        return None
+
     def zones(self, start: float) -> tuple[ThreatZone, ...]:
         """Zones of all obstacles that have been seen, from a time on, s."""
         tracks = [track for track in self.tracks.values() if track.seen]
@@ -237,7 +264,9 @@ class ObstacleTracks:
                 )
             elif track.id not in made:
                 made[track.id] = self._alone(track, start, level)
-            if self.watch.regions is Regions.ADAPTIVE and track.predicted is not None and track.fixed is None:
+            compared = track.fixed is None and track.given is None and track.predicted is not None
+            if self.watch.regions is Regions.ADAPTIVE and compared:
+                assert track.predicted is not None, "it is compared"
                 track.foretold.append(track.predicted)
                 track.zone = made[track.id] = self._scaled(track, made[track.id])
         return tuple(made[track.id] for track in tracks)
@@ -312,7 +341,8 @@ class ObstacleTracks:
         """How estimates will improve, by id: those of polynomial motions."""
         learnt = {}
         for track in self.tracks.values():
-            if track.times and track.fixed is None and track.model.process is None and not track.alarmed:
+            observed = track.times and track.fixed is None and track.given is None
+            if observed and track.model.process is None and not track.alarmed:
                 span, change = track.times[-1] - track.times[0], 0.0
                 if track.simple and track.settled:
                     change = self.manoeuvre**2 / float(np.linalg.eigvalsh(track.known_noise)[0])
@@ -344,6 +374,10 @@ class ObstacleTracks:
         if track.zone is not None and (track.alarmed or self.watch.regions is Regions.ADAPTIVE):
             course = self._foretold(track.zone)
             return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
+        if track.given is not None:
+            change = {} if track.model.process is not None else {"manoeuvre": self.manoeuvre}
+            model = track.model.model_copy(update=change)
+            return Obstacle.model_construct(**common, motion=None, observations=None, estimate=track.given, model=model)
         each: Any = None
         if track.varying or not track.settled:
             each = tuple(_matrix(track.noise_of(one, self.newcomers)) for one in track.covariances)

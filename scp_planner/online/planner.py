@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.errors import Fault, ScenarioError
-from scp_planner.online.arguments import _covariance, _point, check_number
+from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.inbox import Inbox, Sighting
 from scp_planner.online.looks import Looks
@@ -38,9 +38,11 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, remaining_trip
 from scp_planner.online.stops import STANDING
+from scp_planner.online.updates import Update
 from scp_planner.online.vetting import Vetted
-from scp_planner.scenario.models import Model, Obstacle, Scenario, Shape
+from scp_planner.scenario.models import Model, Obstacle, Scenario
 from scp_planner.scenario.places import anchored
+from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
@@ -183,13 +185,46 @@ class Planner:
         noise = None if covariance is None else _covariance(covariance) / units.length**2
         self._inbox.put(Sighting(obstacle, units.instant(float(time)), units.place(place), noise))
 
+    def update_obstacle(
+        self,
+        obstacle: str,
+        time: float,
+        position: ArrayLike,
+        velocity: ArrayLike,
+        acceleration: ArrayLike | None = None,
+        *,
+        covariance: ArrayLike,
+    ) -> None:
+        """Take what a tracker says of an obstacle in place of all that was known of it, at any time as :meth:`observe`.
+
+        Parameters
+        ----------
+        obstacle : str
+            Id of an obstacle that is known; its model says how it goes on from there.
+        time : float
+            What the state is of, absolute, s; what comes after a newer one is left out.
+        position, velocity, acceleration : (2,)
+            m, m/s, m/s2; without an acceleration the velocity is kept up.
+        covariance : (4, 4) or, with an acceleration, (6, 6)
+            Of the error of the state in the order x, y, vx, vy, ax, ay, in m and s.
+
+        Raises
+        ------
+        ValueError
+            If the id is unknown, a number is not finite, or the covariance is none.
+        """
+        if obstacle not in self.obstacles.tracks:
+            raise ValueError(f"update_obstacle: there is no obstacle {obstacle!r}; add_obstacle adds one")
+        given = self._units.estimate(checked_estimate(time, position, velocity, acceleration, covariance))
+        self._inbox.put(Update(obstacle, given))
+
     def add_obstacle(
         self,
         obstacle: Obstacle | Mapping[str, Any] | str,
         shape: Shape | Mapping[str, Any] | None = None,
         *,
         covariance: ArrayLike | None = None,
-        model: Model | Mapping[str, Any] | None = None,
+        model: Model | Mapping[str, Any] | str | None = None,
         margin: float = 0.0,
     ) -> None:
         """Take in a new obstacle: one as in a scenario, or the id and shape of one that will be observed.
@@ -202,8 +237,8 @@ class Planner:
             With an id: as in the scenario, such as ``{"disc": 0.3}``.
         covariance : (2, 2), optional
             With an id: of one observation, m2; else it comes with each, or is estimated.
-        model : Model, optional
-            With an id: of its motion.
+        model : Model, mapping or str, optional
+            With an id: of its motion, or the name of a ready-made one.
         margin : float
             With an id: extra clearance, m.
 

@@ -8,6 +8,7 @@ planned. Where the vehicle is not quite where it should be, the path leads back 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,7 @@ from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
 
 
-def _guide_from(
-    guide: tuple[tuple[float, float], ...], position: tuple[float, float]
-) -> tuple[tuple[float, float], ...]:
+def _guide_from(guide: Sequence[tuple[float, float]], position: tuple[float, float]) -> tuple[tuple[float, float], ...]:
     """What is left of a polyline from the point nearest to a position on, beginning at the position."""
     points = np.array(guide)
     legs = np.diff(points, axis=0)

@@ -183,4 +183,4 @@ def fits(stop: Trajectory) -> bool:
     """Whether a stop ends before its path does."""
     tau, space = stop.travel_time, stop.space
     distance = space.start_speed * tau + tau * tau * float(space.tables.final_distance @ stop.beta)
-    return distance <= stop.path.arc_length
+    return distance <= stop.path.driven_length

@@ -20,9 +20,12 @@ from scp_planner.estimation.least_squares import MotionPrior
 from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
+from scp_planner.estimation.tracked import tracked_motion
 from scp_planner.online.noticing import Bank
-from scp_planner.scenario.models import Course, KnownMotion, Model, Shape
+from scp_planner.scenario.estimates import Estimate
+from scp_planner.scenario.models import Course, KnownMotion, Model
 from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.of_scenario import Body
 from scp_planner.threat_zones.zone import ThreatZone
@@ -239,6 +242,8 @@ class Track:
         Of the shape, as long as the motion is estimated.
     fixed : Motion, Course or None
         The motion of an obstacle whose motion is known.
+    given : Estimate or None
+        What a tracker last said of it.
     covariance : (2, 2) array or None
         Of one observation, if it is the same for all.
     varying : bool
@@ -265,6 +270,7 @@ class Track:
     margin: float
     body: Body
     fixed: KnownMotion | None = None
+    given: Estimate | None = None
     covariance: Array | None = None
     varying: bool = False
     newcomer: bool = False
@@ -298,7 +304,9 @@ class Track:
 
     @property
     def settled(self) -> bool:
-        """Whether its motion shows in the observations alone."""
+        """Whether its motion shows in the observations alone, or a tracker has told it."""
+        if self.given is not None:
+            return True
         least = self.model.order + 1
         if self.covariance is None and not self.varying and len(self.times) < least + 2:
             return False
@@ -372,6 +380,20 @@ class Track:
         self.estimator = make(self)
         return self.estimator
 
+    def follow(self, given: Estimate) -> None:
+        """Believe what a tracker says, and nothing else."""
+        if self.estimator is not None:
+            self.estimator.close()
+        self.fixed = self.estimator = self.predicted = self.zone = None
+        self.given, self.suspects = given, []
+        # as if seen then: so it is known when it was heard of last
+        self.times, self.positions, self.covariances = [given.time], [given.position], [None]
+
+    def forsake_tracker(self) -> None:
+        """Begin to look for oneself, as at a newcomer."""
+        self.given, self.predicted, self.newcomer = None, None, True
+        self.times, self.positions, self.covariances = [], [], []
+
     def learn_anew(self, newcomers: SceneNewcomers, make: EstimatorMaker) -> None:
         """Forget all but the suspects: it moves otherwise than estimated."""
         suspects = sorted(self.suspects, key=lambda one: one.time)
@@ -408,6 +430,8 @@ class Track:
 
     def estimate(self, newcomers: SceneNewcomers) -> MotionEstimate:
         """Give what is known of its motion."""
+        if self.given is not None:
+            return tracked_motion(self.given, self.model)
         assert self.estimator is not None, "it has been seen"
         try:
             return self.estimator.estimate(self._prior(newcomers))

@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.certificate.check import Motions, certify_trip
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Clearance, Ends
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
@@ -279,7 +280,7 @@ class Vetting:
         -------
         Vetted or Refusal
         """
-        trip = Trip(problem.frame, trajectory)
+        trip = Trip(problem.frame, trajectory.settled())
         violation = math.inf if evaluation is None else evaluation.worst_violation
         why = ""
         if not self.stops_will_do or self._may_hold(now, trip, evaluation):

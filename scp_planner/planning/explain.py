@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -11,9 +11,12 @@ import numpy as np
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
 from scp_planner.certificate.verdict import EARLIEST, LATEST, Certificate, Violation
 from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.ready_made import NAMES
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
+
+_ORDERS = ("standing", "constant velocity", "constant acceleration")
 
 TRIFLE = 0.05
 """Of the gravest violation: what is less grave, and small, comes along with it and is not told."""
@@ -26,6 +29,8 @@ LOOKED_AHEAD = 2.0
 """Times the kinematic bound: trips up to this long are proved to be impossible, where there is no latest arrival."""
 
 MOST_CULPRITS = 4
+MOST_NAMED = 3
+"""Of many obstacles that are alike."""
 TOUCHING = 0.1  # of the vehicle's radius
 LOOKS = 65  # at times of a trip
 ROUNDING = 1e-6  # of the trip's length or time
@@ -102,7 +107,7 @@ def explain(
     parts = ["; ".join(map(str, told)), *_causes(scenario, threat_zones, trip, told, prove_until)]
     ways = "1 way round" if ending.tried == 1 else f"{ending.tried} ways round"
     penalty = f"; penalty left {ending.penalty:.3g} s" if ending.penalty > 0.0 else ""
-    helps = "; ".join(_relaxation(violation) for violation in told)
+    helps = "; ".join(_relaxations(scenario, told))
     return ". ".join(
         [*parts, f"Best of {ways}; {_ENDS[ending.status]}{penalty}", f"It would be acceptable with {helps}"]
     )
@@ -118,6 +123,13 @@ def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -
     grave = sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
     first = {(each.what, each.obstacle): each for each in reversed(grave)}
     return [each for each in grave if first[each.what, each.obstacle] is each]
+
+
+def _relaxations(scenario: Scenario, told: Sequence[Violation]) -> Iterator[str]:
+    for each in told:
+        whole = each.obstacle is not None and -each.value > _extent(scenario)
+        # by how much says nothing where it is all of the scene
+        yield f"far smaller zones of {each.obstacle}" if whole else _relaxation(each)
 
 
 def _severity(scenario: Scenario, trip: Trip, violation: Violation) -> float:
@@ -163,10 +175,10 @@ def _causes(
             yield from _too_short_a_way(scenario, trip)
         elif violation.what == "curvature" and violation is told[0]:
             yield f"The tightest turn that is allowed has a radius of {1.0 / violation.allowed:.3g} m"
-    for violation in told:
-        if violation.obstacle is not None and violation.obstacle in zones:
-            yield from _uncertainty(zones[violation.obstacle], violation)
-            yield from _stopping(scenario, zones[violation.obstacle], violation)
+    cut = [each for each in told if each.obstacle is not None and each.obstacle in zones]
+    yield from _uncertainty(scenario, zones, cut)
+    for violation in cut:
+        yield from _stopping(scenario, zones[str(violation.obstacle)], violation)
     if perf_counter() < prove_until:
         yield from _no_way(scenario, tuple(threat_zones), _touched(scenario, threat_zones, trip), prove_until)
 
@@ -181,12 +193,43 @@ def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
         yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this way is {way:.3g} m long"
 
 
-def _uncertainty(zone: ThreatZone, violation: Violation) -> Iterator[str]:
-    if zone.covariances is None:
-        return
-    uncertain = float(np.sqrt(np.linalg.eigvalsh(zone.covariance(violation.time))[-1]))
-    if 2.0 * uncertain > -violation.value:
-        yield f"By then the position of {zone.id} is uncertain by up to {uncertain:.3g} m"
+def _uncertainty(scenario: Scenario, zones: Mapping[str, ThreatZone], cut: Sequence[Violation]) -> Iterator[str]:
+    """Say how uncertain positions are by then, if that is what is in the way, and which model would know more."""
+    for violation in cut:
+        uncertain = _spread(zones[str(violation.obstacle)], violation.time)
+        if 2.0 * uncertain > -violation.value:
+            yield f"By then the position of {violation.obstacle} is uncertain by up to {uncertain:.3g} m"
+            if uncertain > _extent(scenario):
+                yield _model_to_change(scenario, zones, violation)
+                return  # of others it would be the same
+
+
+def _spread(zone: ThreatZone, time: float) -> float:
+    """By how much a position is uncertain, m."""
+    return 0.0 if zone.covariances is None else float(np.sqrt(np.linalg.eigvalsh(zone.covariance(time))[-1]))
+
+
+def _model_to_change(scenario: Scenario, zones: Mapping[str, ThreatZone], worst: Violation) -> str:
+    """Name the model that zones larger than the scene come from, and what to put in its place."""
+    size, time = _extent(scenario), worst.time
+    wide = {one.id: one.model for one in scenario.obstacles if one.id in zones and _spread(zones[one.id], time) > size}
+    others = [name for name in wide if name != worst.obstacle]
+    told = f"That is more than the whole scene, {size:.3g} m"
+    if others:
+        named = ", ".join(others[:MOST_NAMED]) + (", ..." if len(others) > MOST_NAMED else "")
+        told += f", as of {len(others)} more ({named})"
+    believed = [model.order for model in wide.values() if model.process is None]
+    if not believed:
+        return f"{told}: no model says anything so late; replan while driving (simulate, Planner), or ask for less"
+    names = " or ".join([", ".join(NAMES[:-1]), NAMES[-1]])
+    order = max(believed)
+    return f"{told}: the model, order {order} ({_ORDERS[order]}), says nothing so late; if one fits, set model: {names}"
+
+
+def _extent(scenario: Scenario) -> float:
+    """How far the trip leads away from its start, m."""
+    points = np.array([scenario.start.position, *(scenario.guide or ()), scenario.goal.position])
+    return float(np.hypot(*(points - points[0]).T).max())
 
 
 def _stopping(scenario: Scenario, zone: ThreatZone, violation: Violation) -> Iterator[str]:

@@ -284,7 +284,7 @@ class _Planning:
 
     def trip(self, run: LoopRun) -> Trip:
         """Return the trip that a run ended with."""
-        return Trip(self.problem.frame, run.evaluation.trajectory)
+        return Trip(self.problem.frame, run.evaluation.trajectory.settled())
 
     def judged(self, scenario: Scenario, run: LoopRun) -> Certificate:
         """Return what a certificate, and a user's own constraints, say of the trip that a run ended with."""

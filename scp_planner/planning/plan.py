@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from math import inf, isclose, isfinite
+from math import inf, isfinite
 from os import PathLike
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, Self
@@ -171,15 +171,7 @@ class Plan:
             "arrival_time": self.arrival_time,
             "travel_time": self.travel_time,
             # A stop ends on its path, not at the goal.
-            **(
-                {"stops": True}
-                if not isclose(
-                    space.travel_time(trajectory.path.arc_length, trajectory.beta, self.travel_time),
-                    self.travel_time,
-                    rel_tol=ROUNDING,
-                )
-                else {}
-            ),
+            **({"stops": True} if not trajectory.arrives else {}),
             "lower_bound": self.lower_bound,
             **({} if self.converged is None else {"converged": self.converged}),
             "method": self.method,

@@ -10,11 +10,12 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics import planar
-from scp_planner.scenario.models import Disc, Ellipse, Rectangle
+from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle
 from scp_planner.threat_zones.zone import ThreatZone
 
 if TYPE_CHECKING:
-    from scp_planner.scenario.models import Scenario, Shape
+    from scp_planner.scenario.models import Scenario
+    from scp_planner.scenario.shapes import Shape
 
 FINE = 0.02
 """Borders of several polygons are cut into bits no longer than this part of their extent."""

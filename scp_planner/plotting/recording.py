@@ -18,8 +18,8 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
 from scp_planner.plotting.borders import body_of, boundary_of, convex_pieces_of, corridor_of
 from scp_planner.plotting.scales import clock_of, length_text
-from scp_planner.scenario.models import Disc
 from scp_planner.scenario.places import limits_at, stretches
+from scp_planner.scenario.shapes import Disc
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import discs_at
@@ -149,7 +149,7 @@ class Recording:
     obstacles : tuple of ObstacleRecord
     corridor : tuple of (k, 2) arrays
         Polygons that the vehicle stays in, m.
-    discs : tuple of float
+    discs : sequence of float
         Where the vehicle's discs are on its axis, m ahead of the position.
     """
 
@@ -169,7 +169,7 @@ class Recording:
     profiles: tuple[Profile, ...]
     obstacles: tuple[ObstacleRecord, ...]
     corridor: tuple[Array, ...] = ()
-    discs: tuple[float, ...] = (0.0,)
+    discs: Sequence[float] = (0.0,)
 
     @property
     def epoch(self) -> float:
@@ -346,7 +346,7 @@ def _record_obstacle(
         heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
         body=body,
         turns=turns,
-        padded=seen is not None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
+        padded=obstacle.motion is None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
         boundary=np.stack([boundary_of(piece, time) for piece in convex_pieces_of(zone)], axis=1),
         clearance=clearance,
         truth=truth,

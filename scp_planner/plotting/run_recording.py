@@ -20,7 +20,7 @@ from scp_planner.plotting.recording import (
     speed_limit_at,
 )
 from scp_planner.plotting.scales import length_text
-from scp_planner.scenario.models import Disc
+from scp_planner.scenario.shapes import Disc
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from typing import Any
 
 from scp_planner.errors import MISSING
 from scp_planner.mathematics import corridor, planar
+from scp_planner.scenario.obstacle_checks import headings_turn_slowly, one_position_a_time, times_increase
 from scp_planner.scenario.validation import Problem, Unknown
 
 SCHEMA_VERSION = 1
@@ -30,14 +31,6 @@ LIKELY_DEGREES = 4.0 * math.pi
 SAME_PLACE = 1e-9
 """Relative to the coordinates: two points nearer than this are one point."""
 
-SYMMETRY = 1e-9
-"""How far the two off-diagonal entries of a covariance may differ, relative to its diagonal: rounding."""
-
-DEFINITE = 1e-12
-"""Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
-
-MOST_TURN = 3.0
-"""rad from one heading of a course to the next: half a turn could be to either side."""
 
 AXES = ("x", "y")
 
@@ -341,9 +334,12 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
 
 
 def observations_are_past(scenario: Any) -> Iterator[Problem]:
-    """Nothing has been observed after the start."""
+    """Nothing has been observed after the start, and no tracker's estimate is of later."""
     start = scenario.start.time
     for i, obstacle in enumerate(scenario.obstacles):
+        time = _known(obstacle, "estimate", "time")
+        if time is not None and time > start + _rounding_of((time,)):
+            yield Problem(("obstacles", i, "estimate", "time"), time, f"must not be later than start.time, {start:g} s")
         times = _known(obstacle, "observations", "time") or ()
         latest = start + _rounding_of(times)
         late = next((k for k, time in enumerate(times) if time > latest), None)
@@ -356,115 +352,6 @@ def _rounding_of(times: Any) -> float:
     """Give by how much times may miss what was meant, s: sums of steps do, by the clock's digits or by theirs."""
     step = min((after - before for before, after in itertools.pairwise(times) if after > before), default=0.0)
     return SAME_TIME * step + CLOCK_DIGITS * max((math.ulp(time) for time in (*times[:1], *times[-1:])), default=0.0)
-
-
-def motion_or_observations(obstacle: Any) -> Iterator[Problem]:
-    """An obstacle has one of the two."""
-    # A faulty one is there all the same: what is left of it is not None.
-    motion, observations = obstacle.motion, obstacle.observations
-    if motion is not None and observations is not None:
-        yield Problem(("observations",), observations, "must be left out where motion is given")
-    elif motion is None and observations is None:
-        yield Problem(("motion",), MISSING, "missing; either motion or observations must be given")
-
-
-def enough_observations(obstacle: Any) -> Iterator[Problem]:
-    """There are enough observations for the model's order, and for the covariance if it is estimated."""
-    if obstacle.observations is None:
-        return
-    model, count = obstacle.model, len(obstacle.observations.time)
-    if model.process is not None:
-        if not count:
-            yield Problem(("observations", "time"), obstacle.observations.time, "must have at least 1 entry")
-        return
-    order, prior = model.order, model.prior
-    # order + 1 coefficients. The quantile of F(2, n - order - 2) and an invertible 2 x 2 estimate of the
-    # covariance need two degrees of freedom more.
-    estimated = obstacle.observations.covariance is None
-    least = order + 3 if estimated else order + 1
-    if prior is not None and not estimated:
-        # what the prior tells need not be observed
-        given = (prior.velocity_deviation, prior.acceleration_deviation)[:order]
-        least -= sum(deviation is not None for deviation in given)
-    if count < least:
-        why = "the covariance to be estimated (null)" if estimated else "a known covariance"
-        text = f"too few: order {order} and {why} need at least {least} observations, not {count}"
-        yield Problem(("observations", "time"), obstacle.observations.time, text)
-
-
-def prior_says_something(prior: Any) -> Iterator[Problem]:
-    """A prior gives at least one deviation."""
-    if prior.velocity_deviation is None and prior.acceleration_deviation is None:
-        yield Problem((), MISSING, "must give velocity_deviation, acceleration_deviation or both")
-
-
-def prior_or_process(model: Any) -> Iterator[Problem]:
-    """A motion with process noise has its own prior."""
-    if model.prior is not None and model.process is not None:
-        yield Problem(("prior",), model.prior, "must be null where process is given")
-    if model.manoeuvre > 0.0 and model.process is not None:
-        yield Problem(
-            ("manoeuvre",), model.manoeuvre, "must be 0 where process is given, which has manoeuvres of its own"
-        )
-
-
-def times_increase(observations: Any) -> Iterator[Problem]:
-    """Each observation is later than the one before."""
-    times = observations.time
-    for i in range(1, len(times)):
-        if times[i] <= times[i - 1]:
-            yield Problem(("time", i), times[i], f"must be later than the time before it, {times[i - 1]!r} s")
-
-
-def one_position_a_time(observations: Any) -> Iterator[Problem]:
-    """There are as many positions as times."""
-    count = len(observations.time)
-    if len(observations.position) != count:
-        text = f"must have as many entries as time, {count}, not {len(observations.position)}"
-        yield Problem(("position",), observations.position, text)
-
-
-def headings_turn_slowly(course: Any) -> Iterator[Problem]:
-    """There are as many headings as times, each less than half a turn from the one before, and no covariance."""
-    if course.heading is None:
-        return
-    if course.covariance is not None:
-        yield Problem(("heading",), course.heading, "must be null where a covariance is given")
-    if len(course.heading) != len(course.time):
-        text = f"must have as many entries as time, {len(course.time)}, not {len(course.heading)}"
-        yield Problem(("heading",), course.heading, text)
-    for i, (before, after) in enumerate(itertools.pairwise(course.heading), start=1):
-        if abs(math.remainder(after - before, 2.0 * math.pi)) >= MOST_TURN:
-            yield Problem(
-                ("heading", i), after, f"must be less than {MOST_TURN:g} rad from the one before it, {before:g}"
-            )
-
-
-def covariance_is_one_or_each(observations: Any) -> Iterator[Problem]:
-    """There is one covariance, or as many as times."""
-    covariance = observations.covariance
-    if covariance is None or not _is_list_of_matrices(covariance):
-        return
-    count = len(observations.time)
-    if len(covariance) != count:
-        text = f"must be one matrix or as many as time has entries, {count}, not {len(covariance)}"
-        yield Problem(("covariance",), covariance, text)
-
-
-def covariance_is_definite(observations: Any) -> Iterator[Problem]:
-    """Each covariance is symmetric and positive definite."""
-    covariance = observations.covariance
-    if covariance is None:
-        return
-    each = _is_list_of_matrices(covariance)
-    for i, matrix in enumerate(covariance if each else [covariance]):
-        (xx, xy), (yx, yy) = matrix
-        path = ("covariance", i) if each else ("covariance",)
-        scale = math.sqrt(max(xx, 0.0)) * math.sqrt(max(yy, 0.0))
-        if abs(xy - yx) > SYMMETRY * scale and xy != yx:
-            yield Problem(path, matrix, "must be symmetric")
-        elif not (scale > 0 and (xy / scale) ** 2 < 1 - DEFINITE):
-            yield Problem(path, matrix, "must be positive definite")
 
 
 def polygon_is_simple(shape: Any) -> Iterator[Problem]:
@@ -523,10 +410,6 @@ def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
         return [end.position]
     c, s = math.cos(end.heading), math.sin(end.heading)
     return [(end.position[0] + offset * c, end.position[1] + offset * s) for offset in scenario.vehicle.discs]
-
-
-def _is_list_of_matrices(covariance: Any) -> bool:
-    return not isinstance(covariance[0][0], float) if covariance else True
 
 
 def _same(p: planar.Point, q: planar.Point) -> bool:

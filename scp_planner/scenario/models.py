@@ -7,7 +7,6 @@ has been checked when it exists: `scp_planner.scenario.validation` says how faul
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from enum import StrEnum
 from os import PathLike
@@ -17,32 +16,21 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from scp_planner import files
-from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
-from scp_planner.files import LARGEST_COORDINATE
-from scp_planner.mathematics import planar
-from scp_planner.scenario import checks
+from scp_planner.errors import MISSING, Fault, ScenarioError
+from scp_planner.scenario import checks, obstacle_checks, ready_made
+from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
+from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
-from scp_planner.scenario.validation import Part, Rule, faults_of, variant
+from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
+from scp_planner.scenario.validation import Part, Row, Rule, faults_of, variant
+from scp_planner.scenario.values import Matrix, NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 MOST_OBSTACLES = 20_000
 """In a file."""
 
-LARGEST_RATE = 1e30
-"""m/s or m/s2. Squares and cubes of what is beyond it come near to the largest double."""
-
 _SHAPE = b"shape"
-
-Number = Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
-Positive = Annotated[float, Field(strict=True, gt=0)]
-NotNegative = Annotated[float, Field(strict=True, ge=0)]
-Text = Annotated[str, Field(strict=True, min_length=1)]
-Vector = tuple[Number, Number]
-RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RATE)]
-Rate = tuple[RateNumber, RateNumber]
-Matrix = tuple[Vector, Vector]
-Polygon = Annotated[tuple[Vector, ...], Field(min_length=3)]
 
 
 class Vehicle(Part):
@@ -54,28 +42,29 @@ class Vehicle(Part):
     max_speed: Positive = Field(description="m/s")
     max_acceleration: Positive = Field(description="along the path, m/s2")
     max_deceleration: Positive = Field(description="along the path, a positive number, m/s2")
-    max_lateral_acceleration: Positive | None = Field(None, description="m/s2; null: unbounded")
-    max_curvature: Positive | None = Field(None, description="1/m; null: unbounded")
+    max_lateral_acceleration: Positive | None = Field(default=None, description="m/s2; null: unbounded")
+    max_curvature: Positive | None = Field(default=None, description="1/m; null: unbounded")
     max_jerk: Positive | None = Field(
-        None,
+        default=None,
         description="how fast the acceleration along the path may change, m/s3; null: it may jump",
     )
     max_curvature_rate: Positive | None = Field(
-        None,
+        default=None,
         description="how fast the curvature may change while driving, as by a steering rate, 1/(m s); null: unbounded",
     )
     max_total_acceleration: Positive | None = Field(
-        None, description="along and across the path together, as by friction, m/s2; null: only each by itself"
+        default=None, description="along and across the path together, as by friction, m/s2; null: only each by itself"
     )
     max_power: Positive | None = Field(
-        None,
+        default=None,
         description="acceleration along the path times speed, as of a motor by the mass, m2/s3; null: unbounded",
     )
     centre: Number = Field(
-        0.0, description="how far the middle of the vehicle is ahead of the reference point, m; goal.region holds it"
+        default=0.0,
+        description="how far the middle of the vehicle is ahead of the reference point, m; goal.region holds it",
     )
-    discs: Annotated[tuple[Number, ...], Field(min_length=1)] = Field(
-        (0.0,),
+    discs: Annotated[Row[Number], Field(min_length=1)] = Field(
+        default=(0.0,),
         description="where the centres of the discs that cover a long vehicle are on its axis, m ahead of the reference"
         " point, which follows the path; one of them at 0",
     )
@@ -88,9 +77,9 @@ class Start(Part):
 
     time: Number = Field(description="s, on the clock of the obstacles")
     position: Vector = Field(description="[x, y], m")
-    heading: Number | None = Field(None, description="rad; null: free")
+    heading: Number | None = Field(default=None, description="rad; null: free")
     speed: NotNegative = Field(description="m/s")
-    acceleration: RateNumber | None = Field(None, description="along the path, m/s2; null: free")
+    acceleration: RateNumber | None = Field(default=None, description="along the path, m/s2; null: free")
 
 
 class Goal(Part):
@@ -107,29 +96,29 @@ class Goal(Part):
     position: Vector = Field(
         description="[x, y], m; may be left out where a region is given: then just inside it, where it is nearest"
     )
-    heading: Number | None = Field(None, description="rad; null: free")
-    speed: NotNegative | None = Field(None, description="m/s; null: free")
-    radius: NotNegative = Field(0.0, description="anywhere this near to the position will do, m")
+    heading: Number | None = Field(default=None, description="rad; null: free")
+    speed: NotNegative | None = Field(default=None, description="m/s; null: free")
+    radius: NotNegative = Field(default=0.0, description="anywhere this near to the position will do, m")
     region: Polygon | None = Field(
-        None,
+        default=None,
         description="polygon [[x, y], ...], m, in place of a radius: the middle of the vehicle may be anywhere in that"
         " convex part of it that is nearest to the position; null: none",
     )
     heading_range: tuple[Number, Number] | None = Field(
-        None, description="[least, largest] heading, rad, to the left from the least one; null: any"
+        default=None, description="[least, largest] heading, rad, to the left from the least one; null: any"
     )
     speed_range: tuple[NotNegative, NotNegative] | None = Field(
-        None, description="[least, largest] speed, m/s; null: any"
+        default=None, description="[least, largest] speed, m/s; null: any"
     )
     arrival_step: Positive | None = Field(
-        None,
+        default=None,
         description="arrival a multiple of so many s after start.time, to a hundredth of that; null: any time",
     )
     earliest_arrival: Number | None = Field(
-        None, description="not before this time, to a millisecond, s on the clock of start.time; null: any"
+        default=None, description="not before this time, to a millisecond, s on the clock of start.time; null: any"
     )
     latest_arrival: Number | None = Field(
-        None, description="not after this time, to a millisecond, s on the clock of start.time; null: any"
+        default=None, description="not after this time, to a millisecond, s on the clock of start.time; null: any"
     )
 
 
@@ -151,11 +140,13 @@ class SpeedLimit(Part):
 
     rules: ClassVar[tuple[Rule, ...]] = (checks.stretch_is_not_empty, checks.line_moves_on)
 
-    from_: NotNegative = Field(alias="from", description="where it begins, m along the line")
-    to: Positive | None = Field(None, description="where it ends, m along the line; null: with the line")
+    from_: NotNegative = Field(
+        validation_alias="from", serialization_alias="from", description="where it begins, m along the line"
+    )
+    to: Positive | None = Field(default=None, description="where it ends, m along the line; null: with the line")
     speed: Positive = Field(description="m/s")
-    line: Annotated[tuple[Vector, ...], Field(min_length=2)] | None = Field(
-        None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
+    line: Annotated[Row[Vector], Field(min_length=2)] | None = Field(
+        default=None, description="polyline [[x, y], ...], m; null: the guide, or the straight line from start to goal"
     )
 
 
@@ -174,88 +165,9 @@ class Confidence(Part):
     """How sure the zones of the estimated obstacles are to hold them."""
 
     probability: Annotated[float, Field(strict=True, gt=0, lt=1)] = Field(
-        0.95, description="greater than 0 and less than 1"
+        default=0.95, description="greater than 0 and less than 1"
     )
     level: ConfidenceLevel = ConfidenceLevel.JOINT
-
-
-class Disc(Part):
-    """A disc about the obstacle's centre."""
-
-    disc: Positive = Field(description="radius, m")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
-        return max(0.0, math.hypot(*point) - self.disc)
-
-
-class Rectangle(Part):
-    """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
-
-    rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
-    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
-        turned = planar.turned(point, -(heading if self.heading is None else self.heading))
-        beyond = [max(0.0, abs(x) - 0.5 * side) for x, side in zip(turned, self.rectangle, strict=True)]
-        return math.hypot(*beyond)
-
-
-class PolygonShape(Part):
-    """A simple polygon, its vertices relative to the obstacle's centre; it does not turn with the heading."""
-
-    rules: ClassVar[tuple[Rule, ...]] = (checks.polygon_is_simple,)
-
-    polygon: Annotated[tuple[Vector, ...], Field(min_length=3)] = Field(description="vertices [[x, y], ...], m")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
-        return planar.distance_to_polygon(point, self.polygon)
-
-
-class Ellipse(Part):
-    """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
-
-    ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
-    heading: Number | None = Field(None, description="rad; null: along the velocity, 0 standing")
-
-    def distance(self, point: planar.Point, heading: float) -> float:
-        """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
-        own = heading if self.heading is None else self.heading
-        return planar.distance_to_ellipse(planar.turned(point, -own), *self.ellipse)
-
-
-_SHAPE_KEYS: dict[str, type[Part]] = {
-    "disc": Disc,
-    "rectangle": Rectangle,
-    "polygon": PolygonShape,
-    "ellipse": Ellipse,
-}
-
-
-def _shape_case(data: Any) -> str | None:
-    """Tell which shape is meant: the one with the given key, or else with a key spelt nearly so."""
-    if isinstance(data, Part):
-        return next((variant(key) for key, kind in _SHAPE_KEYS.items() if isinstance(data, kind)), None)
-    if not isinstance(data, Mapping):
-        return None
-    known = [key for key in data if key in _SHAPE_KEYS]
-    keys = known or [near for key in data if (near := nearest(key, _SHAPE_KEYS))]
-    return variant(keys[0]) if len(keys) == 1 else None
-
-
-Shape = Annotated[
-    Annotated[Disc, Tag(variant("disc"))]
-    | Annotated[Rectangle, Tag(variant("rectangle"))]
-    | Annotated[PolygonShape, Tag(variant("polygon"))]
-    | Annotated[Ellipse, Tag(variant("ellipse"))],
-    Discriminator(
-        _shape_case,
-        custom_error_type="shape",
-        custom_error_message=f"must be a mapping with exactly one of the keys {', '.join(_SHAPE_KEYS)}",
-    ),
-]
 
 
 def _covariance_case(data: Any) -> str:
@@ -267,7 +179,7 @@ def _covariance_case(data: Any) -> str:
 
 
 Covariance = Annotated[
-    Annotated[Matrix, Tag(variant("common"))] | Annotated[tuple[Matrix, ...], Tag(variant("each"))],
+    Annotated[Matrix, Tag(variant("common"))] | Annotated[Row[Matrix], Tag(variant("each"))],
     Discriminator(_covariance_case),
 ]
 
@@ -276,8 +188,8 @@ class Motion(Part):
     """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
 
     position: Vector = Field(description="[x, y] at t = 0, m")
-    velocity: Rate = Field((0.0, 0.0), description="[x, y] at t = 0, m/s")
-    acceleration: Rate = Field((0.0, 0.0), description="[x, y], m/s2")
+    velocity: Rate = Field(default=(0.0, 0.0), description="[x, y] at t = 0, m/s")
+    acceleration: Rate = Field(default=(0.0, 0.0), description="[x, y], m/s2")
 
 
 class Course(Part):
@@ -289,21 +201,21 @@ class Course(Part):
     """
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.times_increase,
-        checks.one_position_a_time,
-        checks.covariance_is_one_or_each,
-        checks.covariance_is_definite,
-        checks.headings_turn_slowly,
+        obstacle_checks.times_increase,
+        obstacle_checks.one_position_a_time,
+        obstacle_checks.covariance_is_one_or_each,
+        obstacle_checks.covariance_is_definite,
+        obstacle_checks.headings_turn_slowly,
     )
 
-    time: Annotated[tuple[Number, ...], Field(min_length=2)] = Field(description="s, increasing")
-    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+    time: Annotated[Row[Number], Field(min_length=2)] = Field(description="s, increasing")
+    position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
     covariance: Covariance | None = Field(
-        None,
+        default=None,
         description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
     )
-    heading: tuple[Number, ...] | None = Field(
-        None,
+    heading: Row[Number] | None = Field(
+        default=None,
         description="where the shape heads, rad, one for each time, each less than half a turn from the one before;"
         " null: along the velocity",
     )
@@ -325,16 +237,16 @@ class Observations(Part):
     """Noisy positions of one obstacle."""
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.times_increase,
-        checks.one_position_a_time,
-        checks.covariance_is_one_or_each,
-        checks.covariance_is_definite,
+        obstacle_checks.times_increase,
+        obstacle_checks.one_position_a_time,
+        obstacle_checks.covariance_is_one_or_each,
+        obstacle_checks.covariance_is_definite,
     )
 
-    time: tuple[Number, ...] = Field(description="s, increasing")
-    position: tuple[Vector, ...] = Field(description="[[x, y], ...], m, one for each time")
+    time: Row[Number] = Field(description="s, increasing")
+    position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
     covariance: Covariance | None = Field(
-        None,
+        default=None,
         description="of one observation [[xx, xy], [xy, yy]], or one matrix for each, m2; null: estimated",
     )
 
@@ -342,58 +254,94 @@ class Observations(Part):
 class Prior(Part):
     """Independent normal priors of velocity and acceleration at the time of the last observation."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.prior_says_something,)
+    rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_says_something,)
 
-    velocity: Rate = Field((0.0, 0.0), description="expected [x, y], m/s")
-    velocity_deviation: Positive | None = Field(None, description="of each component, m/s; null: unknown")
-    acceleration: Rate = Field((0.0, 0.0), description="expected [x, y], m/s2")
-    acceleration_deviation: Positive | None = Field(None, description="of each component, m/s2; null: unknown")
+    velocity: Rate = Field(default=(0.0, 0.0), description="expected [x, y], m/s")
+    velocity_deviation: Positive | None = Field(default=None, description="of each component, m/s; null: unknown")
+    acceleration: Rate = Field(default=(0.0, 0.0), description="expected [x, y], m/s2")
+    acceleration_deviation: Positive | None = Field(default=None, description="of each component, m/s2; null: unknown")
 
 
 class Model(Part):
-    """What the estimate takes for granted about the motion."""
+    """What the estimate takes for granted about the motion.
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.prior_or_process,)
+    Where one is wanted, the name of a ready-made one will do: pedestrian, cyclist, car, ship or drone.
+    """
+
+    rules: ClassVar[tuple[Rule, ...]] = (obstacle_checks.prior_or_process,)
 
     order: Annotated[int, Field(strict=True, ge=0, le=2)] = Field(
-        2, description="0 standing, 1 constant velocity, 2 constant acceleration"
+        default=2, description="0 standing, 1 constant velocity, 2 constant acceleration"
     )
-    prior: Prior | None = Field(None, description="of velocity and acceleration; null: none")
+    prior: Prior | None = Field(default=None, description="of velocity and acceleration; null: none")
     manoeuvre: NotNegative = Field(
-        0.0,
+        default=0.0,
         description="standard deviation of each component of a change of acceleration that may begin with the last"
         " observation, m/s2",
     )
-    process: ProcessModel | None = Field(
-        None,
+    process: Annotated[ProcessModel | None, BeforeValidator(ready_made.process_by_name)] = Field(
+        default=None,
         description="motion with process noise in place of order and prior, or the name of its file beside this"
-        " one; null: none",
+        " one, or of a ready-made one; null: none",
         json_schema_extra=also_a_file_name,
     )
 
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Give a ready-made model, fitted to recorded tracks or from published figures.
+
+        Parameters
+        ----------
+        name : str
+            ``"pedestrian"``, ``"cyclist"``, ``"car"``, ``"ship"`` or ``"drone"``.
+
+        Returns
+        -------
+        Model
+
+        Raises
+        ------
+        ValueError
+            If there is none of that name.
+        """
+        return cls(process=ready_made.ready_made(name))
+
 
 class Obstacle(Part):
-    """Something to keep clear of: its shape, and either its motion or observations of it."""
+    """Something to keep clear of: its shape, and its motion, observations of it, or what a tracker says of it."""
 
     model_config = ConfigDict(
         json_schema_extra={
             "oneOf": [
-                {"required": [key], "properties": {key: {"type": "object"}, other: {"type": "null"}}}
-                for key, other in (("motion", "observations"), ("observations", "motion"))
+                {
+                    "required": [key],
+                    "properties": {
+                        each: {"type": "object" if each == key else "null"} for each in obstacle_checks.WHEREABOUTS
+                    },
+                }
+                for key in WHEREABOUTS
             ]
         }
     )
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.motion_or_observations,
-        checks.enough_observations,
+        obstacle_checks.one_of_the_whereabouts,
+        obstacle_checks.enough_observations,
+        obstacle_checks.no_prior_of_an_estimate,
     )
 
     id: Text = Field(description="text, unique")
-    shape: Shape = Field(description=f"{{one of {', '.join(_SHAPE_KEYS)}: size}}")
-    motion: KnownMotion | None = Field(None, description="known exactly")
-    observations: Observations | None = Field(None, description="from which the motion is estimated")
-    model: Model = Field(Model(), description="of the motion to estimate")
-    margin: NotNegative = Field(0.0, description="extra clearance, m")
+    shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
+    motion: KnownMotion | None = Field(default=None, description="known exactly")
+    observations: Observations | None = Field(default=None, description="from which the motion is estimated")
+    estimate: Estimate | None = Field(
+        default=None, description="what a tracker says, from which the motion is foretold"
+    )
+    model: Annotated[Model, BeforeValidator(ready_made.model_by_name)] = Field(
+        default=Model(),
+        description=f"of the motion to estimate, or one of the words {', '.join(ready_made.NAMES)}",
+        json_schema_extra=ready_made.or_its_name,
+    )
+    margin: NotNegative = Field(default=0.0, description="extra clearance, m")
 
 
 def _check_count(path: str | PathLike[str]) -> None:
@@ -452,30 +400,34 @@ class Scenario(Part):
     )
 
     schema_: Annotated[int, Field(strict=True)] = Field(
-        1, alias="schema", description="version of this format: 1", json_schema_extra={"const": 1}
+        default=1,
+        validation_alias="schema",
+        serialization_alias="schema",
+        description="version of this format: 1",
+        json_schema_extra={"const": 1},
     )
-    name: Text = Field("unnamed", description="text")
+    name: Text = Field(default="unnamed", description="text")
     vehicle: Vehicle
     start: Start
     goal: Goal
-    guide: Annotated[Annotated[tuple[Vector, ...], Field(min_length=2)] | None, BeforeValidator(_sampled)] = Field(
-        None,
+    guide: Annotated[Annotated[Row[Vector], Field(min_length=2)] | None, BeforeValidator(_sampled)] = Field(
+        default=None,
         description="polyline [[x, y], ...], m, from start to goal that the path is an offset of; null: straight",
     )
-    bounds: Bounds | None = Field(None, description="box that the vehicle's disc stays inside; null: none")
-    corridor: Annotated[tuple[Polygon, ...], Field(min_length=1)] | None = Field(
-        None,
+    bounds: Bounds | None = Field(default=None, description="box that the vehicle's disc stays inside; null: none")
+    corridor: Annotated[Row[Polygon], Field(min_length=1)] | None = Field(
+        default=None,
         description="convex polygons [[[x, y], ...], ...] that overlap; the vehicle's disc stays inside their union;"
         " null: none",
     )
-    walls: tuple[Polygon, ...] = Field(
-        (),
+    walls: Row[Polygon] = Field(
+        default=(),
         description="convex polygons [[[x, y], ...], ...] that stand and that no disc of the vehicle enters, such as"
         " what lies beside a road",
     )
-    speed_limits: tuple[SpeedLimit, ...] = Field((), description="speed limits by place, besides the vehicle's own")
+    speed_limits: Row[SpeedLimit] = Field(default=(), description="speed limits by place, besides the vehicle's own")
     confidence: Confidence = Confidence()
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: Row[Obstacle] = ()
 
     @model_validator(mode="before")
     @classmethod
@@ -528,8 +480,8 @@ class Scenario(Part):
         """Give the contents of the scenario's file: dictionaries, lists, text, numbers and None."""
         data = self.model_dump(mode="json", by_alias=True)
         for obstacle in data["obstacles"]:
-            # An obstacle has one of the two; the file need not say that the other is null.
-            for key in ("motion", "observations"):
+            # An obstacle has one of these; the file need not say that the others are null.
+            for key in WHEREABOUTS:
                 if obstacle[key] is None:
                     del obstacle[key]
         return data

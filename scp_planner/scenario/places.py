@@ -17,6 +17,8 @@ from scp_planner.arrays import Array, Mask
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
 
+SAME_FOOT = 1e-6  # of the line's length; nearest points before and after a border that are one
+
 
 class Line:
     """A polyline with stations.
@@ -43,11 +45,41 @@ class Line:
         stations: Array = self._stations[leg] + np.clip(along[every, leg], 0.0, self._lengths[leg])
         return stations
 
-    def tangent_at(self, stations: Array) -> Array:
-        """Directions of the legs at stations, (n, 2)."""
-        leg = np.searchsorted(self._stations[1:-1], stations, "right")
-        tangents: Array = self._tangents[leg]
-        return tangents
+    def across_border(self, position: Array, border: float) -> Array:
+        """Return the direction in which points pass over a border most directly.
+
+        Parameters
+        ----------
+        position : (2,) array
+            m, on the border.
+        border : float
+            Station, m.
+
+        Returns
+        -------
+        (2,) array
+            Of length 1: along the leg, or, where the points of the line before and after the border that are nearest
+            lie apart, as inside of a bend, the way from the one to the other part.
+        """
+        leg = int(np.searchsorted(self._stations[1:-1], border, "right"))
+        along = self._onto_legs(position[None])[0][0] + self._stations[:-1]
+        before = self._foot(position, np.clip(along, self._stations[:-1], np.minimum(self._stations[1:], border)))
+        after = self._foot(position, np.clip(along, np.maximum(self._stations[:-1], border), self._stations[1:]))
+        if np.hypot(*(after - before)) < SAME_FOOT * self.length:
+            tangent: Array = self._tangents[leg]
+            return tangent
+        away, beyond = position - before, position - after
+        normal = away / np.hypot(*away) - beyond / np.hypot(*beyond)
+        direction: Array = normal / np.hypot(*normal)
+        return direction
+
+    def _foot(self, position: Array, stations: Array) -> Array:
+        """The nearest of points at given stations, one a leg; those that are not on their leg do not count."""
+        on_leg = (stations >= self._stations[:-1]) & (stations <= self._stations[1:])
+        feet = self.points[:-1] + (stations - self._stations[:-1])[:, None] * self._tangents
+        away = np.where(on_leg, np.hypot(*(position - feet).T), np.inf)
+        nearest: Array = feet[np.argmin(away)]
+        return nearest
 
     def may_be_between(self, points: Array, reach: Array, first: float, last: float) -> Mask:
         """Whether any point within a distance of the points (n, 2), (n,) m, may belong to a stretch."""
@@ -87,7 +119,7 @@ def stretches(scenario: Scenario) -> tuple[Stretch, ...]:
     return tuple(found)
 
 
-def reference_line(scenario: Scenario) -> tuple[tuple[float, float], ...]:
+def reference_line(scenario: Scenario) -> Sequence[tuple[float, float]]:
     """Return what places are measured along: the guide of a scenario, or the straight line from start to goal."""
     return scenario.guide or (scenario.start.position, scenario.goal.position)
 

@@ -17,7 +17,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files
 from scp_planner.errors import Fault, MotionModelError
-from scp_planner.scenario.validation import Part, Problem, Rule, faults_of, variant
+from scp_planner.scenario.validation import Part, Problem, Row, Rule, faults_of, variant
 
 SCHEMA_VERSION = 1
 
@@ -105,17 +105,19 @@ class Tails(Part):
     rules: ClassVar[tuple[Rule, ...]] = (_leads_increase,)
 
     degrees_of_freedom: Positive = Field(description="of the Student distribution; small: heavy tails")
-    lead_time: Annotated[tuple[Positive, ...], Field(min_length=1)] = Field(description="s, increasing")
-    inflation: tuple[Positive, ...] = Field(description="of the covariance, one for each lead time")
+    lead_time: Annotated[Row[Positive], Field(min_length=1)] = Field(description="s, increasing")
+    inflation: Row[Positive] = Field(description="of the covariance, one for each lead time")
 
 
 class FittedTo(Part):
     """What a model was fitted to, for the reader of its file."""
 
-    source: str = Field("", description="where the tracks came from")
-    tracks: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="how many tracks")
-    observations: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="how many positions in them")
-    window: Annotated[int, Field(strict=True, ge=0)] = Field(0, description="positions that predictions were from")
+    source: str = Field(default="", description="where the tracks came from")
+    tracks: Annotated[int, Field(strict=True, ge=0)] = Field(default=0, description="how many tracks")
+    observations: Annotated[int, Field(strict=True, ge=0)] = Field(default=0, description="how many positions in them")
+    window: Annotated[int, Field(strict=True, ge=0)] = Field(
+        default=0, description="positions that predictions were from"
+    )
 
 
 def also_a_file_name(schema: dict[str, Any]) -> None:
@@ -125,6 +127,8 @@ def also_a_file_name(schema: dict[str, Any]) -> None:
 
 def read_processes(data: Any, folder: Path) -> list[Fault]:
     """Put the contents of their files in the place of the names of process models in a scenario file.
+
+    Names without a suffix are those of ready-made models, which have no file beside it.
 
     Parameters
     ----------
@@ -145,6 +149,8 @@ def read_processes(data: Any, folder: Path) -> list[Fault]:
         if not isinstance(model, dict) or not isinstance(model.get("process"), str):
             continue
         name = model["process"]
+        if not Path(name).suffix:
+            continue
         place = f"obstacles[{i}].model.process"
         model["process"] = _STAND_IN  # one fault is enough
         try:
@@ -176,13 +182,17 @@ class ProcessModel(Part):
     rules: ClassVar[tuple[Rule, ...]] = (_version_is_known,)
 
     schema_: Annotated[int, Field(strict=True)] = Field(
-        1, alias="schema", description="version of this format: 1", json_schema_extra={"const": 1}
+        default=1,
+        validation_alias="schema",
+        serialization_alias="schema",
+        description="version of this format: 1",
+        json_schema_extra={"const": 1},
     )
     process: Process
     velocity_deviation: Positive = Field(description="of a velocity component before anything was seen, m/s")
     noise_deviation: Positive = Field(description="of an observation that comes without a covariance, m")
-    tails: Tails | None = Field(None, description="heavy tails; null: normal errors")
-    fitted_to: FittedTo | None = Field(None, description="for the reader")
+    tails: Tails | None = Field(default=None, description="heavy tails; null: normal errors")
+    fitted_to: FittedTo | None = Field(default=None, description="for the reader")
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

@@ -12,7 +12,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
@@ -27,6 +27,7 @@ from scp_planner.scenario.process_model import (
 from scp_planner.units import Point, Units, over
 
 if TYPE_CHECKING:
+    from scp_planner.scenario.estimates import Estimate
     from scp_planner.scenario.models import (
         Goal,
         KnownMotion,
@@ -36,11 +37,11 @@ if TYPE_CHECKING:
         Obstacle,
         Prior,
         Scenario,
-        Shape,
         SpeedLimit,
         Start,
         Vehicle,
     )
+    from scp_planner.scenario.shapes import Shape
     from scp_planner.scenario.validation import Part
 
 AnyPart = TypeVar("AnyPart", bound="Part")
@@ -110,8 +111,24 @@ class NaturalUnits(Units):
             shape=self.shape(obstacle.shape),
             motion=None if obstacle.motion is None else self._motion(obstacle.motion),
             observations=None if obstacle.observations is None else self._observations(obstacle.observations),
+            estimate=None if obstacle.estimate is None else self.estimate(obstacle.estimate),
             model=self.model(obstacle.model),
             margin=obstacle.margin / self.length,
+        )
+
+    def estimate(self, estimate: Estimate) -> Estimate:
+        """Return what a tracker says in these units."""
+        (u, v), a, sizes = estimate.velocity, estimate.acceleration, (self.length, self.speed, self.acceleration)
+        return changed(
+            estimate,
+            time=self.instant(estimate.time),
+            position=self.place(estimate.position),
+            velocity=(u / self.speed, v / self.speed),
+            acceleration=over(a, self.acceleration),
+            covariance=tuple(
+                tuple(value / (sizes[i // 2] * sizes[j // 2]) for j, value in enumerate(row))
+                for i, row in enumerate(estimate.covariance)
+            ),
         )
 
     def shape(self, shape: Shape) -> Shape:
@@ -199,15 +216,15 @@ class NaturalUnits(Units):
         )
 
     @overload
-    def _line(self, line: tuple[Point, ...]) -> tuple[Point, ...]: ...
+    def _line(self, line: Sequence[Point]) -> tuple[Point, ...]: ...
 
     @overload
     def _line(self, line: None) -> None: ...
 
     @overload
-    def _line(self, line: tuple[Point, ...] | None) -> tuple[Point, ...] | None: ...
+    def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None: ...
 
-    def _line(self, line: tuple[Point, ...] | None) -> tuple[Point, ...] | None:
+    def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None:
         return None if line is None else tuple(map(self.place, line))
 
     def _motion(self, motion: KnownMotion) -> KnownMotion:

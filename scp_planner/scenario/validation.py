@@ -6,10 +6,10 @@ one of them is faulty. Here each part has *rules*, generators of faults, which r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import (
     BaseModel,
@@ -22,6 +22,26 @@ from pydantic import (
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from scp_planner.errors import MISSING, Fault, ScenarioError, nearest
+
+T = TypeVar("T")
+
+if TYPE_CHECKING:
+    Row: TypeAlias = Sequence[T]
+    Pair: TypeAlias = Sequence[T]
+else:
+
+    class Row:
+        """`Row[X]`: to whoever gives it any sequence, also a list; once it is there a tuple."""
+
+        def __class_getitem__(cls, item: Any) -> Any:
+            return tuple[item, ...]
+
+    class Pair:
+        """`Pair[X]`: the same of two entries."""
+
+        def __class_getitem__(cls, item: Any) -> Any:
+            return tuple[item, item]
+
 
 Location = tuple[int | str, ...]
 
@@ -108,6 +128,12 @@ class Part(BaseModel):
         return checked
 
 
+def key_of(part: type[Part], name: str) -> str:
+    """Give the key that a field has in a file; where that is a word of Python, the field has another name."""
+    alias = part.model_fields[name].validation_alias
+    return alias if isinstance(alias, str) else name
+
+
 def faults_of(error: ValidationError) -> list[Fault]:
     """Give the faults that pydantic collected, in the order of the file's keys where it has one."""
     return [Fault(_path(e["loc"]), e["input"], e["msg"]) for e in error.errors(include_url=False)]
@@ -146,7 +172,7 @@ def _details(location: Location, value: object, message: str) -> InitErrorDetail
 def _in_our_words(part: type[Part], error: ValidationError) -> list[InitErrorDetails]:
     """Say what pydantic found: the value, and what is allowed; a misspelt key is one fault, not two."""
     found = error.errors(include_url=False)
-    keys = {field.alias or name: field.description for name, field in part.model_fields.items()}
+    keys = {key_of(part, name): field.description for name, field in part.model_fields.items()}
     misspelt = {e["loc"][0]: nearest(e["loc"][0], keys) for e in found if _is_unknown_key(e)}
     details: list[InitErrorDetails] = []
     for e in found:
@@ -213,7 +239,7 @@ def _salvage(part: type[Part], data: Any) -> Salvage:
         return Salvage({})
     values: dict[str, Any] = {}
     for name, field in part.model_fields.items():
-        key = field.alias if field.alias in data else name
+        key = key_of(part, name) if key_of(part, name) in data else name
         if key not in data:
             if not field.is_required():
                 values[name] = field.get_default(call_default_factory=True)

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.scenario.models import Confidence, Disc, Goal, Scenario, Shape, Start, Vehicle
+from scp_planner.scenario.models import Confidence, Goal, Scenario, Start, Vehicle
+from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 
 STEP = 0.25  # s

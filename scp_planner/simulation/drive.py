@@ -102,7 +102,7 @@ class Drive:
             by_id.setdefault(one.obstacle, []).append(one)
         obstacles = []
         for name, obstacle in self.known.items():
-            if obstacle.observations is not None:
+            if obstacle.motion is None:
                 obstacles.append(obstacle)
             elif len(by_id.get(name, ())) > obstacle.model.order:
                 obstacles.append(self._observed(obstacle, by_id.pop(name)))
@@ -110,7 +110,7 @@ class Drive:
         self.planner = Planner(scenario, self.chosen.settings, self.online, self.chosen.solver)
         for observations in by_id.values():
             for one in observations:
-                if not (one.obstacle in self.known and self.known[one.obstacle].observations is not None):
+                if not (one.obstacle in self.known and self.known[one.obstacle].motion is None):
                     self._tell(one)
 
     def _observed(self, obstacle: Obstacle, seen: list[Observation]) -> Obstacle:

@@ -19,7 +19,8 @@ from scp_planner.files import write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.planning.outputs import output_named
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.models import Disc, Obstacle, Scenario, Shape
+from scp_planner.scenario.models import Obstacle, Scenario
+from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.simulation.cycle import Cycle, _finite, _infinite, _record_from_dict, _record_to_dict
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from scp_planner.scenario.models import Model, Scenario, Shape
+from scp_planner.scenario.models import Model, Scenario
+from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
 from scp_planner.simulation.sensors import Sensor

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
-from scp_planner.scenario.models import Disc, Scenario, Shape
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.simulation.run import STRANGER
 from scp_planner.simulation.worlds import Script, VehicleState, World

@@ -31,12 +31,12 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.estimation.confidence import uniform_scale
-from scp_planner.estimation.error_laws import HotellingErrors, StudentErrors
+from scp_planner.estimation.error_laws import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.estimation.motion_fitting import LEAD_TIMES, fit_motion_model, prediction_errors, stretches_of
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.files import write_text
-from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.process_model import ProcessModel, Tails
 
 KINDS = ("random_walk", "mean_reverting")
 WINDOW = 8
@@ -44,6 +44,7 @@ WINDOW = 8
 _POLYNOMIALS = {"linear": 1, "quadratic": 2}
 _BOTH = 2  # folds
 _SPAN_STEPS = 12  # lead times at which "at all times" is judged
+_NORMAL_TAILS = Tails(degrees_of_freedom=1.0, lead_time=(1.0,), inflation=(1.0,))  # whose degrees are not looked at
 _LEAST_DETERMINANT = 1e-24  # m^4, of a noise covariance: below it people stand as still as numbers can
 
 
@@ -132,6 +133,37 @@ def measure_recorded_coverage(
     return results
 
 
+def measure_model(
+    tracks: Tracks,
+    model: ProcessModel,
+    *,
+    data: str = "",
+    name: str = "",
+    lead_times: Sequence[float] = (1.0, 2.0, 4.0),
+    probability: float = 0.95,
+) -> list[RecordedCoverage]:
+    """Test a model that has been fitted on the half of the tracks that `Tracks.halves` keeps for it.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        Every other one is tested, from the second on.
+    model : ProcessModel
+    data, name : str
+        Of the tracks and of the model, in the results.
+    lead_times : sequence of float, s
+    probability : float
+        The nominal level.
+
+    Returns
+    -------
+    list of RecordedCoverage
+    """
+    window = model.fitted_to.window if model.fitted_to is not None and model.fitted_to.window else WINDOW
+    samples = _of_model(1, name, model, tracks.halves()[1], window, lead_times, probability)
+    return [_measured(data, probability, 1, [sample]) for sample in samples]
+
+
 @dataclass(frozen=True)
 class _Sample:
     """Which predictions of one fold were inside, and how large their regions were."""
@@ -154,9 +186,8 @@ def _of_model(
     lead_times: Sequence[float],
     probability: float,
 ) -> Iterator[_Sample]:
-    tails = model.tails
-    assert tails is not None
-    law = StudentErrors(tails.degrees_of_freedom)
+    tails = model.tails or _NORMAL_TAILS
+    law = NormalErrors() if model.tails is None else StudentErrors(tails.degrees_of_freedom)
     scale = law.pointwise_scale(1.0 - probability)
     for errors in prediction_errors(tested, model, window=window, lead_times=lead_times):
         if not len(errors.squares):
@@ -268,7 +299,7 @@ def save_csv(results: Sequence[RecordedCoverage], path: str | PathLike[str]) -> 
 
 
 def summary(results: Sequence[RecordedCoverage]) -> str:
-    """Tabulate coverage in % with its standard error, and radius in m, for each lead time; both halves together."""
+    """Tabulate coverage in % with its standard error, and radius in m, for each lead time; of both halves if tested."""
     leads = sorted({r.lead_time for r in results if r.level == "per_time"})
     wide = max([8, *(len(r.data) + 2 for r in results)])
     lines = [f"{'data':<{wide}}{'model':<22}{'level':<14}" + "".join(f"{f'{lead:g} s':^24}" for lead in leads)]
@@ -276,7 +307,7 @@ def summary(results: Sequence[RecordedCoverage]) -> str:
         cells = []
         for lead in leads:
             own = {r.fold: r for r in results if (r.data, r.model, r.level, r.lead_time) == (data, model, level, lead)}
-            both = own.get(_BOTH)
+            both = own.get(_BOTH, own.get(1))
             cells.append(
                 "" if both is None else f"{100 * both.coverage:.1f} +- {100 * both.error:.1f} %, {both.radius:.2f} m"
             )

@@ -24,19 +24,8 @@ from scp_planner.mathematics import corridor
 from scp_planner.mathematics.courses import course_covariances, course_pointing, course_polynomials
 from scp_planner.mathematics.outlines import Outline, convex_pieces
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.scenario.models import (
-    Confidence,
-    Course,
-    Disc,
-    Ellipse,
-    KnownMotion,
-    Model,
-    Motion,
-    Obstacle,
-    Rectangle,
-    Scenario,
-    Shape,
-)
+from scp_planner.scenario.models import Confidence, Course, KnownMotion, Model, Motion, Obstacle, Scenario
+from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
@@ -155,7 +144,7 @@ def _standing(scenario: Scenario, name: str, polygons: Sequence[corridor.Polygon
 
 
 @lru_cache(maxsize=16)
-def _walls(polygons: tuple[corridor.Polygon, ...]) -> list[corridor.Polygon]:
+def _walls(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
     return corridor.outside(polygons)
 
 

@@ -7,6 +7,7 @@ n = T turned by +90 degrees the normal, T' = k n and n' = -k T with k the signed
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb, factorial
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +16,9 @@ from scp_planner.arrays import Array, Index
 from scp_planner.errors import TooLargeError
 from scp_planner.mathematics.intervals import Interval
 
-CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline
+CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline, or twice as many, and so on
+STRAYS = 1e-12  # of the length: how far positions may be off, as far as that takes no more cells than this
+MOST_CELLS = 200_000
 QUADRATURE_ORDER = 6
 SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
 ARC_STEP = 0.15  # rad, between the points of an arc
@@ -75,6 +78,20 @@ class Guide(Protocol):
         """Whether the curvature is zero everywhere."""
         ...
 
+    @property
+    def pieces(self) -> int:
+        """Number of equal pieces on each of which the curvature is one polynomial."""
+        ...
+
+    @property
+    def error(self) -> float:
+        """How far positions are at most from the curve that the headings give, m."""
+        ...
+
+    def curvature(self, stations: Array) -> Array:
+        """Signed curvature at arc lengths ``stations``, (n,), 1/m."""
+        ...
+
     def frame(self, stations: Array) -> GuideFrame:
         """Return the moving frame at arc lengths ``stations``, (n,) m."""
         ...
@@ -105,6 +122,12 @@ class StraightGuide:
     length: float
 
     straight = True
+    pieces = 1
+    error = 0.0
+
+    def curvature(self, stations: Array) -> Array:
+        """Signed curvature at arc lengths ``stations``, (n,), 1/m: none."""
+        return np.zeros_like(stations)
 
     def frame(self, stations: Array) -> GuideFrame:
         """Return the moving frame at arc lengths ``stations``, (n,) m."""
@@ -136,7 +159,8 @@ class CurvedGuide:
     """A curve given by its heading, a cubic spline of its arc length: |g'| = 1, and the curvature is smooth.
 
     The position is the integral of (cos phi, sin phi), tabulated, and in between the quintic that fits position,
-    tangent and curvature at both ends of a cell: it strays by less than 1e-9 m.
+    tangent and curvature at both ends of a cell. How far that strays follows from bounds of the derivatives of the
+    heading; cells are as short as it takes.
 
     Parameters
     ----------
@@ -161,17 +185,38 @@ class CurvedGuide:
         self._curvature: Array = self._heading[:, 1:] * factors
         self._rate = self._curvature[:, 1:] * factors[:2]
         self._second = self._rate[:, 1]
-        self._cell = self._width / CELLS_PER_PIECE
-        self._cells = self._fit_cells()
+        parts, self.error = self._parts()
+        self._cell = self._width / parts
+        self._cells = self._fit_cells(parts)
 
     @property
     def pieces(self) -> int:
         """Number of pieces of the heading's spline."""
         return len(self.headings) - 1
 
-    def _fit_cells(self) -> Array:
+    def _parts(self) -> tuple[int, float]:
+        """How many cells a piece of the heading has, and how far positions are off with them, m.
+
+        The quintic is off by h^6 / (64 6!) |g^(6)|, Gauss' rule of n nodes by h^(2n+1) (n!)^4 / ((2n+1) (2n)!^3) times
+        |g^(2n+1)| a cell. Derivatives of g' = exp(i phi) are at most Bell's polynomials of those of phi.
+        """
+        rate = np.maximum(np.abs(self._rate[:, 0]), np.abs(self._rate[:, 0] + self._second * self._width))
+        bend = np.abs(self._curvature[:, 0]) + rate * self._width
+        bells = _bell_polynomials(bend, rate, np.abs(self._second), 2 * QUADRATURE_ORDER)
+        n, quintic, rule = QUADRATURE_ORDER, float(bells[5].max()), float(bells[2 * QUADRATURE_ORDER].sum())
+        quintic /= 64 * factorial(6)
+        rule *= factorial(n) ** 4 / ((2 * n + 1) * factorial(2 * n) ** 3)
+        parts = CELLS_PER_PIECE
+        while True:
+            h = self._width / parts
+            error = quintic * h**6 + rule * parts * h ** (2 * n + 1)
+            if error <= STRAYS * self.length or 2 * parts * self.pieces > MOST_CELLS:
+                return parts, error
+            parts *= 2
+
+    def _fit_cells(self, parts: int) -> Array:
         """Coefficients of the quintics, (cells, 6, 2), in powers of the share of the cell."""
-        count = len(self._heading) * CELLS_PER_PIECE
+        count = len(self._heading) * parts
         edges: Array = self._cell * np.arange(count + 1, dtype=np.float64)
         rule = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
         nodes, weights = (np.asarray(values, dtype=np.float64) for values in rule)
@@ -194,6 +239,10 @@ class CurvedGuide:
             value *= x
             value += local[:, power]
         return value
+
+    def curvature(self, stations: Array) -> Array:
+        """Signed curvature at arc lengths ``stations``, (n,), 1/m."""
+        return self._local(self._curvature, stations)
 
     def _locate(self, stations: Array) -> tuple[Index, Array]:
         piece = np.clip((stations / self._width).astype(np.intp), 0, len(self._heading) - 1)
@@ -243,6 +292,15 @@ class CurvedGuide:
     def to_dict(self) -> dict[str, Any]:
         """Return what :func:`guide_from_dict` needs to make the same guide."""
         return {"kind": "curved", "length": self.length, "headings": self.headings.tolist()}
+
+
+def _bell_polynomials(first: Array, second: Array, third: Array, count: int) -> list[Array]:
+    """Complete Bell polynomials 0 to count of x1, x2, x3 and nothing further, each (n,)."""
+    bells = [np.ones_like(first)]
+    for m in range(count):
+        terms = zip((first, second, third), range(min(m, 2) + 1), strict=False)
+        bells.append(sum((comb(m, k) * x * bells[m - k] for x, k in terms), np.zeros_like(first)))
+    return bells
 
 
 def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:

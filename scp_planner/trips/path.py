@@ -13,10 +13,13 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import expanded
 from scp_planner.mathematics.splines import evaluate
+from scp_planner.trips.arc_length import ArcLength
 from scp_planner.trips.guide import GuideFrame
 from scp_planner.trips.space import QUADRATURE_ORDER, TripSpace
 
 NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
+SAME_LENGTH = 1e-13  # relative: rounding
+SAME_STATION = 1e-12  # of the guide's length: ends of cells and of pieces that are nearer are the same
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,10 @@ class BendEnclosure:
 class Path:
     """One path of a :class:`TripSpace`: where, without when.
 
+    While trips are looked for, the arc length is taken between the ends of equal cells with the speed over the station
+    |r'| interpolated: it is exact to rounding at their ends, and some 1e-8 of a cell off inside. What is driven, and
+    certified, is :attr:`exact`.
+
     Parameters
     ----------
     space : TripSpace
@@ -166,6 +173,33 @@ class Path:
         x = inverted(self.cells.T[:, cell], distance - self.until[cell])
         return (cell + x) / self.space.tables.cells
 
+    @cached_property
+    def exact(self) -> ArcLength:
+        """The arc length by which trips are driven, to within a distance that it tells."""
+        tables, guide = self.space.tables, self.space.guide
+        edges = tables.station_parameters
+        if tables.cells % guide.pieces:
+            # Only in plan files of other origin: |r'|^2 is one polynomial inside of a piece of the guide.
+            edges = np.union1d(edges, np.linspace(0.0, 1.0, guide.pieces + 1))
+            edges = np.append(edges[:-1][np.diff(edges) > SAME_STATION], 1.0)
+        return ArcLength(self._speeds, self.space.length, edges)
+
+    @property
+    def driven_length(self) -> float:
+        """Arc length of the whole path as it is driven, m."""
+        total = self.exact.total
+        return self.arc_length if abs(total - self.arc_length) <= SAME_LENGTH * total else total
+
+    def _speeds(self, parameters: Array) -> Array:
+        """Speeds over the station |r'| at normalised stations, (n,)."""
+        span, x = self.space.path.locate(parameters)
+        slope = evaluate(self._slope_coefficients, span, x)
+        if self.space.frame is None:
+            speeds: Array = np.sqrt(1.0 + slope * slope)
+            return speeds
+        bend = self.space.guide.curvature(parameters * self.space.length)
+        return np.hypot(1.0 - bend * evaluate(self.offset_coefficients, span, x), slope)
+
     def arc_length_gradient(self, parameters: Array) -> Array:
         """Derivative of the arc length up to normalised stations with respect to theta, (n, K1)."""
         cell, weights = self.space.tables.located(parameters)
@@ -193,6 +227,11 @@ class Path:
     def offset_coefficients(self) -> Array:
         """Local power coefficients of the offset, (spans, P) m."""
         return self.space.path.combine(self.theta)
+
+    @cached_property
+    def _slope_coefficients(self) -> Array:
+        """Local power coefficients of the offset's derivative, (spans, P - 1)."""
+        return self.space.path.derivative.combine(self.theta) / self.space.length
 
     @cached_property
     def bend_coefficients(self) -> Array:

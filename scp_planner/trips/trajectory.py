@@ -14,7 +14,7 @@ The position at time t is r(s) with S(s; theta) = D, S the arc length of the pat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isclose
@@ -178,9 +178,28 @@ class Trajectory:
         """Return the trip where lengths are so many times as large, and times too."""
         path = Path(self.space.in_units(length, time), self.theta * length)
         beta, travel_time = self.beta * (length / time**2), self.travel_time * time
+        moved = Trajectory(path, beta, travel_time)
         # To the bit what the closed form gives, if it is that: a stop on the way takes another time.
-        closed = path.space.travel_time(path.arc_length, beta, travel_time)
-        return Trajectory(path, beta, closed if isclose(closed, travel_time, rel_tol=SAME_TIME) else travel_time)
+        return Trajectory(path, beta, moved.closed_time) if moved.arrives else moved
+
+    @property
+    def closed_time(self) -> float:
+        """What the closed form gives for the travel time, with the arc length that is driven, s."""
+        return self.space.travel_time(self.path.driven_length, self.beta, self.travel_time)
+
+    @property
+    def arrives(self) -> bool:
+        """Whether the trip takes the time of the closed form: a stop on the way takes another."""
+        return isclose(self.closed_time, self.travel_time, rel_tol=SAME_TIME)
+
+    def settled(self) -> Trajectory:
+        """Return a trip to the end of its path with the travel time of the arc length that is driven.
+
+        While trips are looked for, theirs is that of the interpolated one; see :class:`Path`.
+        """
+        path = self.path
+        closed = self.travel_time if path.driven_length == path.arc_length else self.closed_time
+        return self if closed == self.travel_time or not np.isfinite(closed) else Trajectory(path, self.beta, closed)
 
     @property
     def final_speed(self) -> float:
@@ -257,7 +276,15 @@ class Trajectory:
         )
 
     def at(self, table: TimeTable) -> TripPoints:
-        """Return the trip at the times of a table."""
+        """Return the trip at the times of a table, as it is seen while trips are looked for; see :class:`Path`."""
+        return self._points(table, self.path.parameter_at)
+
+    def driven(self, table: TimeTable) -> TripPoints:
+        """Return the trip at the times of a table, as it is certified and driven."""
+        return self._points(table, self.path.exact.parameter_at)
+
+    def _points(self, table: TimeTable, parameter_at: Callable[[Array], Array]) -> TripPoints:
+        """The trip at the times of a table, given the normalised stations of arc lengths."""
         tau, v0 = self.travel_time, self.space.start_speed
         distance = table.distance @ self.beta
         distance *= tau * tau
@@ -265,7 +292,7 @@ class Trajectory:
         speed = table.speed @ self.beta
         speed *= tau
         speed += v0
-        parameter = self.path.parameter_at(distance)
+        parameter = parameter_at(distance)
         return TripPoints(
             table,
             tau * table.sigma,

@@ -65,4 +65,4 @@ class Trip:
         times = np.asarray(t, dtype=float)
         tau = self.trajectory.travel_time
         sigma = np.clip((times.ravel() - self.frame.time) / tau, 0.0, 1.0)
-        return self.trajectory.at(self.trajectory.space.time_table(sigma)), times.shape
+        return self.trajectory.driven(self.trajectory.space.time_table(sigma)), times.shape

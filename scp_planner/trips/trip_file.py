@@ -174,7 +174,7 @@ def _trajectory_in(reader: Reader) -> Trajectory:
     travel_time = reader.coordinate("travel_time")
     if travel_time <= 0.0:
         raise reader.fault("travel_time", travel_time, "greater than 0")
-    trajectory = Trajectory.of(space, theta, beta, travel_time)
+    trajectory = Trajectory.of(space, theta, beta, travel_time).settled()
     if not isfinite(trajectory.path.arc_length):
         raise reader.part("path").fault("offsets", theta.tolist(), "a path of finite length")
     if "stops" in reader.data and reader.flag("stops"):

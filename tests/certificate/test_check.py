@@ -17,14 +17,16 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.special import fresnel
 
 import scp_planner as sp
-from scp_planner.certificate.check import Motions, _Check, certify_trip
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.trips.guide import GuideFrame, StraightGuide
+from scp_planner.trips.guide import CurvedGuide, GuideFrame, StraightGuide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -70,7 +72,7 @@ def random_trip(
     theta[0] = theta[-1] = 0.0
     beta = rng.uniform(-0.15, 0.6, space.acceleration_size)
     beta[0], beta[3] = 0.8, -0.2
-    return Trip(frame, Trajectory.of(space, theta, beta))
+    return Trip(frame, Trajectory.of(space, theta, beta).settled())
 
 
 class Reference:
@@ -552,14 +554,14 @@ def test_bounds_on_pieces_of_time_contain_dense_samples(seed: int, degree: int) 
     zone, distance = elliptic_zone(reference, seed)
     scenario = the_scene(passing(reference, seed, 3.0).obstacle(0.1), disc("still", (8.0, 1.0)), *CROSSERS)
     zones = (*sp.zones(scenario), replace(zone, radius=distance - RADIUS))
-    check = _Check(scenario, trip, ZoneBatch.of(zones, trip.frame, RADIUS))
-    pieces = check._first_pieces()
+    check = CheckedTrip.of(scenario, trip, ZoneBatch.of(zones, trip.frame, RADIUS))
+    pieces = check.first_pieces()
     edges = np.sort(np.concatenate([pieces.middle - pieces.half, pieces.middle + pieces.half]))
     assert edges[0] == pytest.approx(0.0, abs=1e-12)
     assert edges[-1] == pytest.approx(1.0, abs=1e-12)
     assert np.abs(edges[2:-1:2] - edges[1:-2:2]).max() < 1e-12
     for _ in range(2):
-        enclosure = check._enclose(pieces)
+        enclosure = check.enclosed(pieces)
         times = reference.tau * inside_intervals(pieces.middle, pieces.half)
         # Values on jumps belong to both sides; so stay inside.
         inner = reference.tau * inside_intervals(pieces.middle, 0.999999 * pieces.half)
@@ -834,3 +836,21 @@ def test_interval_arithmetic_encloses(
     positive, z = Interval(np.abs(a.lower) + 0.1, np.abs(a.lower) + 0.1 + (a.upper - a.lower)), x - a.lower[:, None]
     for exponent in (-1.0, -3.0, -5.0):
         assert encloses(positive.power(exponent), (positive.lower[:, None] + z) ** exponent)
+
+
+def test_a_clearance_that_is_no_number_is_none() -> None:
+    trip = random_trip(0)
+    zone, _ = elliptic_zone(Reference(trip), 0)
+    certificate = verdict(the_scene(), trip, (replace(zone, radius=np.nan),))
+    assert broken(certificate) == {"clearance"}
+
+
+def test_a_path_with_a_cusp_is_refused() -> None:
+    bend = CurvedGuide(20.0, np.linspace(0.0, 4.0, 21))  # a radius of 5 m, round which a path at 5 m turns on the spot
+    space = TripSpace(bend, 1.0, 3, 4, 0, BREAKS)
+    theta = np.full(space.path_size, 0.0)
+    theta[2:5] = 5.0
+    trip = Trip(FRAME, Trajectory.of(space, theta, np.zeros(space.acceleration_size)))
+    found = verdict(the_scene(), trip)
+    assert not found.holds
+    assert [violation.what for violation in found.violations] == ["error of the positions"]

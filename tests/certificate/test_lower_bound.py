@@ -13,15 +13,11 @@ import scp_planner as sp
 from benchmarks import families
 from benchmarks.common import REFERENCE_FAMILIES
 from scp_planner import builtin
-from scp_planner.certificate.lower_bound import (
-    CORNERS,
-    _Grid,
-    _polygons_inside,
-    _Relaxation,
-    _Speeds,
-    _widths,
-    kinematic_bound,
-)
+from scp_planner.certificate.cell_grid import CellGrid, widths
+from scp_planner.certificate.fastest_drive import Speeds
+from scp_planner.certificate.inscribed import CORNERS, polygons_inside
+from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.certificate.relaxation import Relaxation
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -46,7 +42,7 @@ def wall(name: str, position: tuple[float, float], velocity: tuple[float, float]
 
 def not_excluded(scenario: sp.Scenario, travel_time: float, longest: float = 1.2) -> bool:
     """Whether a trip of this duration is possible in the relaxation, on a grid for somewhat longer ones."""
-    return _Relaxation(scenario, sp.zones(scenario), longest * travel_time).possible(travel_time)
+    return Relaxation(scenario, sp.zones(scenario), longest * travel_time).possible(travel_time)
 
 
 @pytest.mark.parametrize("scenario", sorted(SUITE.glob("*.yaml")), ids=lambda path: path.stem)
@@ -255,7 +251,7 @@ def test_it_does_not_depend_on_where_the_scene_is() -> None:
 @pytest.mark.parametrize("goal_speed", [None, 0.0, 2.0])
 @pytest.mark.parametrize("duration", [1.0, 6.0, 9.0])
 def test_distances_driven_are_the_integral_of_the_highest_speeds(goal_speed: float | None, duration: float) -> None:
-    speeds = _Speeds(scene(goal={"speed": goal_speed}), duration)
+    speeds = Speeds(scene(goal={"speed": goal_speed}), duration)
     times = np.linspace(0.0, duration, 20_001)
     driven = np.concatenate([[0.0], np.cumsum(0.5 * (speeds.at(times)[1:] + speeds.at(times)[:-1])) * times[1]])
     assert speeds.driven(times) == pytest.approx(driven, abs=1e-6)
@@ -266,7 +262,7 @@ def test_distances_driven_are_the_integral_of_the_highest_speeds(goal_speed: flo
 
 @pytest.mark.parametrize("start_speed", [0.0, 1.0, 3.0])
 def test_instants_are_a_step_apart_where_the_vehicle_is_fast(start_speed: float) -> None:
-    speeds = _Speeds(scene(start={"speed": start_speed}), 8.0)
+    speeds = Speeds(scene(start={"speed": start_speed}), 8.0)
     times = speeds.instants(0.3)
     assert times[0] == 0.0
     assert times[-1] >= 8.0
@@ -276,18 +272,18 @@ def test_instants_are_a_step_apart_where_the_vehicle_is_fast(start_speed: float)
     assert np.diff(speeds.driven(inside))[-5:] == pytest.approx(np.full(5, 0.3), abs=1e-6)
 
 
-def small_grid() -> _Grid:
-    return _Grid(np.array([-0.5, -1.0]), np.array([2.0, 1.0]), np.array([0.05, 0.2]), 16)
+def small_grid() -> CellGrid:
+    return CellGrid(np.array([-0.5, -1.0]), np.array([2.0, 1.0]), np.array([0.05, 0.2]), 16)
 
 
-def corners_of(grid: _Grid) -> np.ndarray:
+def corners_of(grid: CellGrid) -> np.ndarray:
     """Lower left corners of all cells, (rows, columns, 2)."""
     x = grid.origin[0] + grid.cell[0] * np.arange(grid.columns)
     y = grid.origin[1] + grid.cell[1] * np.arange(grid.rows)
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def unpacked(grid: _Grid, bits: int) -> np.ndarray:
+def unpacked(grid: CellGrid, bits: int) -> np.ndarray:
     data = bits.to_bytes(grid.rows * grid.stride // 8 + 1, "little")
     flat = np.unpackbits(np.frombuffer(data, dtype=np.uint8), bitorder="little")[: grid.rows * grid.stride]
     return flat.reshape(grid.rows, grid.stride)[:, : grid.columns].astype(bool)
@@ -314,7 +310,7 @@ def test_reached_cells_are_all_those_near_enough_and_no_others(distance: float) 
     nearest = np.hypot(apart[..., 0], apart[..., 1]).min(axis=(0, 1))
     assert np.all(reached[nearest <= distance - 1e-9])
     assert not np.any(reached[nearest > distance + 1e-6])
-    assert _widths(distance, 0.05, 0.2)[-1] == int(distance / 0.05 + 1e-9) + 1
+    assert widths(distance, 0.05, 0.2)[-1] == int(distance / 0.05 + 1e-9) + 1
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.4, 3.0])
@@ -380,7 +376,7 @@ def check_polygons(scenario: sp.Scenario) -> None:
     frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
     batch = ZoneBatch.of(sp.zones(scenario), frame, scenario.vehicle.radius)
     times = np.array([0.0, 1.3, 4.0])
-    found = list(_polygons_inside(batch, times, np.full(2, -50.0), np.full(2, 50.0)))
+    found = list(polygons_inside(batch, times, np.full(2, -50.0), np.full(2, 50.0)))
     assert len(found) == batch.size
     for part, (instants, polygons) in enumerate(found):
         assert np.array_equal(instants, np.arange(3))

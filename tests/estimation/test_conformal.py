@@ -15,7 +15,8 @@ from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_e
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.scenario.models import Disc, Model
+from scp_planner.scenario.models import Model
+from scp_planner.scenario.shapes import Disc
 from scp_planner.settings.online import Regions, Watch
 
 

@@ -13,6 +13,7 @@ from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.estimation.motion_fitting import (
     PredictionErrors,
+    bounds_met,
     fit_motion_model,
     fit_tails,
     log_likelihood,
@@ -202,3 +203,24 @@ def test_lead_times_that_few_tracks_reach_are_left_out(caplog: pytest.LogCapture
 def test_too_little_to_go_by_is_named(tracks: Tracks, arguments: dict[str, object], message: str) -> None:
     with pytest.raises(EstimationError, match=message):
         fit_motion_model(tracks, **arguments)  # type: ignore[arg-type]
+
+
+def test_a_parameter_that_ends_at_its_bound_is_told() -> None:
+    """Manoeuvres of a random walk are shorter than any: their time constant goes as low as it may."""
+    tracks = simulated("random_walk", 60, 20)
+    fitted = fit_motion_model(tracks, "singer", tails=False)
+    (told,) = bounds_met(tracks, fitted)
+    assert told.startswith("time_constant ended at its lower bound, 0.01:")
+    assert bounds_met(tracks, fit_motion_model(tracks, tails=False)) == []
+
+
+def test_the_noise_can_be_given() -> None:
+    tracks = simulated("random_walk", 100, 20)
+    fitted = fit_motion_model(tracks, tails=False, noise=0.05)
+    assert fitted.noise_deviation == 0.05
+    assert fitted.process.diffusion == pytest.approx(0.05, rel=0.15)  # type: ignore[union-attr]
+    smooth = Tracks([Track(t.id, t.times, t.positions[0] + np.outer(t.times, [1.0, 0.2])) for t in tracks])
+    told = bounds_met(smooth, fit_motion_model(smooth, tails=False))
+    assert any("noise_deviation ended at its lower bound" in text for text in told)
+    with pytest.raises(EstimationError, match=r"noise: 0\.0 is not a positive number"):
+        fit_motion_model(tracks, noise=0.0)

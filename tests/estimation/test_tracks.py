@@ -117,6 +117,38 @@ class TestFiles:
             Tracks.load(write(tmp_path, "id,time,x,y\n" + "a,b,c,d\n" * 1000))
         assert 20 <= len(caught.value.faults) < 25
 
+    def test_xml_of_commonroad_has_the_trajectories_of_its_obstacles(self, tmp_path: Path) -> None:
+        state = "<{0}><position><point><x>{1}</x><y>{2}</y></point></position><time><exact>{3}</exact></time></{0}>"
+        moving = state.format("initialState", 1.0, 2.0, 0) + "<trajectory>"
+        moving += state.format("state", 1.5, 2.0, 1) + state.format("state", 2.5, 2.25, 2) + "</trajectory>"
+        standing = state.format("initialState", 9.0, 9.0, 0)
+        text = f"<dynamicObstacle id='7'>{moving}</dynamicObstacle><dynamicObstacle id='8'>{standing}</dynamicObstacle>"
+        path = write(tmp_path, f"<commonRoad timeStepSize='0.1'>{text}</commonRoad>", "cut.xml")
+        (track,) = Tracks.load(path)
+        assert track.id == "7"
+        np.testing.assert_allclose(track.times, [0.0, 0.1, 0.2])
+        np.testing.assert_array_equal(track.positions, [[1.0, 2.0], [1.5, 2.0], [2.5, 2.25]])
+        other = write(tmp_path, "id,time,x,y\na,0,1,2\n", "more.csv")
+        assert Tracks.joined([path, other]).ids == ("cut/7", "more/a")
+        assert Tracks.joined([path]).ids == ("7",)
+
+    @pytest.mark.parametrize(
+        ("text", "fault"),
+        [
+            ("<commonRoad", "must be XML"),
+            ("<commonRoad/>", "timeStepSize = null: must be a positive number"),
+            ("<commonRoad timeStepSize='0.1'/>", "must hold obstacles with trajectories"),
+            (
+                "<c timeStepSize='1'><obstacle id='3'><initialState/><trajectory><state/></trajectory></obstacle></c>",
+                "obstacle 3, state 1",
+            ),
+        ],
+    )
+    def test_bad_xml_is_refused(self, tmp_path: Path, text: str, fault: str) -> None:
+        with pytest.raises(TracksError) as caught:
+            Tracks.load(write(tmp_path, text, "cut.xml"))
+        assert fault in str(caught.value)
+
     def test_other_bad_files(self, tmp_path: Path) -> None:
         (tmp_path / "raw.csv").write_bytes(b"id,time,x,y\n\xff\xfe")
         with pytest.raises(TracksError, match="must be UTF-8"):

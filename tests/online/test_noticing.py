@@ -26,8 +26,9 @@ from scp_planner.online.noticing import (
 )
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Track
-from scp_planner.scenario.models import Disc, Model
+from scp_planner.scenario.models import Model
 from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.shapes import Disc
 from scp_planner.settings.online import RARE, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, Body, zones
 

@@ -8,7 +8,8 @@ import pytest
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import MOST_LATE, ProcessTrack
-from scp_planner.scenario.models import Confidence, Disc, Model
+from scp_planner.scenario.models import Confidence, Model
+from scp_planner.scenario.shapes import Disc
 from scp_planner.settings.online import Watch
 
 STEP = 0.1  # s between observations

@@ -135,3 +135,42 @@ def test_no_trip_is_excluded_that_there_is(factor: float) -> None:
         excluded = no_trip_within(scenario, factor * plan.travel_time, sp.zones(scenario))
         assert not excluded or factor < 1.0
     assert no_trip_within(scene(), 0.99 * sp.plan(scene()).lower_bound, ())
+
+
+def crowd(count: int, model: object, gap: float = 4.0) -> list[dict[str, Any]]:
+    """People in a row across the way, each seen for a second."""
+    rng = np.random.default_rng(0)
+    times = np.linspace(-1.0, 0.0, 6)
+    people = []
+    for k in range(count):
+        place = np.outer(np.ones(6), [6.0 + gap * k, 0.0]) + rng.normal(0.0, 0.1, (6, 2))
+        noise = [[0.01, 0.0], [0.0, 0.01]]
+        seen = {"time": times.tolist(), "position": place.tolist(), "covariance": noise}
+        people.append({"id": f"person{k}", "shape": {"disc": 0.3}, "observations": seen, "model": model})
+    return people
+
+
+def hasty(*obstacles: dict[str, Any]) -> str:
+    """The reason after a short search."""
+    plan = sp.plan(scene(*obstacles), settings=sp.Settings(max_runs=1, max_iterations=4))
+    assert plan.reason is not None
+    return plan.reason
+
+
+def test_zones_larger_than_the_scene_name_the_model_to_change() -> None:
+    text = hasty(*crowd(1, {"order": 2}))
+    assert "uncertain by up to" in text
+    assert "more than the whole scene, 20 m: the model, order 2 (constant acceleration)" in text
+    assert "set model: pedestrian, cyclist, car, ship or drone" in text
+    assert "far smaller zones of person0" in text
+
+
+def test_a_model_that_fits_is_not_blamed() -> None:
+    text = hasty(*crowd(1, "pedestrian"), disc("crate", (20.0, 0.3), radius=1.0))
+    assert "set model" not in text and "whole scene" not in text
+
+
+def test_the_same_fault_in_many_obstacles_is_told_once() -> None:
+    text = hasty(*crowd(7, {"order": 2}, gap=0.5))
+    assert text.count("clearance to person") == text.count("uncertain by up to") == text.count("set model") == 1
+    assert "as of 6 more (person" in text and ", ...)" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -210,7 +211,7 @@ def numbers(plan: sp.Plan, length: float, time: float) -> list[float]:
     """All of a plan in the units of a scene that was written in others."""
     found = [plan.travel_time / time, plan.lower_bound / time, plan.clearance.minimum / length]
     units = NaturalUnits(length, time)
-    found += [use.worst / units.factor(UNITS[name]) for name, use in plan.limits.items()]
+    found += [use.worst / units.factor(UNITS[name.partition("[")[0]]) for name, use in plan.limits.items()]
     found += (plan.trip.trajectory.theta / length).tolist()
     found += (plan.trip.trajectory.beta / units.acceleration).tolist()
     return found
@@ -221,6 +222,40 @@ def test_powers_of_two_do_not_change_a_bit_of_the_plan(length: float, time: floa
     scenario = scene(*CROSSERS, seen())
     plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
     assert plan.certified and other.certified
+    assert numbers(other, length, time) == numbers(plan, 1.0, 1.0)
+    assert other.iterations == plan.iterations
+
+
+CORNERS = ((2.0**-20, 2.0**20), (2.0**20, 2.0**-20), (2.0**20, 2.0**20), (2.0**-20, 2.0**-20))
+ROOT = Path(__file__).parents[2]
+FILES = sorted((ROOT / "scp_planner" / "builtin").glob("*.yaml")) + sorted((ROOT / "tests" / "suite").glob("*.yaml"))
+
+
+@pytest.mark.parametrize(("place", "path"), list(enumerate(FILES)), ids=[path.stem for path in FILES])
+def test_powers_of_two_do_not_change_a_bit_of_any_plan(place: int, path: Path) -> None:
+    """Guides, corridors, walls, forecasts and what else the scenes of the suite have."""
+    scenario = sp.Scenario.load(path)
+    length, time = CORNERS[place % len(CORNERS)]
+    plan, other = sp.plan(scenario), sp.plan(NaturalUnits(1.0 / length, 1.0 / time).scenario(scenario))
+    assert other.status is plan.status
+    assert numbers(other, length, time) == numbers(plan, 1.0, 1.0)
+    assert other.iterations == plan.iterations
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_powers_of_two_do_not_change_a_bit_among_many(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    along, speed = rng.uniform(3.0, 18.0, 10), rng.uniform(-1.5, 1.5, (10, 2))
+    starts = np.stack([along, rng.uniform(-1.0, 1.0, 10)], axis=1) - speed * (along / 2.8)[:, None]
+    crowd = [
+        disc(f"o{k}", tuple(place), tuple(pace), radius=0.4)
+        for k, (place, pace) in enumerate(zip(starts, speed, strict=True))
+        if np.hypot(*place) > 1.5
+    ]
+    scenario = scene(*crowd)
+    length, time = CORNERS[seed % len(CORNERS)]
+    plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
+    assert plan.certified
     assert numbers(other, length, time) == numbers(plan, 1.0, 1.0)
     assert other.iterations == plan.iterations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,7 @@ def test_the_frame_is_that_of_the_integrated_heading(name: str) -> None:
                 quad(lambda s: np.sin(heading(s)), low, high, epsabs=1e-13)[0],
             ]
         last = station
-        np.testing.assert_allclose(frame.position[k], place, atol=2e-9)
+        np.testing.assert_allclose(frame.position[k], place, atol=1e-10)
     tangent = np.stack([np.cos(heading(stations)), np.sin(heading(stations))], axis=1)
     np.testing.assert_allclose(frame.tangent, tangent, atol=1e-12)
     np.testing.assert_allclose(np.einsum("ij,ij->i", frame.tangent, frame.normal), 0.0, atol=1e-15)
@@ -355,3 +356,27 @@ def test_the_guide_along_a_path_is_that_path() -> None:
     assert again.length == pytest.approx(trip.path.arc_length, rel=1e-4)
     assert np.hypot(*(again.frame(stations * again.length).position - old).T).max() < 0.01
     np.testing.assert_allclose(again.frame(np.array([again.length])).position[0], old[-1], atol=1e-8)
+
+
+@pytest.mark.parametrize("turn", [0.3, 1.5, 2.5])
+def test_positions_are_as_near_to_the_integral_as_they_say_where_headings_turn_fast(turn: float) -> None:
+    headings = np.zeros(21)
+    headings[3:] = turn  # within a single piece, of 0.1 m
+    curve = CurvedGuide(2.0, headings)
+    heading = CubicSpline(np.linspace(0.0, 2.0, 21), headings)
+    assert 0.0 < curve.error <= 1e-12 * 2.0
+    for station in np.random.default_rng(1).uniform(0.2, 0.4, 6):
+        knots = np.linspace(0.0, 2.0, 21)
+        edges = [*knots[knots < station], station]
+        place = [
+            sum(
+                quad(lambda s, part=part: part(heading(s)), low, high, epsabs=1e-14)[0] for low, high in pairwise(edges)
+            )
+            for part in (np.cos, np.sin)
+        ]
+        np.testing.assert_allclose(curve.frame(np.array([station])).position[0], place, rtol=0.0, atol=4e-12)
+
+
+def test_a_guide_says_how_far_it_strays_where_no_cells_are_short_enough() -> None:
+    curve = CurvedGuide(1.0, np.random.default_rng(0).uniform(-1e4, 1e4, 101))
+    assert curve.error > 1e-9

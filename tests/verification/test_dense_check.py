@@ -455,3 +455,24 @@ def test_headings_at_ends_are_exact_where_the_curvature_changes_fast(from_rest: 
     times = np.linspace(0.0, 0.5, dense_check.SAMPLES + 1)
     found = dense_check._end_heading(position, position(times), 0.0, 1)
     assert found == pytest.approx(0.3, abs=2e-5)
+
+
+def test_a_sharp_turn_in_the_middle_is_no_acceleration_along_the_way() -> None:
+    radius, turn, speed, leg = 0.0076, 1.5, 3.0, 1.0
+
+    def position(times: Array) -> Array:
+        driven = speed * times
+        angle = np.clip((driven - leg) / radius, 0.0, turn)
+        after = np.maximum(driven - leg - turn * radius, 0.0)
+        x = np.minimum(driven, leg) + radius * np.sin(angle) + after * math.cos(turn)
+        return np.stack([x, radius * (1.0 - np.cos(angle)) + after * math.sin(turn)], axis=1)
+
+    duration = (2.0 * leg + turn * radius) / speed
+    data = scenario(
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": speed},
+        goal={"position": position(np.array([duration]))[0].tolist(), "heading": turn, "speed": speed},
+    )
+    data["vehicle"].update(max_lateral_acceleration=None, max_curvature=None)
+    assert check_trip(data, position, 0.0, duration).ok
+    data["vehicle"]["max_speed"] = speed - 2e-5
+    assert refused(check_trip(data, position, 0.0, duration)) == {"speed"}

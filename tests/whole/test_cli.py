@@ -520,6 +520,75 @@ def test_check_names_a_plan_that_is_missing(easy: Path, tmp_path: Path) -> None:
     assert f"{tmp_path / 'none.json'}: No such file or directory" in result.stderr
 
 
+def samples_file(easy: Path, path: Path, *columns: str, count: int = 400) -> Path:
+    """Samples of a plan that uses 98 % of its limits, at the times at which its acceleration jumps, too."""
+    parts = Scenario.load(easy).to_dict()
+    for name, value in parts["vehicle"].items():
+        if name.startswith("max_") and value is not None:
+            parts["vehicle"][name] = 0.98 * value
+    plan = sp.plan(Scenario(**parts))
+    times = np.union1d(np.linspace(plan.start_time, plan.arrival_time, count), plan.knot_times)
+    table = plan.table(times)
+    cells = zip(*(table[name].tolist() for name in columns), strict=True)
+    rows = [",".join(columns), *(",".join(map(repr, row)) for row in cells)]
+    path.write_text("\n".join(rows))
+    return path
+
+
+COLUMNS = ("time_s", "x_m", "y_m", "heading_rad", "speed_m_per_s")
+
+
+def test_check_certifies_samples_of_any_planner(easy: Path, tmp_path: Path) -> None:
+    table = samples_file(easy, tmp_path / "mine.csv", *COLUMNS)
+    result = run("check", easy, table)
+    assert result.exit_code == 0, result.output
+    assert "certified:               yes" in result.stdout
+    assert "from positions" not in result.stdout
+    data = json.loads(run("check", easy, samples_file(easy, table, *COLUMNS[:3]), "--json").stdout)
+    assert data["from_positions"] == "heading and speed"
+
+
+def test_check_compares_files_in_a_table(easy: Path, tmp_path: Path) -> None:
+    run("plan", easy, "-o", tmp_path / "plan.json")
+    samples_file(easy, tmp_path / "mine.csv", *COLUMNS)
+    (tmp_path / "theirs.json").write_text(json.dumps([{"t": 0, "x": 0, "y": 0}, {"t": 4, "x": 20, "y": 0}]))
+    files = [tmp_path / name for name in ("plan.json", "mine.csv", "theirs.json")]
+    result = run("check", easy, *files)
+    assert result.exit_code == 3
+    head, *rows = result.stdout.splitlines()
+    assert head.split()[:3] == ["file", "certified", "travel"] and "acceleration" in head
+    assert [row.split()[1] for row in rows] == ["yes", "yes", "no"]
+    assert [line.split(": ")[0] for line in result.stderr.splitlines()] == [str(files[2])]
+    data = json.loads(run("check", easy, *files, "--json").stdout)
+    assert [row["file"] for row in data] == [str(file) for file in files]
+    assert [row["certified"] for row in data] == [True, True, False]
+    assert data[1]["travel_time"] > data[0]["travel_time"]
+    for row in data[:2]:
+        assert 0.9 < row["limits"]["acceleration"]["used"] <= 1.0 + 1e-9
+    assert run("check", easy, *files[:2], "--quiet").output == ""
+
+
+def test_check_with_slack_forgives_what_is_lost_between_samples(easy: Path, tmp_path: Path) -> None:
+    run("plan", easy, "-o", tmp_path / "plan.json")
+    run("export", tmp_path / "plan.json", "-o", tmp_path / "plan.csv", "--samples", "1000")
+    assert run("check", easy, tmp_path / "plan.csv").exit_code == 3
+    result = run("check", easy, tmp_path / "plan.csv", "--slack", "0.15", "--json")
+    assert result.exit_code == 0, result.output
+    data = json.loads(result.stdout)
+    assert 1.0 < max(use["used"] for use in data["limits"].values() if use["used"]) < 1.15
+    assert data["limits"]["speed"]["limit"] == pytest.approx(Scenario.load(easy).vehicle.max_speed)
+    wrong = run("check", easy, tmp_path / "plan.csv", "--slack", "-1")
+    assert wrong.exit_code == 2 and "--slack" in wrong.stderr
+
+
+def test_check_names_row_and_column_of_a_bad_file(easy: Path, tmp_path: Path) -> None:
+    (tmp_path / "good.csv").write_text("t,x,y\n0,0,0\n9,20,0\n")
+    (tmp_path / "bad.csv").write_text("t,x,y\n0,0,0\n1,one,1\n")
+    result = run("check", easy, tmp_path / "good.csv", tmp_path / "bad.csv")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "bad.csv: 1 fault" in result.stderr and "line 3, x = 'one': must be a number" in result.stderr
+
+
 # schema, demo, and the program as a whole
 
 
@@ -645,6 +714,72 @@ def test_fit_motion_writes_a_model_that_a_scenario_can_refer_to(tmp_path: Path) 
     (tmp_path / "scene.json").write_text(json.dumps(scenario))
     planned = run("plan", tmp_path / "scene.json", "-o", tmp_path / "plan.json")
     assert planned.exit_code == 0, planned.stderr
+
+
+def watched(folder: Path, model: object = None) -> Path:
+    """A scenario of one person who is seen beside the way."""
+    person = {
+        "id": "walker",
+        "shape": {"disc": 0.3},
+        "observations": {
+            "time": [-0.8, -0.4, 0.0],
+            "position": [[5, 5.0], [5, 5.01], [5, 5.0]],
+            "covariance": [[0.0025, 0.0], [0.0, 0.0025]],
+        },
+    }
+    scenario = {
+        "schema": 1,
+        "vehicle": {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.0, "max_deceleration": 1.0},
+        "start": {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 1.0},
+        "goal": {"position": [10, 0]},
+        "obstacles": [person if model is None else {**person, "model": model}],
+    }
+    (folder / "scene.json").write_text(json.dumps(scenario))
+    return folder / "scene.json"
+
+
+def test_a_motion_model_can_be_named_on_the_command_line(tmp_path: Path) -> None:
+    """Plan and check see the zones of the model that is named, whatever the file says."""
+    seen, plan = watched(tmp_path), tmp_path / "plan.json"
+    planned = run("plan", seen, "--model", "pedestrian", "-o", plan, "--no-bound")
+    assert planned.exit_code == 0, planned.stderr
+    checked = {
+        model: json.loads(run("check", seen, plan, *(["--model", model] if model else []), "--json").stdout)
+        for model in ("", "pedestrian", "car")
+    }
+    clearance = {model: each["least_clearance"] for model, each in checked.items()}
+    assert clearance["pedestrian"] > clearance["car"] and clearance["pedestrian"] > clearance[""]
+    named = json.loads(run("check", watched(tmp_path, "pedestrian"), plan, "--json").stdout)
+    assert named == checked["pedestrian"]
+
+
+@pytest.mark.parametrize("command", ["plan", "check", "simulate"])
+def test_a_motion_model_that_is_none_is_refused(tmp_path: Path, command: str) -> None:
+    plan = [tmp_path / "plan.json"] if command == "check" else []
+    refused = run(command, watched(tmp_path), *plan, "--model", "pedestrain")
+    assert refused.exit_code == 2 and "did you mean 'pedestrian'" in refused.stderr
+    known = run(command, "builtin:crossing", *plan, "--model", "pedestrian")
+    assert known.exit_code == 2 and "no obstacle whose motion is to be estimated" in known.stderr
+
+
+def test_a_model_fitted_to_half_of_the_tracks_is_tested_on_the_rest(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    rows = ["id,time,x,y"]
+    for person in range(60):
+        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(24, 2)), axis=0)), axis=0)
+        rows += [f"{person},{0.4 * step:.1f},{x:.4f},{y:.4f}" for step, (x, y) in enumerate(course)]
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    options = ("--half", "--noise", "0.02", "--source", "made up", "-o", tmp_path / "half.yaml", "--json")
+    fitted = json.loads(run("fit-motion", tmp_path / "tracks.csv", *options).stdout)
+    assert fitted["fitted_to"]["tracks"] == 30 and fitted["fitted_to"]["source"] == "made up"
+    assert fitted["noise_deviation"] == 0.02
+    coverage = ("study", "coverage", tmp_path / "tracks.csv", "--model", tmp_path / "half.yaml", "-o", tmp_path / "out")
+    measured = json.loads(run(*coverage, "--json").stdout)["recorded"]
+    pointwise = {row["lead_time"]: row for row in measured if row["level"] == "per_time"}
+    assert list(pointwise) == [1.0, 2.0, 4.0]
+    assert all(row["tracks"] == 30 and row["coverage"] > 0.88 for row in pointwise.values())
+    refused = run("study", "coverage", "--model", "pedestrian", "-o", tmp_path / "out")
+    assert refused.exit_code == 2 and "TRACKS" in refused.stderr
 
 
 def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:

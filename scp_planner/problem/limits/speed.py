@@ -15,6 +15,8 @@ from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
 BESIDE = 1e-7  # of the travel time; next to a border
+ON_BORDER = 1e-6  # of a cell between stations
+JUMP_STEPS, JUMP_PARTS = 7, 16  # to where the stations along the line jump over a border
 CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend off
 
 
@@ -96,9 +98,9 @@ class SpeedLimits(OptionalLimit):
         """How far along the path a step of the offset moves its crossings of borders, (m, K1 free) m."""
         borders = np.array([(part.first, part.last) for part in self.stretches]).ravel()[gates]
         lines = [self.stretches[gate // 2].line for gate in gates.tolist()]
-        tangent = np.array([line.tangent_at(np.array([at]))[0] for line, at in zip(lines, borders, strict=True)])
-        tangent = tangent.reshape(-1, 2)
         points = path.points(parameter)
+        places = zip(lines, points.position, borders, strict=True)
+        tangent = np.array([line.across_border(place, at) for line, place, at in places]).reshape(-1, 2)
         sideways = np.einsum("ij,ij->i", tangent, np.broadcast_to(points.normal, tangent.shape))
         along = np.einsum("ij,ij->i", tangent, points.direction) / points.speed
         rows = self.space.path.rows_at(points.span, points.local)[:, self.free]
@@ -183,4 +185,12 @@ def _crossing(path: Path, line: Line, stations: Array, along: Array, border: flo
     for _ in range(CROSSING_STEPS):
         here = line.nearest(path.points(np.array([guess])).position)[0]
         guess = min(max(guess + (border - here) / slope, low), high)
-    return float(guess)
+    if abs(line.nearest(path.points(np.array([guess])).position)[0] - border) < ON_BORDER * abs(slope) * (high - low):
+        return float(guess)
+    # Inside of a bend of the line the stations jump over the border.
+    for _ in range(JUMP_STEPS):
+        trials = np.linspace(low, high, JUMP_PARTS + 1)
+        beyond = line.nearest(path.points(trials[1:-1]).position) >= border
+        first = int(np.argmax(np.append(beyond, True)))
+        low, high = trials[first], trials[first + 1]
+    return float(high)

@@ -125,6 +125,31 @@ def test_stations_are_those_of_shapely(points: list[tuple[float, float]]) -> Non
         )
 
 
+def crossed(line: Line, border: float, begin: np.ndarray, end: np.ndarray) -> float:
+    """The share of a straight way at which the stations of its points pass a border, by bisection."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        beyond = line.nearest((begin + middle * (end - begin))[None])[0] >= border
+        low, high = (low, middle) if beyond else (middle, high)
+    return high
+
+
+@pytest.mark.parametrize("border", [3.0, 5.6, 6.4, 6.0, 9.0], ids=str)
+def test_where_a_border_is_crossed_moves_as_its_direction_says(border: float) -> None:
+    line = Line(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0]]))
+    # Inside of the bend, where the stations jump over borders near it, and outside
+    for begin, end in (([2.0, 1.3], [4.7, 4.0]), ([2.5, -0.4], [6.2, 3.5])):
+        first, last = np.array(begin), np.array(end)
+        share = crossed(line, border, first, last)
+        assert 0.0 < share < 1.0
+        direction = line.across_border(first + share * (last - first), border)
+        aside, h = np.array([0.6, -0.8]), 1e-5
+        moved = [crossed(line, border, first + way * aside, last + way * aside) for way in (h, -h)]
+        expected = -(direction @ aside) / (direction @ (last - first))
+        assert (moved[0] - moved[1]) / (2.0 * h) == pytest.approx(expected, rel=1e-4)
+
+
 def test_no_point_of_a_stretch_is_overlooked() -> None:
     rng = np.random.default_rng(4)
     line = Line(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 5.0], [1.0, 5.5]]))

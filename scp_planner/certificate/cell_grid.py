@@ -1,0 +1,129 @@
+"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import ceil, floor, sqrt
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.certificate.fastest_drive import ROUNDING
+from scp_planner.scenario.limits import Box
+
+EDGE = 1e-9  # of a cell
+
+
+class CellGrid:
+    """Cells of the planning frame, as bits of one integer: row after row, with room between the rows.
+
+    Parameters
+    ----------
+    low, high : (2,) arrays
+        Corners of what is covered, m; the origin is inside.
+    cell : (2,) array
+        Length and width of a cell, m.
+    room : int
+        Columns between rows: no step moves by more.
+    """
+
+    def __init__(self, low: Array, high: Array, cell: Array, room: int) -> None:
+        self.cell = cell
+        # The start lies just before the end of its cell, so that nothing is gained by the rest of it.
+        columns_before = ceil(-low[0] / cell[0]) + 1
+        rows_below = ceil(-low[1] / cell[1] - 0.5) + 1
+        self.columns = columns_before + ceil(high[0] / cell[0]) + 1
+        self.rows = rows_below + ceil(high[1] / cell[1] + 0.5) + 1
+        self.stride = self.columns + room
+        self.origin = np.array([ROUNDING - columns_before * cell[0], -(rows_below + 0.5) * cell[1]])
+        self.start = 1 << (rows_below * self.stride + columns_before - 1)
+        self._column = np.arange(self.stride)
+
+    @property
+    def lines(self) -> Array:
+        """Borders between rows, (rows + 1,) m."""
+        lines: Array = self.origin[1] + self.cell[1] * np.arange(self.rows + 1)
+        return lines
+
+    def packed(self, mask: Mask) -> int:
+        """Bits of a mask, (rows, stride)."""
+        return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
+
+    def disc(self, center: tuple[float, float], radius: float) -> Mask:
+        """Cells that a disc touches, (rows, stride)."""
+        lines = self.lines
+        away = np.clip(center[1], lines[:-1], lines[1:]) - center[1]
+        half = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+        first = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE)
+        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE)
+        last[np.abs(away) > radius] = -1.0
+        mask: Mask = (self._column >= first[:, None]) & (self._column <= np.minimum(last, self.columns - 1)[:, None])
+        return mask
+
+    def inside(self, box: Box) -> Mask:
+        """Cells that touch the workspace, (rows, stride)."""
+        x = self.origin[0] + (self._column + 0.5) * self.cell[0]
+        y = 0.5 * (self.lines[:-1] + self.lines[1:])
+        mask = np.broadcast_to(self._column < self.columns, (self.rows, self.stride)).copy()
+        for normal, offset in zip(box.normals, box.offsets, strict=True):
+            nearest = 0.5 * float(np.abs(normal) @ self.cell)
+            mask &= normal[0] * x + normal[1] * y[:, None] - nearest <= offset + ROUNDING
+        return mask
+
+    def covered(self, polygons: Array) -> tuple[Index, Index, Index, Index]:
+        """Cells that lie wholly in convex polygons, one for each instant.
+
+        Parameters
+        ----------
+        polygons : (K, C, 2) array
+            Corners in order, m.
+
+        Returns
+        -------
+        tuple of arrays of int
+            Places in ``polygons``, rows, first columns, and columns after the last.
+        """
+        bottom = polygons[:, :, 1].min(axis=1)
+        first_line = np.clip(np.ceil((bottom - self.origin[1]) / self.cell[1]), 0, self.rows).astype(np.intp)
+        tallest = float((polygons[:, :, 1].max(axis=1) - bottom).max())
+        count = min(floor(tallest / self.cell[1]) + 2, self.rows + 1)
+        line = first_line[:, None] + np.arange(count)
+        y = (self.origin[1] + self.cell[1] * line)[:, :, None]
+        here, there = polygons[:, None], np.roll(polygons, -1, axis=1)[:, None]
+        rise = there[..., 1] - here[..., 1]
+        crossed = ((here[..., 1] <= y) != (there[..., 1] <= y)) & (rise != 0.0)
+        share = np.where(crossed, (y - here[..., 1]) / np.where(rise == 0.0, 1.0, rise), 0.0)
+        x = here[..., 0] + share * (there[..., 0] - here[..., 0])
+        left = np.where(crossed, x, np.inf).min(axis=2)
+        right = np.where(crossed, x, -np.inf).max(axis=2)
+        # A cell lies in a convex polygon if both lines that bound its row do so at both of its ends.
+        begin = np.ceil((np.maximum(left[:, :-1], left[:, 1:]) - self.origin[0]) / self.cell[0] + EDGE)
+        end = np.floor((np.minimum(right[:, :-1], right[:, 1:]) - self.origin[0]) / self.cell[0] - EDGE)
+        begin, end = np.clip(begin, 0, self.columns), np.clip(end, 0, self.columns)
+        which, place = np.nonzero((end > begin) & (line[:, :-1] < self.rows))
+        return (
+            which,
+            line[which, place],
+            begin[which, place].astype(np.intp),
+            end[which, place].astype(np.intp),
+        )
+
+    def reached_from(self, bits: int, distance: float) -> int:
+        """Cells of which any point is within a distance, m, of any point of some cells."""
+        up = down = 0
+        wide, width = bits, 0
+        for wanted in widths(distance, float(self.cell[0]), float(self.cell[1])):
+            while width < wanted:
+                shift = min(wanted - width, 2 * width + 1)
+                wide |= (wide << shift) | (wide >> shift)
+                width += shift
+            up, down = (up << self.stride) | wide, (down >> self.stride) | wide
+        return up | down
+
+
+@lru_cache(maxsize=256)
+def widths(distance: float, length: float, width: float) -> tuple[int, ...]:
+    """By how many columns a step leads at most, in rows from the farthest that it leads to."""
+    rows = floor(distance / width) + 1
+    gaps = (max(row - 1, 0) * width for row in range(rows, -1, -1))
+    return tuple(floor(sqrt(max(distance**2 - gap**2, 0.0)) / length + EDGE) + 1 for gap in gaps)

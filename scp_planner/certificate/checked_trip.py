@@ -1,0 +1,160 @@
+"""What is checked of a trip, against which zones, and what encloses it on pieces of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.certificate.enclosures import Enclosure, Pieces
+from scp_planner.certificate.verdict import LimitUse, Violation
+from scp_planner.scenario.models import Scenario
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.trips.space import CELLS_PER_SPAN
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+INTERVALS = 192  # at the first level, at most, besides those between knots
+FIRST_WIDTH = 0.04  # units of time, of shorter trips' intervals at the first level
+FEWEST_INTERVALS = 16
+SHORTEST = 1e-9  # normalised time that is checked
+_NO_KNOTS = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """How far a trip uses a limit, and what it breaks of it.
+
+    Attributes
+    ----------
+    use : LimitUse
+    violations : tuple of Violation
+        None, if the limit is kept.
+    """
+
+    use: LimitUse
+    violations: tuple[Violation, ...] = ()
+
+
+@dataclass(frozen=True)
+class CheckedTrip:
+    """A trip, or a part of it, and what it is checked against.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        In its natural units, as all the rest.
+    trip : Trip
+    batch : ZoneBatch
+        The zones in the trip's frame, inflated by the vehicle's radius.
+    first, last : float
+        From when to when it is checked, in normalised time.
+    start_speed : float
+        Driving faster than allowed at the start is the scenario's business, not the plan's: up to this, m/s.
+    """
+
+    scenario: Scenario
+    trip: Trip
+    batch: ZoneBatch
+    first: float
+    last: float
+    start_speed: float
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, since: float | None = None, until: float | None = None
+    ) -> CheckedTrip:
+        """Return what is checked of a trip from an absolute time on, up to another, s."""
+        first, last, start_speed = 0.0, 1.0, scenario.start.speed
+        begin, duration = trip.frame.time, trip.trajectory.travel_time
+        if since is not None:
+            first = min(max((since - begin) / duration, 0.0), 1.0 - SHORTEST)
+            start_speed = trip.trajectory.space.start_speed
+        if until is not None:
+            last = min(max((until - begin) / duration, first + SHORTEST), 1.0)
+        return cls(scenario, trip, batch, first, last, start_speed)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The trip in its frame."""
+        return self.trip.trajectory
+
+    def absolute(self, sigma: float) -> float:
+        """Absolute time at a normalised time, s."""
+        return self.trip.frame.time + self.trajectory.travel_time * float(sigma)
+
+    def broken(self, what: str, value: float, allowed: float, sigma: float) -> Violation:
+        """Return that a limit is broken at a normalised time."""
+        return Violation(what, value, allowed, self.absolute(sigma))
+
+    def first_pieces(self) -> Pieces:
+        """Return the pieces that a check begins with: between all knots of trip and zones, and short ones."""
+        trajectory = self.trajectory
+        space = trajectory.space
+        # Where the rate of the curvature counts, over a curved guide also where that of the guide's jumps.
+        cells = self.scenario.vehicle.max_curvature_rate is not None and not space.guide.straight
+        stride = 1 if cells else CELLS_PER_SPAN
+        knots = trajectory.path.exact.at(space.tables.station_parameters[stride:-1:stride])
+        duration = (self.last - self.first) * trajectory.travel_time
+        count = int(min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
+        inner = np.concatenate([space.acceleration.breakpoints, trajectory.arrivals(knots).sigma, self.zone_knots()])
+        inner = inner[(inner > self.first) & (inner < self.last)]
+        edges = np.concatenate([np.linspace(self.first, self.last, count + 1), inner])
+        edges.sort()
+        return Pieces.between(edges)
+
+    def zone_knots(self) -> Array:
+        """Normalised times inside the trip at which a zone's motion or growth changes to another polynomial."""
+        batch = self.batch
+        pieces = [part for part in (batch.centers, batch.covariances) if part is not None]
+        pieces = [part for part in pieces if part.breakpoints.shape[1] > 2]
+        if not pieces:
+            return _NO_KNOTS
+        knots = np.concatenate([part.breakpoints[:, 1:-1].ravel() for part in pieces]) / self.trajectory.travel_time
+        return np.unique(knots[(knots > 0.0) & (knots < 1.0)])
+
+    def enclosed(self, pieces: Pieces) -> Enclosure:
+        """Return what holds of the trip on pieces of time."""
+        trajectory = self.trajectory
+        path, length, count = trajectory.path, trajectory.space.length, len(pieces.middle)
+        half = pieces.half * trajectory.travel_time
+        ends = pieces.middle - pieces.half, pieces.middle + pieces.half
+        drive = trajectory.drive_at(np.concatenate([pieces.middle, *ends]))
+        parameters = path.exact.parameter_at(drive.distance)
+        parameter, low, high = parameters[:count], parameters[count : 2 * count], parameters[2 * count :]
+        points, speed, middle = path.points(parameter), drive.speed[:count], drive.acceleration[:count]
+        # Inside one span the acceleration is one polynomial of degree <= 2: linear ones are bounded by their ends.
+        acceleration = np.abs(middle)
+        if not trajectory.space.tables.constant:
+            acceleration = acceleration + self._jerk_bound(drive.span[:count]) * half
+        width = (np.maximum(high - parameter, parameter - low) * (1.0 + 1e-9) + 1e-12) * length
+        fastest = speed + acceleration * half
+        bend = path.bend_enclosure(points, width)
+        curvature = path.bend(points).curvature
+        rate = bend.curvature_rate.magnitude()
+        curvature_bound = np.abs(curvature) + rate * width
+        lateral = speed * speed * curvature
+        # s(t): ds/dt = v / |r'|
+        over_time = rate * fastest / bend.speed.lower
+        lateral_bound = np.abs(lateral) + fastest * (2.0 * curvature_bound * acceleration + fastest * over_time) * half
+        time = trajectory.travel_time * pieces.middle
+        return Enclosure(
+            time,
+            half,
+            speed,
+            points,
+            curvature,
+            lateral,
+            curvature_bound,
+            lateral_bound,
+            acceleration,
+            over_time,
+            middle,
+        )
+
+    def _jerk_bound(self, span: Index) -> Array:
+        """Largest |da/dt| in spans of the acceleration."""
+        basis = self.trajectory.space.acceleration.derivative
+        coefficients = basis.combine(self.trajectory.beta) / self.trajectory.travel_time
+        return np.abs(coefficients[span]).sum(axis=1)

@@ -1,0 +1,239 @@
+"""How far the discs of a vehicle keep from zones, and whether they stay in the workspace, at all times of a trip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Index
+from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.enclosures import Enclosure, Pieces
+from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, END_TOLERANCE, Clearance, Violation
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
+from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
+
+MAX_HALVINGS = 22
+MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
+MANY_ZONES = 32  # more than these are first searched for those that can matter
+FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is looked for
+_SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])  # normals of the workspace, to the inside
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A disc of the vehicle on pieces of time.
+
+    Attributes
+    ----------
+    offset : float
+        How far it is ahead of the reference point, m.
+    center : MovingPoint
+        On the pieces.
+    """
+
+    offset: float
+    center: MovingPoint
+
+    @classmethod
+    def on(cls, enclosure: Enclosure, offset: float) -> Disc:
+        """Return a disc that is so far ahead on the pieces of an enclosure."""
+        return cls(offset, enclosure.disc(offset))
+
+    def part(self, index: slice) -> Disc:
+        """Return the disc on some of the pieces."""
+        return Disc(self.offset, self.center.take(index))
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The least clearance of a vehicle, and what it touches.
+
+    Attributes
+    ----------
+    clearance : Clearance
+    violations : tuple of Violation
+        Of each disc that touches something.
+    """
+
+    clearance: Clearance
+    violations: tuple[Violation, ...] = ()
+
+
+def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[Disc, ...], precision: float) -> Kept:
+    """Bound the clearance of a vehicle from all zones.
+
+    Parameters
+    ----------
+    checked : CheckedTrip
+    pieces : Pieces
+        That cover what is checked.
+    discs : tuple of Disc
+        On them.
+    precision : float
+        The clearance is a lower bound at most this far below the true one, m; with inf it is any lower bound that is
+        not negative, and found sooner.
+
+    Returns
+    -------
+    Kept
+    """
+    near = _near_batch(checked)
+    found = [_Search(checked, near, disc, precision).kept(pieces) for disc in discs]
+    least = min(found, key=lambda one: one.clearance.minimum).clearance
+    return Kept(least, tuple(violation for one in found for violation in one.violations))
+
+
+def _near_batch(checked: CheckedTrip) -> ZoneBatch:
+    """The zones that could be the nearest one, or nearer than allowed, at some time of the trip."""
+    batch, trajectory = checked.batch, checked.trajectory
+    if batch.size <= MANY_ZONES:
+        return batch
+    top = max(float(trajectory.speed_control_points().max()), 0.0)
+    ahead = max(map(abs, checked.scenario.vehicle.discs))
+    for count in LOOKS:
+        # Only where it is checked: a zone says nothing of what lies before it was made.
+        half = 0.5 * (checked.last - checked.first) / count
+        middle = np.linspace(checked.first + half, checked.last - half, count)
+        points = trajectory.driven(trajectory.space.time_table(middle))
+        half *= trajectory.travel_time
+        reach, position = half * top + ahead, points.path.position
+        bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
+        # The nearest zone comes at least as near as any zone is seen to be.
+        seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
+        batch = batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
+    return batch
+
+
+@dataclass(frozen=True)
+class _Nearest:
+    """The least distance that was seen, m, at which normalised time, and to which zone of the batch."""
+
+    distance: float
+    sigma: float
+    zone: int
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """A lower bound of the clearance, m, or less than 0 if there is none; and the nearest that was seen."""
+
+    certified: float
+    nearest: _Nearest
+
+
+@dataclass(frozen=True)
+class _Open:
+    """Pairs of pieces and zones, (n,) each, that are not decided."""
+
+    interval: Index
+    zone: Index
+
+
+class _Search:
+    """The search for the least clearance of one disc."""
+
+    def __init__(self, checked: CheckedTrip, batch: ZoneBatch, disc: Disc, precision: float) -> None:
+        self.checked, self.batch = checked, batch
+        self.disc, self.precision = disc, precision
+
+    def kept(self, pieces: Pieces) -> Kept:
+        """Return the clearance, and the violation if it is none."""
+        if self.batch.size == 0:
+            return Kept(Clearance(float("inf")))
+        crude = ZoneBounds(self.batch).crude(self.disc.center)
+        place, zone = divmod(int(np.argmin(crude)), self.batch.size)
+        nearest, enough = _Nearest(np.inf, float(pieces.middle[place]), zone), 0.0
+        if np.isfinite(self.precision):
+            some = np.argsort(crude, axis=None)[:FIRST_PAIRS]
+            interval, zones = np.divmod(some, self.batch.size)
+            value = ZoneBounds(self.batch).fine(zones, interval, self.disc.center).value
+            worst = int(np.argmin(value))
+            nearest = _Nearest(float(value[worst]), float(pieces.middle[interval[worst]]), int(zones[worst]))
+            enough = max(nearest.distance - self.precision, 0.0)
+        far = crude >= enough
+        interval, zones = np.nonzero(~far)
+        return self._told(self._refined(pieces, _Open(interval, zones), float(crude[far].min(initial=np.inf)), nearest))
+
+    def _refined(self, pieces: Pieces, left: _Open, certified: float, nearest: _Nearest) -> _Bound:
+        """Halve pieces on which a zone's bound does not decide, until all are decided or one is touched."""
+        center = self.disc.center
+        for _ in range(MAX_HALVINGS):
+            if not len(left.interval):
+                return _Bound(certified, nearest)
+            bound = ZoneBounds(self.batch).fine(left.zone, left.interval, center)
+            worst = int(np.argmin(bound.value))
+            value = float(bound.value[worst])
+            if value < nearest.distance:
+                nearest = _Nearest(value, float(pieces.middle[left.interval[worst]]), int(left.zone[worst]))
+            if not nearest.distance >= -CLEARANCE_TOLERANCE:
+                return _Bound(nearest.distance, nearest)
+            if not np.isfinite(value):
+                break
+            # Good enough: certainly outside, and not far below the least value found.
+            done = (bound.lower >= 0.0) & (bound.lower >= nearest.distance - self.precision)
+            if done.any():
+                certified = min(certified, float(bound.lower[done].min()))
+            if done.all():
+                return _Bound(certified, nearest)
+            open_pieces, inverse = np.unique(left.interval[~done], return_inverse=True)
+            if len(open_pieces) > MOST_PIECES:
+                break
+            keep = np.zeros(len(pieces.middle), dtype=bool)
+            keep[open_pieces] = True
+            pieces = pieces.halves(keep)
+            left = _Open(
+                np.concatenate([inverse, inverse + len(open_pieces)]),
+                np.concatenate([left.zone[~done], left.zone[~done]]),
+            )
+            center = self.checked.enclosed(pieces).disc(self.disc.offset)
+        return _Bound(-np.inf, nearest)
+
+    def _told(self, bound: _Bound) -> Kept:
+        """Return what is said of a bound; one that is no number is none."""
+        nearest = bound.nearest
+        time, obstacle = self.checked.absolute(nearest.sigma), self.batch.ids[nearest.zone]
+        if bound.certified >= 0.0:
+            return Kept(Clearance(bound.certified, obstacle, time))
+        touched = Violation("clearance", nearest.distance, 0.0, time, obstacle)
+        return Kept(Clearance(nearest.distance, obstacle, time), (touched,))
+
+
+def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: Disc) -> Violation | None:
+    """Return where a disc of the vehicle leaves the workspace box, by the same bound as for clearance.
+
+    Parameters
+    ----------
+    checked : CheckedTrip
+    pieces : Pieces
+        That cover what is checked.
+    disc : Disc
+        On them.
+
+    Returns
+    -------
+    Violation or None
+    """
+    box = checked.scenario.bounds
+    if box is None:
+        return None
+    frame, center = checked.trip.frame, disc.center
+    radius = checked.scenario.vehicle.radius
+    offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
+    at = 0.0
+    for _ in range(MAX_HALVINGS):
+        inside = frame.to_world(center.position) @ _SIDES.T - offsets
+        slope = np.abs(frame.vectors_to_world(center.velocity) @ _SIDES.T)
+        half = center.half[:, None]
+        lower = inside - slope * half - 0.5 * center.acceleration[:, None] * half * half
+        worst = np.unravel_index(np.argmin(inside), inside.shape)
+        at = float(pieces.middle[worst[0]])
+        if inside[worst] < -END_TOLERANCE:
+            break
+        undecided = ~(lower >= -END_TOLERANCE).all(axis=1)
+        if not undecided.any():
+            return None
+        pieces = pieces.halves(undecided)
+        center = checked.enclosed(pieces).disc(disc.offset)
+    return checked.broken("workspace bounds", float(inside[worst]), 0.0, at)

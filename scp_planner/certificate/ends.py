@@ -1,0 +1,123 @@
+"""Whether a sampled trip begins and ends as its scenario asks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import cos, dist, pi, remainder, sin
+
+from scp_planner.certificate.verdict import (
+    ARRIVAL_TOLERANCE,
+    EARLIEST,
+    END_TOLERANCE,
+    GOAL_SPEED_TOLERANCE,
+    LATEST,
+    Violation,
+    off_a_step,
+)
+from scp_planner.scenario.goals import distance_outside
+from scp_planner.scenario.models import Scenario
+from scp_planner.units import Point
+
+
+@dataclass(frozen=True)
+class EndState:
+    """A trip at one of its ends.
+
+    Attributes
+    ----------
+    time : float
+        Absolute, s.
+    position : (x, y)
+        In world coordinates, m.
+    heading : float
+        rad.
+    speed : float
+        m/s.
+    acceleration : float
+        Along the path, m/s^2.
+    """
+
+    time: float
+    position: Point
+    heading: float
+    speed: float
+    acceleration: float
+
+
+def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]:
+    """Tell how a trip begins otherwise than its scenario asks, both in natural units.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    first : EndState
+
+    Yields
+    ------
+    Violation
+    """
+    start = scenario.start
+    found = [
+        ("start time", abs(first.time - start.time)),
+        ("distance from the start", dist(first.position, start.position)),
+        ("start speed", abs(first.speed - start.speed)),
+    ]
+    if start.acceleration is not None:
+        found.append(("start acceleration error", abs(first.acceleration - start.acceleration)))
+    if start.heading is not None:
+        found.append(("start heading", abs(remainder(first.heading - start.heading, 2.0 * pi))))
+    for name, value in found:
+        if not value <= END_TOLERANCE:
+            yield Violation(name, value, 0.0, first.time)
+
+
+def goal_violations(scenario: Scenario, last: EndState) -> Iterator[Violation]:
+    """Tell how a trip ends otherwise than its scenario asks, both in natural units.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    last : EndState
+
+    Yields
+    ------
+    Violation
+    """
+    goal, time = scenario.goal, last.time
+    if goal.earliest_arrival is not None and not time >= goal.earliest_arrival - ARRIVAL_TOLERANCE:
+        yield Violation(EARLIEST, time, goal.earliest_arrival, time)
+    found = [*_place(scenario, last), *_heading_and_speed(scenario, last)]
+    if goal.arrival_step is not None:
+        missed = abs(remainder(time - scenario.start.time, goal.arrival_step))
+        found.append(Violation("arrival off the step", missed, off_a_step(goal.arrival_step), time))
+    if goal.latest_arrival is not None:
+        found.append(Violation(LATEST, time, goal.latest_arrival + ARRIVAL_TOLERANCE, time))
+    yield from (one for one in found if not one.value <= one.allowed + END_TOLERANCE)
+
+
+def _place(scenario: Scenario, last: EndState) -> Iterator[Violation]:
+    """How far from the goal it ends, and what is allowed."""
+    goal, ahead = scenario.goal, scenario.vehicle.centre
+    if goal.region is None:
+        yield Violation("distance from the goal", dist(last.position, goal.position), goal.radius, last.time)
+        return
+    x, y = last.position
+    middle = x + ahead * cos(last.heading), y + ahead * sin(last.heading)
+    yield Violation("distance from the goal region", distance_outside(goal.region, middle), 0.0, last.time)
+
+
+def _heading_and_speed(scenario: Scenario, last: EndState) -> Iterator[Violation]:
+    """How far heading and speed at the end are from what the goal asks for, and what is allowed."""
+    goal, time = scenario.goal, last.time
+    if goal.heading is not None:
+        yield Violation("goal heading", abs(remainder(last.heading - goal.heading, 2.0 * pi)), 0.0, time)
+    if goal.heading_range is not None:
+        low, high = goal.heading_range
+        turn = remainder(last.heading - 0.5 * (low + high), 2.0 * pi)
+        yield Violation("goal heading", max(abs(turn) - 0.5 * (high - low), 0.0), 0.0, time)
+    if goal.speed is not None:
+        yield Violation("goal speed error", abs(last.speed - goal.speed), GOAL_SPEED_TOLERANCE, time)
+    if goal.speed_range is not None:
+        low, high = goal.speed_range
+        yield Violation("goal speed", max(low - last.speed, last.speed - high, 0.0), 0.0, time)

@@ -1,0 +1,77 @@
+"""Convex polygons inside zones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.ellipse import support
+from scp_planner.mathematics.frames import directions_of, turned_back
+from scp_planner.mathematics.outlines import Outline
+from scp_planner.threat_zones.batch import ZoneBatch
+
+CORNERS = 48  # of the polygon inside each zone
+BESIDE = 1e-9  # rad
+TINY = 1e-300
+
+
+def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> Iterator[tuple[Index, Array]]:
+    """Convex polygons inside the parts of zones that come near a box with given corners, m.
+
+    Yields
+    ------
+    (k,) array of int, (k, C, 2) array
+        Instants, and the corners at each in order, m: the points of the part that are farthest in some directions.
+    """
+    centers, reaches = batch.centers.grid(times), batch.reach(times)
+    headings = directions_of(batch.directions.grid(times)) if batch.any_turning else None
+    covariances = None if batch.covariances is None else batch.covariances.grid(times)
+    for part in range(batch.size):
+        center, reach = centers[:, part], reaches[:, part, None]
+        met = np.flatnonzero(np.all((center + reach >= low) & (center - reach <= high), axis=1))
+        if len(met) == 0:
+            continue
+        outline = None
+        if batch.outlines is not None and batch.outline_slot[part] >= 0:
+            outline = batch.outlines.outlines[batch.outline_slot[part]]
+        own = _directions(outline)
+        corners = batch.radius[part] * own
+        if outline is not None:
+            corners = corners + _farthest(outline, own)
+        directions, corners = (np.broadcast_to(vectors, (len(met), *own.shape)) for vectors in (own, corners))
+        if headings is not None and batch.turning[part]:
+            backwards = headings[met, part][:, None] * [1.0, -1.0]
+            directions, corners = turned_back(directions, backwards), turned_back(corners, backwards)
+        if covariances is not None and batch.slot[part] >= 0:
+            corners = corners + _ellipse_points(covariances[met, batch.slot[part]][:, None], directions)
+        yield met, center[met, None] + corners
+
+
+def _directions(outline: Outline | None) -> Array:
+    """Directions all around, and beside those of a polygon's edges, by their angle, (C, 2)."""
+    angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+    if outline is not None and outline.vertices is not None:
+        normals = np.arctan2(outline.normals[:, 1], outline.normals[:, 0])
+        angles = np.concatenate([angles, (normals - BESIDE) % (2.0 * np.pi), (normals + BESIDE) % (2.0 * np.pi)])
+    angles = np.sort(angles)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def _farthest(outline: Outline, directions: Array) -> Array:
+    """Points of an outline that are farthest in directions (C, 2), m."""
+    if outline.vertices is not None:
+        farthest: Array = outline.vertices[np.argmax(directions @ outline.vertices.T, axis=1)]
+        return farthest
+    assert outline.matrix is not None
+    return _ellipse_points(outline.matrix, directions)
+
+
+def _ellipse_points(matrix: Array, directions: Array) -> Array:
+    """The points A nu / sqrt(nu' A nu) of ellipses, A = (..., 3) m^2, farthest in directions nu (..., 2)."""
+    xx, xy, yy = np.moveaxis(matrix, -1, 0)
+    x, y = directions[..., 0], directions[..., 1]
+    return (
+        np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1) / np.maximum(support(matrix, directions), TINY)[..., None]
+    )

@@ -1,0 +1,202 @@
+"""Where any trip of at most some duration can be, at each of some instants: see `lower_bound`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from math import hypot, sqrt
+from time import perf_counter
+
+import numpy as np
+
+from scp_planner.arrays import Array, Mask
+from scp_planner.certificate.cell_grid import CellGrid
+from scp_planner.certificate.fastest_drive import LONGEST_STEP, ROUNDING, Speeds
+from scp_planner.certificate.inscribed import polygons_inside
+from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.scenario.limits import Box
+from scp_planner.scenario.models import Scenario
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.bounds import ZoneBounds
+from scp_planner.threat_zones.zone import ThreatZone
+
+ALIGNED = 1.0 - 1e-6  # of a step that moves by whole cells
+CELLS = 700_000  # at most
+FEW_CELLS = 60_000  # for an answer in hundredths of a second
+MOST_WORK = 2e9  # cells at all instants together, and what zones cost: what a bound looks at, at most
+QUICK_WORK = 1e8  # the same of a quick proof
+ZONE_WORK = 1000  # cells that cost as much as a zone
+
+
+@dataclass(frozen=True)
+class _Resolution:
+    """Time between instants at top speed, and how many cells the vehicle then moves by along and across the line."""
+
+    time: float
+    columns: int
+    rows: int
+
+
+RESOLUTIONS = (
+    _Resolution(0.1, 64, 12),
+    _Resolution(0.1, 48, 8),
+    _Resolution(0.15, 32, 8),
+    _Resolution(0.2, 24, 6),
+    _Resolution(0.3, 16, 5),
+    _Resolution(0.5, 16, 4),
+    _Resolution(1.0, 12, 4),
+)
+
+
+class NotDecided(Exception):
+    """A relaxation is too large, or the time is over: nothing is excluded."""
+
+
+class Relaxation:
+    """Where trips of at most some duration can be, at each instant.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    threat_zones : tuple of ThreatZone
+    longest : float
+        Durations up to this can be asked for, s.
+    cells : int
+        At most.
+    deadline : float
+        Of the clock of :func:`time.perf_counter`, s.
+
+    Raises
+    ------
+    NotDecided
+        If there would be too much to look at, before anything is allocated; here and in all methods also when the
+        time is over.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        threat_zones: tuple[ThreatZone, ...],
+        longest: float,
+        cells: int = CELLS,
+        deadline: float = np.inf,
+    ) -> None:
+        self.deadline = deadline
+        start, goal = scenario.start, scenario.goal
+        self.scenario = scenario
+        self.distance = hypot(*np.subtract(goal.position, start.position))
+        self.radius = goal.radius + ROUNDING
+        self.frame = PlanningFrame.between(start.position, goal.position, start.time)
+        self.box = Box.of(scenario, self.frame, 0.0)
+        self.speeds = Speeds(scenario, longest)
+        self.grid, step = self._grid(cells, len(threat_zones))
+        # What touches a zone is not inside it.
+        self.zones = ZoneBatch.of(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
+        self.times = self.speeds.instants(step)
+        self.in_time()
+
+    def in_time(self) -> None:
+        """Go on, unless the time is over."""
+        if perf_counter() > self.deadline:
+            raise NotDecided
+
+    def _grid(self, cells: int, zones: int) -> tuple[CellGrid, float]:
+        """The finest grid that has not too many cells, and its step, m."""
+        longest = float(self.speeds.driven(np.array([self.speeds.duration]))[0]) + self.radius + ROUNDING
+        half = max(0.5 * longest, 0.5 * self.distance)
+        across = sqrt(max(half**2 - 0.25 * self.distance**2, 0.0))
+        low = np.array([0.5 * self.distance - half, -across])
+        high = np.array([0.5 * self.distance + half, across])
+        if len(self.box.offsets):
+            # corners of the workspace: where two neighbouring sides meet
+            corners = [
+                np.linalg.solve(self.box.normals[[i, j]], self.box.offsets[[i, j]] + ROUNDING)
+                for i, j in ((0, 2), (0, 3), (1, 2), (1, 3))
+            ]
+            low, high = np.maximum(low, np.min(corners, axis=0)), np.minimum(high, np.max(corners, axis=0))
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+        work = QUICK_WORK if cells == FEW_CELLS else MOST_WORK
+        for resolution in RESOLUTIONS:
+            step = self.speeds.top * resolution.time
+            cell = np.array([step / resolution.columns, step / resolution.rows])
+            count = float(np.prod((high - low) / cell + 4.0))
+            if count <= cells:
+                break
+        instants = self.speeds.duration / LONGEST_STEP + longest / step
+        if instants * (count + ZONE_WORK * zones) > work:
+            raise NotDecided
+        return CellGrid(low, high, cell, resolution.columns + 2), ALIGNED * step
+
+    @cached_property
+    def allowed(self) -> list[int]:
+        """Cells that are not wholly in a zone, outside the workspace or too far from the start, at each instant."""
+        batch, driven = self.zones, self.speeds.driven(self.times)
+        (standing,) = self._free(batch.subset(batch.standing), self.times[:1])
+        standing &= self.grid.inside(self.box)
+        found = []
+        for distance, free in zip(driven, self._free(batch.subset(batch.moving), self.times), strict=True):
+            self.in_time()
+            free &= standing
+            free &= self.grid.disc((0.0, 0.0), float(distance) + ROUNDING)
+            found.append(self.grid.packed(free))
+        return found
+
+    def _free(self, batch: ZoneBatch, times: Array) -> Iterator[Mask]:
+        """Cells that are not wholly in some part of a zone, at each time."""
+        grid = self.grid
+        low, high = grid.origin, grid.origin + grid.cell * [grid.columns, grid.rows]
+        spans = [np.zeros((4, 0), dtype=np.intp)]
+        for instants, polygons in polygons_inside(batch, times, low, high):
+            self.in_time()
+            place, row, begin, end = grid.covered(polygons)
+            spans.append(np.stack([instants[place], row, begin, end]))
+        every = np.concatenate(spans, axis=1)
+        instant, row, begin, end = every[:, np.argsort(every[0], kind="stable")]
+        bounds = np.searchsorted(instant, np.arange(len(times) + 1))
+        for first, last in pairwise(bounds.tolist()):
+            mine = slice(first, last)
+            depth = np.zeros((grid.rows, grid.stride), dtype=np.int16)
+            np.add.at(depth, (row[mine], begin[mine]), 1)
+            np.add.at(depth, (row[mine], end[mine]), -1)
+            free: Mask = np.cumsum(depth, axis=1, dtype=np.int16) == 0
+            yield free
+
+    @cached_property
+    def goal_is_free(self) -> list[bool]:
+        """Whether some point of the goal may be outside the zones at some time between an instant and the next."""
+        free = []
+        for first, last in pairwise(self.times.tolist()):
+            self.in_time()
+            half = 0.5 * (last - first)
+            goal = np.array([[self.distance, 0.0]])
+            depth = -self.zones.distances(np.array([first + half]), goal)[0]
+            moves = ZoneBounds(self.zones).approach(first, last, np.array([half]), np.zeros(1))[0]
+            free.append(not bool(np.any(depth > moves + self.radius)))
+        return free
+
+    def possible(self, duration: float) -> bool:
+        """Whether a trip that takes no longer than a duration, s, cannot be excluded."""
+        scenario, grid, times = self.scenario, self.grid, self.times
+        earliest = scenario.goal.earliest_arrival
+        waits_until = -np.inf if earliest is None else earliest - ARRIVAL_TOLERANCE - scenario.start.time
+        speeds = Speeds(scenario, duration)
+        goal = (self.distance, 0.0)
+        instants = np.append(times[times < duration], duration)
+        driven = speeds.driven(instants)
+        steps, remaining = np.diff(driven), driven[-1] - driven
+        reached = grid.start
+        for k, step in enumerate(steps):
+            self.in_time()
+            if k > 0:
+                reached = grid.reached_from(reached, float(steps[k - 1])) & self.allowed[k]
+                reached &= grid.packed(grid.disc(goal, float(remaining[k]) + self.radius))
+            if not reached:
+                return False
+            near_enough = driven[k + 1] + self.radius + ROUNDING >= self.distance
+            if near_enough and instants[k + 1] >= waits_until and self.goal_is_free[k]:
+                if reached & grid.packed(grid.disc(goal, float(step) + self.radius)):
+                    return True
+        return False

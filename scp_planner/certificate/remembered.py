@@ -1,0 +1,112 @@
+"""Trips that were found to keep all limits: as they are driven on, only the zones are new."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.clearance import Disc
+from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.verdict import Ends, LimitUse
+from scp_planner.scenario.models import Scenario
+from scp_planner.trips.space import TripSpace
+from scp_planner.trips.trip import Trip
+
+MOST_MOTIONS = 8  # that are remembered
+
+
+@dataclass(frozen=True)
+class PartOfMotion:
+    """Pieces of a remembered motion, and the discs of the vehicle on them."""
+
+    pieces: Pieces
+    discs: tuple[Disc, ...]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that keeps all limits, on pieces of time.
+
+    Attributes
+    ----------
+    space : TripSpace
+    scenario : Scenario
+        Whose limits they are.
+    ends : Ends
+    first, last : float
+        From when to when limits were checked, in normalised time.
+    pieces : Pieces
+        In order.
+    discs : tuple of Disc
+        The discs of the vehicle on them.
+    limits : dict of str to LimitUse
+    """
+
+    space: TripSpace
+    scenario: Scenario
+    ends: Ends
+    first: float
+    last: float
+    pieces: Pieces
+    discs: tuple[Disc, ...]
+    limits: dict[str, LimitUse]
+
+    def serves(self, checked: CheckedTrip, ends: Ends) -> bool:
+        """Whether a check of the same control points would find the same limits kept."""
+        mine, other = self.scenario, checked.scenario
+        return (
+            self.space is checked.trajectory.space
+            and mine.vehicle is other.vehicle
+            and mine.goal is other.goal
+            and mine.bounds is other.bounds
+            and mine.speed_limits is other.speed_limits
+            and all(limit.line is not None for limit in mine.speed_limits)
+            and ends in self.ends
+            and self.first <= checked.first
+            and checked.last <= self.last
+        )
+
+    def part(self, checked: CheckedTrip) -> PartOfMotion | None:
+        """Return the pieces that cover what is checked; None if there are none, or a zone's knot lies in one.
+
+        The first piece may begin before what is to be checked: then it is kept clear of all the more, or if it is not,
+        nothing follows from that.
+        """
+        begins, finishes = self.pieces.middle - self.pieces.half, self.pieces.middle + self.pieces.half
+        part = slice(int(np.searchsorted(finishes, checked.first, "right")), int(np.searchsorted(begins, checked.last)))
+        if part.start >= part.stop:
+            return None
+        knots = checked.zone_knots()
+        if np.any((knots > begins[part.start]) & (knots < finishes[part.stop - 1])):
+            return None
+        return PartOfMotion(self.pieces.part(part), tuple(disc.part(part) for disc in self.discs))
+
+
+class Motions:
+    """Trips that were found to keep all limits, of which only the clearance is checked again as they are driven on.
+
+    A trip is told by the bits of all that it depends on.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[Any, ...], Motion] = {}
+
+    @staticmethod
+    def _name(trip: Trip) -> tuple[Any, ...]:
+        trajectory = trip.trajectory
+        return trip.frame, trajectory.travel_time, trajectory.theta.tobytes(), trajectory.beta.tobytes()
+
+    def of(self, trip: Trip) -> Motion | None:
+        """What is known of a trip."""
+        return self._known.get(self._name(trip))
+
+    def add(self, trip: Trip, motion: Motion) -> None:
+        """Remember a trip; the one that was added first is forgotten for it."""
+        name = self._name(trip)
+        self._known.pop(name, None)
+        while len(self._known) >= MOST_MOTIONS:
+            del self._known[next(iter(self._known))]
+        self._known[name] = motion

@@ -1,0 +1,224 @@
+"""The pieces of a sampled motion: their extremes in closed form, and where the vehicle's discs are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from math import atan2
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.threat_zones.bounds import MovingPoint
+from scp_planner.trips.sampled_motion import STANDING, SampledMotion
+
+FEWEST_PARTS = 192  # of a motion at the first level
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Intervals of time in pieces of a motion.
+
+    Attributes
+    ----------
+    piece : (n,) array of int
+    middle, half : (n,) arrays
+        s.
+    """
+
+    piece: Index
+    middle: Array
+    half: Array
+
+    def halves(self, keep: Mask) -> Parts:
+        """Return both halves of the parts that are kept: first all first ones."""
+        piece, middle, half = self.piece[keep], self.middle[keep], 0.5 * self.half[keep]
+        return Parts(np.tile(piece, 2), np.concatenate([middle - half, middle + half]), np.tile(half, 2))
+
+    def chunks(self, size: int) -> Iterator[Parts]:
+        """Give the parts, so many at a time."""
+        for first in range(0, len(self.piece), size):
+            some = slice(first, first + size)
+            yield Parts(self.piece[some], self.middle[some], self.half[some])
+
+
+def first_parts(motion: SampledMotion, knots: Array) -> Parts:
+    """Cut a motion at the ends of its pieces and at other times, (k,) s, and into no fewer parts than a few.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+    knots : (k,) array
+        s.
+
+    Returns
+    -------
+    Parts
+    """
+    first, last = motion.begin[0], motion.end[-1]
+    even = np.linspace(first, last, FEWEST_PARTS + 1)
+    edges = np.unique(np.concatenate([motion.begin, [last], even, knots[(knots > first) & (knots < last)]]))
+    before, after = edges[:-1], edges[1:]
+    piece = np.searchsorted(motion.begin, before, "right") - 1
+    return Parts(piece, 0.5 * (before + after), 0.5 * (after - before))
+
+
+@dataclass(frozen=True)
+class Courses:
+    """How a motion's pieces are driven.
+
+    Attributes
+    ----------
+    motion : SampledMotion
+    first, last : (m, 2) arrays
+        Velocities at the ends of the pieces, m/s.
+    turn : (m,) array
+        Velocity x acceleration, m^2/s^3.
+    slowest : (m,) array
+        The least speed of each piece, m/s.
+    when_slowest : (m,) array
+        s.
+    still : float
+        Slower than this, a velocity has no direction, m/s.
+    """
+
+    motion: SampledMotion
+    first: Array
+    last: Array
+    turn: Array
+    slowest: Array
+    when_slowest: Array
+    still: float
+
+    @classmethod
+    def of(cls, motion: SampledMotion) -> Courses:
+        """Return what can be said of a motion's pieces."""
+        every = np.arange(len(motion.begin))
+        first, last = motion.velocity_at(every, motion.begin), motion.velocity_at(every, motion.end)
+        size = np.hypot(*motion.acceleration.T)
+        square = np.where(size > 0.0, size, 1.0) ** 2
+        away = -(motion.velocity * motion.acceleration).sum(axis=1) / square
+        when = np.clip(motion.anchor + away, motion.begin, motion.end)
+        when = np.where(size > 0.0, when, motion.begin)
+        inside = (when > motion.begin) & (when < motion.end)
+        turn = motion.turn
+        slowest = np.where(
+            inside, np.abs(turn) / np.where(size > 0.0, size, 1.0), np.hypot(*motion.velocity_at(every, when).T)
+        )
+        top = max(np.hypot(*first.T).max(), np.hypot(*last.T).max())
+        return cls(motion, first, last, turn, slowest, when, STANDING * float(top))
+
+    def largest(self, numerator: Array, power: int) -> Array:
+        """Return a numerator by a power of the least speed of each piece, (m,); 0 where the motion is straight."""
+        turning = self.turn != 0.0
+        found = np.zeros(len(numerator))
+        with np.errstate(divide="ignore", over="ignore"):
+            found[turning] = numerator[turning] / self.slowest[turning] ** power
+        return found
+
+    @cached_property
+    def entering(self) -> Array:
+        """Directions in which the pieces begin, (m, 2) unit vectors; nan where nothing moves."""
+        return self._direction(self.first, self.motion.acceleration)
+
+    @cached_property
+    def leaving(self) -> Array:
+        """Directions in which the pieces end, (m, 2) unit vectors; nan where nothing moves."""
+        return self._direction(self.last, -self.motion.acceleration)
+
+    def _direction(self, velocity: Array, otherwise: Array) -> Array:
+        """Direction of a velocity, or where there is none of what it grows from."""
+        speed = np.hypot(*velocity.T)
+        duration = self.motion.end - self.motion.begin
+        moves = np.hypot(*otherwise.T) * duration > self.still
+        vector = np.where((speed > self.still)[:, None], velocity, np.where(moves[:, None], otherwise, np.nan))
+        found: Array = vector / np.hypot(*vector.T)[:, None]
+        return found
+
+    def heading(self, piece: int) -> float:
+        """Heading at the beginning of the first piece, or the end of the last one, of those that move, rad."""
+        found = self.entering if piece == 0 else self.leaving
+        moving = np.flatnonzero(np.isfinite(found[:, 0]))
+        if not len(moving):
+            return 0.0
+        x, y = found[moving[piece]]
+        return atan2(y, x)
+
+    @cached_property
+    def acceleration_at_begin(self) -> Array:
+        """Along the path at the beginning of each piece, (m,) m/s^2."""
+        return self._along(self.entering)
+
+    @cached_property
+    def acceleration_at_end(self) -> Array:
+        """Along the path at the end of each piece, (m,) m/s^2."""
+        return self._along(self.leaving)
+
+    def _along(self, direction: Array) -> Array:
+        found: Array = (self.motion.acceleration * np.nan_to_num(direction, nan=0.0)).sum(axis=1)
+        return found
+
+    @cached_property
+    def backwards(self) -> Mask:
+        """Which pieces come to a stop in line and go back."""
+        against = (self.entering * self.leaving).sum(axis=1) < 0.0
+        moving = np.minimum(np.hypot(*self.first.T), np.hypot(*self.last.T)) > self.still
+        found: Mask = (self.turn == 0.0) & against & moving
+        return found
+
+    @cached_property
+    def standing_turn(self) -> Array:
+        """By how much each piece begins in another direction than the one before ended, (m,) rad, 0 of the first.
+
+        The velocity is continuous, and so only where the vehicle stands.
+        """
+        found = np.zeros(len(self.turn))
+        moving = np.flatnonzero(np.isfinite(self.entering[:, 0]))
+        before, after = self.leaving[moving[:-1]], self.entering[moving[1:]]
+        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        angle = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+        standing = np.hypot(*self.first[moving[1:]].T) <= self.still
+        found[moving[1:]] = np.where(standing, angle, 0.0)
+        return found
+
+    @cached_property
+    def _courses(self) -> Array:
+        """A direction for each piece, that of the one before where nothing moves, (m, 2)."""
+        moving = np.isfinite(self.entering[:, 0])
+        if not moving.any():
+            return np.tile([1.0, 0.0], (len(moving), 1))
+        last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
+        before = np.where((last >= 0)[:, None], self.leaving[last], self.entering[np.argmax(moving)])
+        found: Array = np.where(moving[:, None], self.entering, before)
+        return found
+
+    def disc(self, parts: Parts, offset: float) -> MovingPoint:
+        """The centre of a disc on the vehicle's axis, so far ahead of the reference point, m, on parts.
+
+        It is at q = r + o T, with q' = v T + o w N and w = v x A / |v|^2 the rate of the heading; w' = -2 w A.T / |v|,
+        so that |q''| <= |A| + |o| |(w', w^2)|.
+        """
+        motion, piece = self.motion, parts.piece
+        velocity = motion.velocity_at(piece, parts.middle)
+        position = motion.position_at(piece, parts.middle)
+        bend = np.hypot(*motion.acceleration.T)[piece]
+        if offset == 0.0:
+            return MovingPoint(parts.middle, parts.half, position, velocity, bend)
+        turn, speed = self.turn[piece], np.hypot(*velocity.T)
+        turning = turn != 0.0
+        course = self._courses[piece].copy()
+        course[turning] = velocity[turning] / speed[turning, None]
+        across = np.stack([-course[:, 1], course[:, 0]], axis=1)
+        least = np.maximum(speed - bend * parts.half, self.slowest[piece])
+        with np.errstate(divide="ignore", over="ignore"):
+            rate = np.where(turning, turn / np.where(turning, speed, 1.0) ** 2, 0.0)
+            most = np.where(turning, np.abs(turn) / np.where(turning, least, 1.0) ** 2, 0.0)
+            change = 2.0 * most * bend / np.where(turning, least, 1.0)
+        return MovingPoint(
+            parts.middle,
+            parts.half,
+            position + offset * course,
+            velocity + (offset * rate)[:, None] * across,
+            bend + abs(offset) * np.hypot(change, most**2),
+        )

@@ -1,0 +1,65 @@
+"""The motion of an obstacle from what a tracker says of it.
+
+The state and its covariance are taken as they are; the obstacle's model says what comes of them. A polynomial of an
+order goes on with what the state has: the error of the position t later is that of x + t v + t^2 a / 2, its covariance
+T P T' with T = [1, t, t^2 / 2]. A model with process noise starts from the state as if its own filter had come to it;
+components that it has and the tracker has not are what the model says of them beforehand (`Dynamics.from_kinematics`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.estimation.dynamics import dynamics_of
+from scp_planner.estimation.error_laws import NormalErrors
+from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.estimation.motion_filter import ProcessEstimate
+from scp_planner.scenario.estimates import Estimate
+from scp_planner.scenario.models import Model
+
+
+def tracked_motion(given: Estimate, model: Model) -> MotionEstimate:
+    """Go on from what a tracker says.
+
+    Parameters
+    ----------
+    given : Estimate
+    model : Model
+        Of a polynomial no more is kept up than the state has: without an acceleration the velocity.
+
+    Returns
+    -------
+    MotionEstimate
+    """
+    state = [given.position, given.velocity, *([] if given.acceleration is None else [given.acceleration])]
+    mean, covariance = np.array(state), np.array(given.covariance)
+    covariance = 0.5 * (covariance + covariance.T)
+    noise = covariance[:2, :2]
+    if model.process is None:
+        terms = min(model.order + 1, len(mean))
+        powers = np.array([1.0, 1.0, 0.5])[:terms]
+        blocks = covariance.reshape(len(mean), 2, len(mean), 2)[:terms, :, :terms]
+        return PolynomialEstimate(
+            reference_time=given.time,
+            order=terms - 1,
+            observations=1,
+            noise_covariance=noise,
+            errors=NormalErrors(),
+            regressors=None,
+            center_time=given.time,
+            time_scale=1.0,
+            coefficients=powers[:, None] * mean[:terms],
+            coefficient_covariance=powers[:, None, None, None] * powers[:, None] * blocks,
+        ).with_manoeuvre(model.manoeuvre)
+    dynamics = dynamics_of(model.process)
+    start = dynamics.from_kinematics(len(mean), model.process.velocity_deviation**2)
+    both = np.kron(start.matrix, np.eye(2))
+    return ProcessEstimate(
+        reference_time=given.time,
+        observations=1,
+        noise_covariance=noise,
+        dynamics=dynamics,
+        mean=start.matrix @ mean,
+        state_covariance=both @ covariance @ both.T + np.kron(np.diag(start.variance), np.eye(2)),
+        tails=model.process.tails,
+    )

@@ -1,0 +1,71 @@
+"""Motion models that come with the package: of people, cyclists, cars, ships and drones.
+
+Each is a file of its own in the folder `motion_models`, as `scp-planner fit-motion` writes them; what it was fitted to,
+or where its figures are from, stands in it. `docs/howto/motion-models.md` has what they cover, measured.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.resources import as_file, files
+from typing import Any
+
+from pydantic_core import PydanticCustomError
+
+from scp_planner.errors import nearest
+from scp_planner.scenario.process_model import ProcessModel
+
+NAMES = ("pedestrian", "cyclist", "car", "ship", "drone")
+
+_FOLDER, _SUFFIX = "motion_models", ".yaml"
+
+
+@lru_cache(maxsize=len(NAMES))
+def ready_made(name: str) -> ProcessModel:
+    """Give a motion model that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+
+    Returns
+    -------
+    ProcessModel
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    if name not in NAMES:
+        raise ValueError(unknown(name))
+    with as_file(files("scp_planner.scenario") / _FOLDER / f"{name}{_SUFFIX}") as path:
+        return ProcessModel.load(path)
+
+
+def unknown(name: str) -> str:
+    """Say that there is no such model, and which there are."""
+    near = nearest(name, NAMES)
+    hint = f"; did you mean {near!r}?" if near else ""
+    return f"must be one of {', '.join(NAMES)}{hint}"
+
+
+def process_by_name(data: Any) -> Any:
+    """Give the process of a ready-made model by its name; others as they are."""
+    if not isinstance(data, str):
+        return data
+    if data not in NAMES:
+        raise PydanticCustomError("ready_made", "{message}", {"message": f"{unknown(data)}; or a mapping"})
+    return ready_made(data)
+
+
+def model_by_name(data: Any) -> Any:
+    """Give a ready-made model by its name; others as they are."""
+    return {"process": process_by_name(data)} if isinstance(data, str) else data
+
+
+def or_its_name(schema: dict[str, Any]) -> None:
+    """Let a JSON schema allow the name of a ready-made model."""
+    whole = schema.pop("$ref", None)
+    schema["anyOf"] = [*([{"$ref": whole}] if whole else []), {"enum": list(NAMES)}]

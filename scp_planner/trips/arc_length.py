@@ -1,0 +1,180 @@
+"""The arc length of a path to within a proven distance: what trips are driven by.
+
+The speed over the station |r'| is the root of a polynomial on each piece of path and guide. On a cell it is replaced
+by the polynomial s that interpolates it at Gauss nodes, whose integral is known in closed form. How far off that is
+follows from what both are: |r'|^2 - s^2 is a polynomial, whose values at as many Chebyshev points as it has
+coefficients determine it, and the sum of its absolute Chebyshev coefficients bounds it on the whole cell. So with
+0 < m <= s there
+
+    | |r'| - s | = | |r'|^2 - s^2 | / (|r'| + s) <= sum |c_k| / m.
+
+Cells on which this is more than a tiny share of m are halved. Nothing here is a matter of samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+
+CLOSE = 5e-12  # of the speed over the station, by which its interpolation may be off
+MOST_HALVINGS = 24  # of a cell
+MOST_CELLS = 20_000  # after which no cell is halved any more
+ORDER = 8  # Gauss nodes a cell
+POINTS = 15  # Chebyshev's: so many coefficients s^2 has, and |r'|^2 with offsets of degree 5 over a curved guide
+MOST_STEPS = 80  # of Newton or of bisection
+ROUNDING = 1e-15  # of the arc length
+
+Speeds = Callable[[Array], Array]
+"""Speeds over the station |r'| at normalised stations, (n,)."""
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """What a cell is fitted and judged by, its stations taken from -1 to 1.
+
+    Attributes
+    ----------
+    nodes : (ORDER,) array
+        Gauss'.
+    to_powers : (ORDER, ORDER) array
+        From values at the nodes, in rows, to coefficients of the polynomial through them.
+    points : (POINTS,) array
+        Chebyshev's.
+    to_values : (ORDER, POINTS) array
+        From coefficients to values there.
+    to_coefficients : (POINTS, POINTS) array
+        From values there to coefficients of Chebyshev polynomials.
+    """
+
+    nodes: Array
+    to_powers: Array
+    points: Array
+    to_values: Array
+    to_coefficients: Array
+
+
+@cache
+def _rule() -> _Rule:
+    nodes: Array = np.asarray(np.polynomial.legendre.leggauss(ORDER)[0], dtype=np.float64)
+    angles = np.pi * (np.arange(POINTS) + 0.5) / POINTS
+    to_coefficients = (2.0 / POINTS) * np.cos(np.arange(POINTS)[:, None] * angles)
+    to_coefficients[0] *= 0.5
+    to_powers: Array = np.linalg.inv(np.vander(nodes, ORDER, increasing=True)).astype(np.float64)
+    to_values = np.vander(np.cos(angles), ORDER, increasing=True)
+    return _Rule(nodes, to_powers.T, np.cos(angles), to_values.T, to_coefficients.T)
+
+
+class ArcLength:
+    """Arc lengths of a path up to stations, and back.
+
+    Parameters
+    ----------
+    speeds : callable
+        Speeds over the station |r'|, at normalised stations.
+    length : float
+        Of the guide, m.
+    edges : (n + 1,) array
+        Normalised stations from 0 to 1, between which |r'|^2 is one polynomial, of degree 14 at most.
+
+    Attributes
+    ----------
+    until : (m + 1,) array
+        Arc lengths up to the ends of cells, m: of those given, and of what halves them where that is needed.
+    error : float
+        No arc length, at any station, is farther than this from the true one, m; inf where that could not be shown.
+    """
+
+    def __init__(self, speeds: Speeds, length: float, edges: Array) -> None:
+        self._speeds = speeds
+        left, width = edges[:-1], np.diff(edges)
+        cells = self._fitted(left, width)
+        off = self._strays(left, width, cells)
+        for _ in range(MOST_HALVINGS):
+            bad = ~(off <= CLOSE)
+            if not bad.any() or len(left) > MOST_CELLS:
+                break
+            half = 0.5 * width[bad]
+            begins, halves = np.concatenate([left[bad], left[bad] + half]), np.concatenate([half, half])
+            fitted = self._fitted(begins, halves)
+            left, width = np.concatenate([left[~bad], begins]), np.concatenate([width[~bad], halves])
+            cells = np.concatenate([cells[~bad], fitted])
+            off = np.concatenate([off[~bad], self._strays(begins, halves, fitted)])
+        order = np.argsort(left, kind="stable")
+        self._left, self._width = left[order], width[order]
+        self._rates = cells[order] * (0.5 * length * self._width)[:, None]
+        self._driven = np.zeros((len(order), ORDER + 1))
+        self._driven[:, 1:] = self._rates / np.arange(1, ORDER + 1)
+        self._driven[:, 0] = -_valued(self._driven.T, np.full(len(order), -1.0))
+        self.until = np.zeros(len(order) + 1)
+        lengths = self._driven.sum(axis=1)
+        np.cumsum(lengths, out=self.until[1:])
+        self.error = float(off[order] @ lengths) if bool(np.all(off <= CLOSE)) else float("inf")
+
+    @property
+    def total(self) -> float:
+        """Arc length of the whole path, m."""
+        return float(self.until[-1])
+
+    def _at(self, left: Array, width: Array, points: Array) -> Array:
+        """Speeds over the station at points of cells, given from -1 to 1, (cells, points)."""
+        stations = left[:, None] + (0.5 * width)[:, None] * (1.0 + points)
+        return self._speeds(stations.ravel()).reshape(stations.shape)
+
+    def _fitted(self, left: Array, width: Array) -> Array:
+        """Coefficients of what interpolates the speed on cells, (cells, ORDER)."""
+        rule = _rule()
+        fitted: Array = self._at(left, width, rule.nodes) @ rule.to_powers
+        return fitted
+
+    def _strays(self, left: Array, width: Array, cells: Array) -> Array:
+        """By which share of itself the interpolated speed is off at most, anywhere on each cell; inf if unknown."""
+        rule = _rule()
+        speeds, fitted = self._at(left, width, rule.points), cells @ rule.to_values
+        difference = np.abs((speeds * speeds - fitted * fitted) @ rule.to_coefficients).sum(axis=1)
+        shape = fitted @ rule.to_coefficients
+        least = shape[:, 0] - np.abs(shape[:, 1:]).sum(axis=1)
+        known = least > 0.0
+        return np.where(known, difference / np.where(known, least * least, 1.0), np.inf)
+
+    def at(self, parameters: Array) -> Array:
+        """Arc length up to normalised stations, (n,), in m."""
+        parameters = np.clip(np.asarray(parameters, dtype=float), 0.0, 1.0)
+        cell = self._left[1:].searchsorted(parameters, "right")
+        x = 2.0 * (parameters - self._left[cell]) / self._width[cell] - 1.0
+        return self.until[cell] + _valued(self._driven.T[:, cell], x)
+
+    def parameter_at(self, distance: Array) -> Array:
+        """Normalised stations up to which the arc length is ``distance``, (n,) m, to rounding; clamped at the ends."""
+        distance = np.minimum(np.maximum(distance, 0.0), self.total)
+        cell = self.until[1:-1].searchsorted(distance, "right")
+        x = self._found(cell, distance - self.until[cell])
+        return self._left[cell] + (0.5 * self._width[cell]) * (1.0 + x)
+
+    def _found(self, cell: Index, target: Array) -> Array:
+        """Places in cells, from -1 to 1, where arc lengths reach targets, (n,): by Newton's steps, or bisection."""
+        driven, rates = self._driven.T[:, cell], self._rates.T[:, cell]
+        low, high = np.full_like(target, -1.0), np.ones_like(target)
+        x = 2.0 * target / np.maximum(driven.sum(axis=0), np.finfo(float).tiny) - 1.0
+        for _ in range(MOST_STEPS):
+            excess = _valued(driven, x) - target
+            if bool(np.all(np.abs(excess) <= ROUNDING * self.total)):
+                break
+            low, high = np.where(excess <= 0.0, x, low), np.where(excess >= 0.0, x, high)
+            rate = _valued(rates, x)
+            newton = x - excess / np.where(rate > 0.0, rate, np.inf)
+            x = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        return x
+
+
+def _valued(coefficients: Array, x: Array) -> Array:
+    """Values of n polynomials, (order, n) ascending coefficients, each at its own x."""
+    value: Array = coefficients[-1].copy()
+    for power in range(len(coefficients) - 2, -1, -1):
+        value *= x
+        value += coefficients[power]
+    return value

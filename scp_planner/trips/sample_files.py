@@ -1,0 +1,218 @@
+"""Files of samples of a trip: tables with a row a time, whoever wrote them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.errors import MISSING, Fault, SamplesError
+from scp_planner.trips.sample_checks import MOST_FAULTS, check_columns
+
+SAMPLE_SUFFIXES = (".csv", ".npz", ".json")
+
+NAMES = {
+    "time": ("time", "t", "time_s", "t_s"),
+    "x": ("x", "x_m"),
+    "y": ("y", "y_m"),
+    "heading": ("heading", "heading_rad", "yaw", "yaw_rad", "theta"),
+    "speed": ("speed", "speed_m_per_s", "v"),
+}
+"""What columns may be called, in letters of either case."""
+
+_NEEDED = ("time", "x", "y")
+
+
+def read_columns(path: str | PathLike[str]) -> dict[str, Array]:
+    """Read the columns of a file of samples.
+
+    Parameters
+    ----------
+    path : path
+        .csv, .npz or .json.
+
+    Returns
+    -------
+    dict of str to array
+        ``time`` (n,) s, ``position`` (n, 2) m; ``heading`` (n,) rad and ``speed`` (n,) m/s if they are there.
+
+    Raises
+    ------
+    SamplesError
+        Naming the file, and every row and column that is not allowed.
+    OSError
+        If the file cannot be read.
+    """
+    source, suffix = str(path), Path(path).suffix.lower()
+    match suffix:
+        case ".csv":
+            return _of_csv(source, Path(path))
+        case ".npz":
+            return _joined(source, _of_npz(source), lambda column, row: f"{column}[{row}]")
+        case ".json":
+            return of_json(source, _parsed(source, Path(path)))
+        case _:
+            text = f"must end in one of {', '.join(SAMPLE_SUFFIXES)}"
+            raise SamplesError(source, [Fault("file name", Path(path).name, text)])
+
+
+def of_json(source: str, data: Any) -> dict[str, Array]:
+    """Return the columns in a parsed JSON file.
+
+    Parameters
+    ----------
+    source : str
+        The file, for messages.
+    data
+        A dictionary of columns, a list of dictionaries, one a row, or either under the key ``samples``. In place of
+        ``x`` and ``y`` there may be ``position``, pairs of them.
+
+    Returns
+    -------
+    dict of str to array
+        See `read_columns`.
+
+    Raises
+    ------
+    SamplesError
+        Naming every row and column that is not allowed.
+    """
+    if isinstance(data, dict) and "samples" in data:
+        data = data["samples"]
+    if isinstance(data, list):
+        data = _columns_of_rows(source, data)
+    if not isinstance(data, dict):
+        raise SamplesError(source, [Fault("", data, "must be columns by their names, or a list of rows")])
+    columns = {str(name).lower(): column for name, column in data.items()}
+    position = columns.pop("position", None)
+    if position is not None:
+        columns["x"], columns["y"] = _axes(source, position)
+    wrong = [
+        Fault(name, columns[name], "must be a list of numbers")
+        for names in NAMES.values()
+        for name in names
+        if name in columns and not isinstance(columns[name], list)
+    ]
+    if wrong:
+        raise SamplesError(source, wrong)
+    return _joined(source, columns, lambda column, row: f"{column}[{row}]")
+
+
+def _parsed(source: str, path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise SamplesError(source, [Fault("", MISSING, f"not a JSON file: {error}")]) from None
+
+
+def _columns_of_rows(source: str, rows: list[Any]) -> dict[str, list[Any]]:
+    first = rows[0] if rows else None
+    if not isinstance(first, dict):
+        raise SamplesError(source, [Fault("[0]", first if rows else MISSING, "must be a row: values by their names")])
+    faults = [
+        Fault(f"[{number}]", row, f"must have the keys of the first row: {', '.join(first)}")
+        for number, row in enumerate(rows)
+        if not isinstance(row, dict) or not first.keys() <= row.keys()
+    ]
+    if faults:
+        raise SamplesError(source, faults[:MOST_FAULTS])
+    return {name: [row[name] for row in rows] for name in first}
+
+
+def _axes(source: str, position: Any) -> Iterable[list[Any]]:
+    faults = (
+        [
+            Fault(f"position[{row}]", point, "must be a pair [x, y]")
+            for row, point in enumerate(position)
+            if not isinstance(point, list) or len(point) != 2
+        ]
+        if isinstance(position, list)
+        else [Fault("position", position, "must be a list of pairs [x, y]")]
+    )
+    if faults:
+        raise SamplesError(source, faults[:MOST_FAULTS])
+    return [point[0] for point in position], [point[1] for point in position]
+
+
+def _of_npz(source: str) -> dict[str, Sequence[Any]]:
+    try:
+        with np.load(source, allow_pickle=False) as arrays:
+            return {str(name).lower(): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
+    except (ValueError, EOFError, AttributeError) as error:
+        raise SamplesError(source, [Fault("", MISSING, f"not a file of arrays: {error}")]) from None
+
+
+def _of_csv(source: str, path: Path) -> dict[str, Array]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SamplesError(source, [Fault("", f"byte {error.start}", "must be UTF-8 text")]) from None
+    reader = csv.reader(text.splitlines())
+    try:
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise SamplesError(source, [Fault(f"line {reader.line_num}", MISSING, f"must be CSV: {error}")]) from None
+    if not rows:
+        raise SamplesError(source, [Fault("", text, "must hold samples; it is empty")])
+    (_, header), *rest = rows
+    names = [name.strip().lower() for name in header]
+    faults = [
+        Fault(f"line {line}", ",".join(row), f"must have {len(names)} values, as the first line has, not {len(row)}")
+        for line, row in rest
+        if len(row) != len(names)
+    ]
+    faults += [
+        Fault(f"column {name}", MISSING, "must be there only once") for name in set(names) if names.count(name) > 1
+    ]
+    if faults:
+        raise SamplesError(source, faults[:MOST_FAULTS])
+    columns: dict[str, Sequence[Any]] = {name: [row[k] for _, row in rest] for k, name in enumerate(names)}
+    return _joined(source, columns, lambda column, row: f"line {rest[row][0]}, {column}")
+
+
+def _joined(source: str, columns: dict[str, Sequence[Any]], place_of: Callable[[str, int], str]) -> dict[str, Array]:
+    """Columns by what they are, checked; text is read as numbers."""
+    there = {what: [name for name in names if name in columns] for what, names in NAMES.items()}
+    faults = [
+        Fault(" and ".join(found), MISSING, f"say the same; one of them must go ({what})")
+        for what, found in there.items()
+        if len(found) > 1
+    ]
+    faults += [
+        Fault(what, MISSING, f"no such column; called {' or '.join(NAMES[what])}; there are {', '.join(columns)}")
+        for what in _NEEDED
+        if not there[what]
+    ]
+    if faults:
+        raise SamplesError(source, faults)
+    # The name in the file, for messages, of what a column is.
+    called = {what: found[0] for what, found in there.items() if found}
+    numbers = {what: _numbers(columns[name], name, place_of, faults) for what, name in called.items()}
+    lengths = {len(column) for column in numbers.values()}
+    if len(lengths) > 1:
+        counts = ", ".join(f"{called[what]} {len(column)}" for what, column in numbers.items())
+        faults.append(Fault("", MISSING, f"columns must be equally long; there are {counts}"))
+    if faults:
+        raise SamplesError(source, faults[:MOST_FAULTS])
+    position = np.stack([numbers.pop("x"), numbers.pop("y")], axis=1)
+    given = {"time": numbers.pop("time"), "position": position, **numbers}
+    check_columns(given, source, lambda what, row: place_of(called[what], row))
+    return given
+
+
+def _numbers(column: Sequence[Any], name: str, place_of: Callable[[str, int], str], faults: list[Fault]) -> Array:
+    found = np.full(len(column), np.nan)
+    for row, value in enumerate(column):
+        try:
+            if isinstance(value, bool):
+                raise TypeError
+            found[row] = float(value)
+        except (TypeError, ValueError, OverflowError):
+            faults.append(Fault(place_of(name, row), value, "must be a number"))
+    return found

@@ -1,0 +1,170 @@
+"""What a vehicle does between samples: the convention by which a sampled trip is a motion in continuous time.
+
+Between two samples it moves with one constant acceleration, a vector, in the first half of the time, and with another
+one in the second half. With D the mean velocity between the samples, v and w the velocities at them and h the time,
+
+    a1 = (4 D - 3 v - w) / h,        a2 = (3 w + v - 4 D) / h
+
+are the only ones that lead from one position and velocity to the next.
+
+- The velocity at a sample is its speed in the direction of its heading.
+- What is missing is taken from the velocity in the middle of the parabola through the sample and its two neighbours; at
+  the ends from the parabola's own end, unless the scenario says how fast, or which way, the trip begins or ends. A
+  vehicle that is at the same place at a sample and the one before or after it stands at it.
+
+A motion with constant acceleration between samples is met exactly; one with a constant jerk j is missed by at most
+j h^3 / 324 in position, j h^2 / 24 in velocity and j h / 3 in acceleration, and no limit of the acceleration is broken
+by that: its linear acceleration is replaced by two constants with the same integral and first moment, which lie in its
+range. Where the acceleration jumps by J between two samples, a constant may leave that range by J / 8.
+
+On each half the speed is convex, the acceleration along the path grows, and the velocity turns to one side: so all
+extremes are known in closed form. At rest it moves off in a straight line, with no curvature; a cubic in time would
+begin with an infinite one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.trips.samples import SampledTrajectory
+
+IN_LINE = 1e-12  # relative; velocity and acceleration that differ less in direction are in line: rounding
+STANDING = 1e-9  # of the highest speed: slower, a velocity has no direction worth comparing
+
+
+@dataclass(frozen=True)
+class EndVelocity:
+    """What is known of the velocity at an end of a trip from elsewhere: m/s and rad, None where nothing is."""
+
+    speed: float | None = None
+    heading: float | None = None
+
+
+NOTHING_KNOWN = EndVelocity()
+
+
+def velocities(
+    samples: SampledTrajectory, first: EndVelocity = NOTHING_KNOWN, last: EndVelocity = NOTHING_KNOWN
+) -> Array:
+    """Return the velocities at the samples.
+
+    Parameters
+    ----------
+    samples : SampledTrajectory
+    first, last : EndVelocity
+        Of the first and the last sample, where the samples themselves do not say.
+
+    Returns
+    -------
+    (n, 2) array
+        m/s.
+    """
+    found = _of_parabolas(samples.time, samples.position)
+    speed = np.hypot(found[:, 0], found[:, 1])
+    chords = np.diff(samples.position, axis=0)
+    # Where it stands, a given speed needs a direction all the same: that of the way ahead.
+    ahead = np.where((speed > 0.0)[:, None], found, np.concatenate([chords, chords[-1:]]))
+    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    for row, end in ((0, first), (-1, last)):
+        heading[row] = heading[row] if end.heading is None else end.heading
+        speed[row] = speed[row] if end.speed is None else end.speed
+    heading = heading if samples.heading is None else samples.heading
+    unit = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    if samples.speed is not None:
+        speed = samples.speed
+    elif samples.heading is not None:
+        inner = slice(0 if first.speed is None else 1, len(speed) - (0 if last.speed is None else 1))
+        speed[inner] = np.maximum((found * unit).sum(axis=1), 0.0)[inner]
+    result: Array = speed[:, None] * unit
+    return result
+
+
+def _of_parabolas(time: Array, position: Array) -> Array:
+    """Velocities of the parabolas through three neighbours each."""
+    step = np.diff(time)[:, None]
+    mean = np.diff(position, axis=0) / step
+    if len(mean) == 1:
+        return np.concatenate([mean, mean])
+    inner = (step[1:] * mean[:-1] + step[:-1] * mean[1:]) / (step[:-1] + step[1:])
+    found = np.concatenate([2.0 * mean[:1] - inner[:1], inner, 2.0 * mean[-1:] - inner[-1:]])
+    still = ~mean.any(axis=1)
+    found[:-1][still] = 0.0
+    found[1:][still] = 0.0
+    return found
+
+
+@dataclass(frozen=True)
+class SampledMotion:
+    """A motion in m pieces of constant acceleration, in order of time: two between any two samples.
+
+    Attributes
+    ----------
+    begin, end : (m,) arrays
+        Times, s.
+    anchor : (m,) array
+        The end of the piece that is a sample, s.
+    position, velocity : (m, 2) arrays
+        At the anchor, m and m/s.
+    acceleration : (m, 2) array
+        m/s^2.
+    """
+
+    begin: Array
+    end: Array
+    anchor: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    @classmethod
+    def between(cls, samples: SampledTrajectory, velocity: Array) -> SampledMotion:
+        """Return the motion through samples with velocities (n, 2), m/s."""
+        time, position = samples.time, samples.position
+        step = np.diff(time)[:, None]
+        mean, before, after = np.diff(position, axis=0) / step, velocity[:-1], velocity[1:]
+        # By differences of velocities: a velocity that stays the same leaves no acceleration but rounding.
+        first = (4.0 * (mean - before) - (after - before)) / step
+        second = (4.0 * (after - mean) - (after - before)) / step
+        middle = 0.5 * (time[:-1] + time[1:])
+        return cls(
+            _woven(time[:-1], middle),
+            _woven(middle, time[1:]),
+            _woven(time[:-1], time[1:]),
+            _woven(position[:-1], position[1:]),
+            _woven(before, after),
+            _woven(first, second),
+        )
+
+    def velocity_at(self, piece: Index, time: Array) -> Array:
+        """Velocities at times (n,) of pieces (n,), (n, 2) m/s."""
+        elapsed = (time - self.anchor[piece])[:, None]
+        found: Array = self.velocity[piece] + elapsed * self.acceleration[piece]
+        return found
+
+    def position_at(self, piece: Index, time: Array) -> Array:
+        """Positions at times (n,) of pieces (n,), (n, 2) m."""
+        elapsed = (time - self.anchor[piece])[:, None]
+        moved = self.velocity[piece] + 0.5 * elapsed * self.acceleration[piece]
+        found: Array = self.position[piece] + elapsed * moved
+        return found
+
+    @property
+    def turn(self) -> Array:
+        """Velocity x acceleration, (m,) m^2/s^3: constant on a piece; 0 where they are in line but for rounding."""
+        cross = _cross(self.velocity, self.acceleration)
+        size = np.hypot(*self.velocity.T) * np.hypot(*self.acceleration.T)
+        found: Array = np.where(np.abs(cross) <= IN_LINE * size, 0.0, cross)
+        return found
+
+
+def _cross(a: Array, b: Array) -> Array:
+    found: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return found
+
+
+def _woven(a: Array, b: Array) -> Array:
+    """Rows of two arrays in turns."""
+    return np.stack([a, b], axis=1).reshape(-1, *a.shape[1:])

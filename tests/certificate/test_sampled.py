@@ -1,0 +1,393 @@
+"""The certificate of samples, against dense evaluation of the same motion by scipy, and by what is wrong by little."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import CROSSERS, disc, scene
+from scipy.interpolate import PPoly
+
+import scp_planner as sp
+
+pytestmark = pytest.mark.numerics
+
+Array = np.ndarray
+UNLIMITED: dict[str, Any] = {
+    "max_speed": 1e3,
+    "max_acceleration": 1e3,
+    "max_deceleration": 1e3,
+    "max_lateral_acceleration": None,
+    "max_curvature": None,
+}
+
+
+def samples_of(plan: sp.Plan, times: Array) -> sp.SampledTrajectory:
+    return sp.SampledTrajectory(times, plan.position(times), plan.heading(times), plan.speed(times))
+
+
+def reference(samples: sp.SampledTrajectory) -> PPoly:
+    """The motion as scipy's piecewise polynomial: two parabolas between two samples, by solving for them."""
+    assert samples.heading is not None and samples.speed is not None
+    velocity = samples.speed[:, None] * np.stack([np.cos(samples.heading), np.sin(samples.heading)], axis=1)
+    breaks, pieces = [samples.time[0]], []
+    for k, step in enumerate(np.diff(samples.time)):
+        half = 0.5 * step
+        system = np.array([[half, half], [1.5 * half**2, 0.5 * half**2]])
+        moved = samples.position[k + 1] - samples.position[k] - velocity[k] * step
+        a, b = np.linalg.solve(system, np.stack([velocity[k + 1] - velocity[k], moved]))
+        middle = samples.position[k] + half * velocity[k] + 0.5 * half**2 * a
+        pieces += [(0.5 * a, velocity[k], samples.position[k]), (0.5 * b, velocity[k] + half * a, middle)]
+        breaks += [samples.time[k] + half, samples.time[k + 1]]
+    return PPoly(np.array(pieces).transpose(1, 0, 2), np.array(breaks))
+
+
+def dense_times(samples: sp.SampledTrajectory, each: int = 4000) -> Array:
+    """Just inside of the pieces, too, as accelerations jump at their ends."""
+    grid = np.concatenate([[1e-9], np.linspace(0.0, 1.0, each + 2)[1:-1], [1.0 - 1e-9]])
+    edges = np.sort(np.concatenate([samples.time, 0.5 * (samples.time[1:] + samples.time[:-1])]))
+    return (edges[:-1, None] + np.diff(edges)[:, None] * grid).ravel()
+
+
+def wavy(seed: int, count: int = 21) -> sp.SampledTrajectory:
+    """Samples, unevenly spaced, of a winding trip that never stops, with headings and speeds that are a little off."""
+    rng = np.random.default_rng(seed)
+    time = np.linspace(0.0, 9.0, count)
+    time[1:-1] += rng.uniform(-0.1, 0.1, count - 2)
+    x = 20.0 * time / 9.0 + 0.6 * np.sin(time)
+    y = rng.uniform(-2.0, 2.0) * np.sin(0.35 * time) + rng.uniform(-0.5, 0.5) * np.sin(1.3 * time)
+    rough = np.gradient(np.stack([x, y], axis=1), time, axis=0)
+    heading = np.arctan2(rough[:, 1], rough[:, 0]) + rng.normal(0.0, 0.02, count)
+    return sp.SampledTrajectory(time, np.stack([x, y], axis=1), heading, np.hypot(*rough.T))
+
+
+def wide_open(samples: sp.SampledTrajectory, *obstacles: dict[str, Any], **changes: Any) -> sp.Scenario:
+    """A scene that begins and ends as samples do and has no other limits but what changes say."""
+    assert samples.heading is not None and samples.speed is not None
+    start = {
+        "time": float(samples.time[0]),
+        "position": samples.position[0].tolist(),
+        "heading": float(samples.heading[0]),
+        "speed": float(samples.speed[0]),
+    }
+    goal = {"position": samples.position[-1].tolist()}
+    vehicle = {**UNLIMITED, **changes.pop("vehicle", {})}
+    return scene(*obstacles, **{"start": start, "goal": goal, "vehicle": vehicle, **changes})
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_limits_are_used_as_far_as_dense_samples_say(seed: int) -> None:
+    samples = wavy(seed)
+    motion, times = reference(samples), dense_times(samples)
+    velocity, acceleration = motion(times, 1), motion(times, 2)
+    speed = np.hypot(*velocity.T)
+    along = (velocity * acceleration).sum(axis=1) / speed
+    across = (velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]) / speed
+    wanted = {
+        "speed": speed,
+        "acceleration": np.abs(along),
+        "lateral_acceleration": np.abs(across),
+        "curvature": np.abs(across) / speed**2,
+        "total_acceleration": np.hypot(*acceleration.T),
+        "power": np.maximum(along, 0.0) * speed,
+    }
+    more = {"max_total_acceleration": 1e3, "max_power": 1e6}
+    certificate = sp.certify(wide_open(samples, vehicle=more), samples)
+    assert certificate.holds, certificate.violations
+    for name, values in wanted.items():
+        use = certificate.limits[name]
+        assert abs(use.worst) == pytest.approx(values.max(), rel=1e-6), name
+        near = np.abs(times - use.time) < 1e-3
+        assert values[near].max() == pytest.approx(values.max(), rel=1e-2), name
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("limit", "name"),
+    [
+        ("max_speed", "speed"),
+        ("max_lateral_acceleration", "lateral_acceleration"),
+        ("max_curvature", "curvature"),
+        ("max_total_acceleration", "total_acceleration"),
+        ("max_power", "power"),
+    ],
+)
+def test_a_limit_broken_by_a_millionth_is_refused(seed: int, limit: str, name: str) -> None:
+    samples = wavy(seed)
+    free = sp.certify(wide_open(samples, vehicle={"max_power": 1e6, "max_total_acceleration": 1e3}), samples)
+    worst = free.limits[name].worst
+    for share, holds in ((1.0 + 1e-6, True), (1.0 - 1e-6, False)):
+        vehicle = {"max_speed": 1e3, limit: worst * share}
+        certificate = sp.certify(wide_open(samples, vehicle=vehicle), samples)
+        assert certificate.holds is holds
+        assert holds or [violation.what for violation in certificate.violations] == [name]
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("discs", [(0.0,), (0.0, 0.4, -0.7)])
+def test_the_least_clearance_is_that_of_dense_samples(seed: int, discs: tuple[float, ...]) -> None:
+    samples = wavy(seed)
+    obstacles = [disc("a", (9.0, 5.0), (0.0, -0.4), (0.02, 0.0)), disc("b", (14.0, -6.0), (0.1, 0.2), radius=0.8)]
+    scenario = wide_open(samples, *obstacles, vehicle={"discs": discs})
+    motion, times = reference(samples), dense_times(samples, 400)
+    position, velocity = motion(times), motion(times, 1)
+    unit = velocity / np.hypot(*velocity.T)[:, None]
+    least = min(
+        float(np.hypot(*(position + offset * unit - center).T).min()) - radius - 0.3
+        for offset in discs
+        for center, radius in (
+            (np.array([9.0, 5.0]) + np.outer(times, [0.0, -0.4]) + 0.5 * np.outer(times**2, [0.02, 0.0]), 0.5),
+            (np.array([14.0, -6.0]) + np.outer(times, [0.1, 0.2]), 0.8),
+        )
+    )
+    certificate = sp.certify(scenario, samples)
+    assert certificate.holds is (least > 0.0)
+    if certificate.holds:
+        assert least - 1.1e-3 <= certificate.clearance.minimum <= least + 1e-6
+    else:
+        assert certificate.clearance.minimum < 0.0
+
+
+@pytest.mark.parametrize(("gap", "holds"), [(-1e-3, False), (-1e-6, False), (1e-6, True)])
+def test_an_obstacle_clipped_between_samples_is_seen(gap: float, holds: bool) -> None:
+    """A small disc beside the line, a second and more from every sample."""
+    time = np.arange(0.0, 11.0, 2.0)
+    position = np.stack([2.0 * time, np.zeros(len(time))], axis=1)
+    samples = sp.SampledTrajectory(time, position, np.zeros(len(time)), np.full(len(time), 2.0))
+    post = disc("post", (10.0, -(0.3 + 0.05 + gap)), radius=0.05)
+    at_samples = np.hypot(*(position - np.array([10.0, -0.35])).T).min() - 0.35
+    assert at_samples > 1.0
+    certificate = sp.certify(scene(post, start={"speed": 2.0}), samples)
+    assert certificate.holds is holds
+    if not holds:
+        assert [violation.what for violation in certificate.violations] == ["clearance"]
+        assert certificate.clearance.time == pytest.approx(5.0, abs=0.05)
+
+
+def test_an_obstacle_that_crosses_between_samples_is_seen() -> None:
+    time = np.arange(0.0, 11.0, 2.0)
+    position = np.stack([2.0 * time, np.zeros(len(time))], axis=1)
+    samples = sp.SampledTrajectory(time, position, np.zeros(len(time)), np.full(len(time), 2.0))
+    darting = disc("darting", (10.0, -200.0), (0.0, 40.0), radius=0.1)  # at (10, 0) after 5 s, as the vehicle
+    certificate = sp.certify(scene(darting, start={"speed": 2.0}), samples)
+    assert [str(violation).split(" -")[0] for violation in certificate.violations] == ["clearance to darting"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_trips_among_obstacles_are_judged_as_by_dense_samples(seed: int) -> None:
+    """Every verdict but those within a micrometre, of trips past many discs."""
+    rng = np.random.default_rng(seed)
+    verdicts = []
+    for trial in range(12):
+        samples = wavy(100 * seed + trial)
+        motion, times = reference(samples), dense_times(samples, 300)
+        spots = rng.uniform((2.0, -4.0), (18.0, 4.0), (3, 2))
+        velocity = rng.normal(0.0, 0.3, (3, 2))
+        centers = spots + times[:, None, None] * velocity
+        least = float(np.hypot(*np.moveaxis(motion(times)[:, None] - centers, 2, 0)).min()) - 0.3 - 0.4
+        start = np.hypot(*(samples.position[0] - spots).T).min() - 0.7
+        if abs(least) < 1e-6 or start < 1e-3:
+            continue
+        obstacles = [disc(f"o{k}", tuple(spots[k]), tuple(velocity[k]), radius=0.4) for k in range(3)]
+        verdicts.append(sp.certify(wide_open(samples, *obstacles), samples).holds)
+        assert verdicts[-1] is (least > 0.0)
+    assert len(set(verdicts)) == 2
+
+
+def test_our_own_plan_is_certified_from_its_samples_but_for_what_they_lose() -> None:
+    """With the times at which its acceleration jumps, and a limit that is a little wider, for the rest."""
+    scenario = scene(*CROSSERS)
+    plan = sp.plan(scenario)
+    assert plan.certified
+    excess = []
+    for count in (100, 200, 400, 800):
+        times = np.union1d(np.linspace(plan.start_time, plan.arrival_time, count), plan.knot_times)
+        found = sp.certify(scenario, samples_of(plan, times))
+        assert {violation.what for violation in found.violations} <= {"acceleration", "speed", "lateral_acceleration"}
+        assert found.clearance.minimum >= -1e-9
+        excess.append(max(abs(use.worst / use.limit) for use in found.limits.values() if use.limit) - 1.0)
+    # At least of first order in the step
+    assert excess[-1] < 0.3 * excess[0] < 0.01
+    parts = scenario.to_dict()
+    for name in ("max_speed", "max_acceleration", "max_deceleration", "max_lateral_acceleration", "max_curvature"):
+        parts["vehicle"][name] *= 1.01
+    assert sp.certify(sp.Scenario(**parts), samples_of(plan, times)).holds
+
+
+def test_our_own_plan_keeps_a_jump_of_its_acceleration_to_an_eighth() -> None:
+    scenario = scene(*CROSSERS)
+    plan = sp.plan(scenario)
+    for count in (150, 600):
+        times = np.linspace(plan.start_time, plan.arrival_time, count)
+        use = sp.certify(scenario, samples_of(plan, times)).limits["acceleration"]
+        assert use.limit is not None
+        assert abs(use.worst) <= abs(use.limit) + (1.5 + 2.0) / 8.0 + 0.02
+
+
+def straight(time: list[float], x: list[float], speed: list[float] | None = None) -> sp.SampledTrajectory:
+    heading = None if speed is None else [0.0] * len(time)
+    return sp.SampledTrajectory(time, [[value, 0.0] for value in x], heading, speed)
+
+
+def test_a_trip_from_rest_with_a_stop_on_its_way_is_certified() -> None:
+    samples = straight(
+        [0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 17.0],
+        [0.0, 2.0, 4.0, 4.0, 6.0, 8.0, 20.0],
+        [0.0, 2.0, 0.0, 0.0, 2.0, 0.0, 12 / 7],
+    )
+    scenario = scene(start={"speed": 0.0})
+    certificate = sp.certify(scenario, samples)
+    assert [violation.what for violation in certificate.violations] == []
+    assert certificate.limits["speed"].worst == pytest.approx(18.0 / 7.0)  # in the middle of the last step
+
+
+def test_driving_backwards_is_refused() -> None:
+    samples = straight([0.0, 2.0, 4.0, 6.0, 9.0], [0.0, 2.0, 1.0, 2.0, 20.0])
+    certificate = sp.certify(scene(vehicle=UNLIMITED), samples)
+    back = next(violation for violation in certificate.violations if violation.what == "speed")
+    assert back.value < 0.0 and back.allowed == 0.0
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "holds"), [({"max_curvature": None}, True), ({}, False), ({"discs": [0.0, 0.5]}, False)]
+)
+def test_turning_where_it_stands_is_only_for_what_has_no_curvature(vehicle: dict[str, Any], holds: bool) -> None:
+    samples = sp.SampledTrajectory(
+        [0.0, 10.0, 20.0],
+        [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]],
+        [0.0, 0.0, np.pi / 2],
+        [1.0, 0.0, 1.0],
+    )
+    limits = {"max_lateral_acceleration": None, "max_curvature": None if "discs" in vehicle else 5.0, **vehicle}
+    scenario = scene(vehicle=limits, goal={"position": [10.0, 10.0]})
+    certificate = sp.certify(scenario, samples)
+    assert certificate.holds is holds
+    assert holds or [violation.what for violation in certificate.violations] == ["turn while standing"]
+
+
+def test_moving_off_in_another_direction_than_the_start_asks_is_refused() -> None:
+    time = [0.0, 5.0, 10.0]
+    position = [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]
+    samples = sp.SampledTrajectory(time, position, speed=[0.0, 2.0, 2.0])
+    for heading, holds in ((0.0, True), (0.01, False)):
+        scenario = scene(start={"heading": heading, "speed": 0.0}, vehicle=UNLIMITED)
+        certificate = sp.certify(scenario, samples)
+        assert certificate.holds is holds
+        assert holds or certificate.violations[0].what == "start heading"
+
+
+def test_ends_that_differ_from_the_scenario_are_refused() -> None:
+    samples = straight([0.0, 10.0], [0.0, 20.0], [2.0, 2.0])
+    assert sp.certify(scene(start={"speed": 2.0}), samples).holds
+    for changes, what in (
+        ({"start": {"speed": 1.9}}, "start speed"),
+        ({"start": {"speed": 2.0, "time": 0.1}}, "start time"),
+        ({"start": {"speed": 2.0, "position": [0.0, 0.01]}}, "distance from the start"),
+        ({"start": {"speed": 2.0, "heading": 0.001}}, "start heading"),
+        ({"start": {"speed": 2.0, "acceleration": 0.1}}, "start acceleration error"),
+        ({"start": {"speed": 2.0}, "goal": {"position": [20.0, 0.1]}}, "distance from the goal"),
+        ({"start": {"speed": 2.0}, "goal": {"heading": 0.1}}, "goal heading"),
+        ({"start": {"speed": 2.0}, "goal": {"heading_range": [0.1, 0.2]}}, "goal heading"),
+        ({"start": {"speed": 2.0}, "goal": {"speed": 1.9}}, "goal speed error"),
+        ({"start": {"speed": 2.0}, "goal": {"speed_range": [0.0, 1.9]}}, "goal speed"),
+        ({"start": {"speed": 2.0}, "goal": {"latest_arrival": 9.9}}, "latest arrival"),
+        ({"start": {"speed": 2.0}, "goal": {"earliest_arrival": 10.1}}, "earliest arrival"),
+        ({"start": {"speed": 2.0}, "goal": {"arrival_step": 0.3}}, "arrival off the step"),
+        (
+            {
+                "start": {"speed": 2.0},
+                "goal": {"position": [22.0, 0.0], "region": [[21, -1], [23, -1], [23, 1], [21, 1]]},
+            },
+            "distance from the goal region",
+        ),
+    ):
+        certificate = sp.certify(scene(**changes), samples)
+        assert [violation.what for violation in certificate.violations] == [what], what
+
+
+def test_leaving_the_workspace_between_samples_is_refused() -> None:
+    """A swing of the way to the left and back, between samples on the line."""
+    time, position = [0.0, 4.0, 8.0], [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]
+    samples = sp.SampledTrajectory(time, position, [0.6, -0.6, 0.6], [2.5, 2.5, 2.5])
+    top = float(reference(samples)(dense_times(samples))[:, 1].max())
+    low = float(reference(samples)(dense_times(samples))[:, 1].min())
+    for room, holds in ((1e-5, True), (-1e-5, False)):
+        bounds = {"min": [-1.0, low - 0.3 - room], "max": [21.0, top + 0.3 + room]}
+        certificate = sp.certify(wide_open(samples, bounds=bounds), samples)
+        assert certificate.holds is holds
+        assert holds or {violation.what for violation in certificate.violations} == {"workspace bounds"}
+
+
+def test_corridors_and_walls_are_kept_between_samples() -> None:
+    time, position = [0.0, 4.0, 8.0], [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]
+    samples = sp.SampledTrajectory(time, position, [0.6, -0.6, 0.6], [2.5, 2.5, 2.5])
+    top = float(reference(samples)(dense_times(samples))[:, 1].max())
+    for room, holds in ((1e-4, True), (-1e-4, False)):
+        high = top + 0.3 + room
+        corridor = [[[-2.0, -5.0], [22.0, -5.0], [22.0, high], [-2.0, high]]]
+        assert sp.certify(wide_open(samples, corridor=corridor), samples).holds is holds
+        wall = [[[2.0, high], [8.0, high], [8.0, high + 1.0], [2.0, high + 1.0]]]
+        assert sp.certify(wide_open(samples, walls=wall), samples).holds is holds
+
+
+def test_speed_limits_by_place_hold_between_samples() -> None:
+    """Fast only within 2 m in the middle of an interval."""
+    faster = straight([0.0, 4.0, 6.0, 10.0], [0.0, 8.0, 12.5, 20.5], [2.0, 2.0, 2.0, 2.0])
+    slow = [{"from": 9.9, "to": 10.6, "speed": 2.4}]
+    clear = [{"from": 1.0, "to": 7.9, "speed": 2.4}]
+    goal = {"position": [20.5, 0.0]}
+    refused = sp.certify(scene(start={"speed": 2.0}, goal=goal, speed_limits=slow), faster)
+    assert [violation.what for violation in refused.violations] == ["speed_limits[0]"]
+    assert sp.certify(scene(start={"speed": 2.0}, goal=goal, speed_limits=clear), faster).holds
+
+
+def test_where_the_jerk_is_limited_a_jump_is_refused_and_a_smooth_trip_is_not() -> None:
+    smooth = straight([0.0, 5.0, 10.0], [0.0, 8.75, 20.0], [1.5, 2.0, 2.5])
+    scenario = scene(start={"speed": 1.5}, vehicle={"max_jerk": 1.0, "max_curvature_rate": 1.0})
+    certificate = sp.certify(scenario, smooth)
+    assert certificate.holds, certificate.violations
+    assert certificate.limits["jerk"].worst == pytest.approx(0.0, abs=1e-9)
+    jumping = straight([0.0, 5.0, 10.0], [0.0, 9.0, 20.0], [1.5, 2.0, 2.5])
+    refused = sp.certify(scenario, jumping)
+    assert [violation.what for violation in refused.violations] == ["jerk"]
+    turning = sp.certify(wide_open(wavy(0), vehicle={"max_curvature_rate": 1e9}), wavy(0))
+    assert [violation.what for violation in turning.violations] == ["curvature_rate"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_verdict_does_not_depend_on_units_or_place(seed: int) -> None:
+    samples = wavy(seed)
+    obstacle = disc("a", (9.0, 5.0), (0.0, -0.4))
+    near = sp.certify(wide_open(samples, obstacle), samples)
+    shifted = sp.SampledTrajectory(
+        samples.time + 1e6, samples.position + np.array([4e5, -7e5]), samples.heading, samples.speed
+    )
+    moved = disc("a", (4e5 + 9.0, -7e5 + 5.0 + 0.4e6), (0.0, -0.4))
+    far = sp.certify(wide_open(shifted, moved), shifted)
+    assert near.holds is far.holds
+    assert far.clearance.minimum == pytest.approx(near.clearance.minimum, abs=2e-3)
+
+
+def test_samples_of_observed_obstacles_keep_clear_of_their_zones() -> None:
+    rng = np.random.default_rng(0)
+    seen_at = np.linspace(-2.0, 0.0, 21)
+    truth = np.array([10.0, -6.0]) + np.outer(seen_at, [0.0, 0.3])
+    seen = {
+        "id": "seen",
+        "shape": {"disc": 0.4},
+        "observations": {
+            "time": seen_at.tolist(),
+            "position": (truth + rng.normal(0.0, 0.05, truth.shape)).tolist(),
+            "covariance": [[0.0025, 0.0], [0.0, 0.0025]],
+        },
+        "model": {"order": 1},
+    }
+    samples = straight([0.0, 10.0], [0.0, 20.0], [2.0, 2.0])
+    scenario = scene(seen, start={"speed": 2.0})
+    (zone,) = sp.zones(scenario)
+    times = np.linspace(0.0, 10.0, 4001)
+    least = zone.signed_distance(times, np.stack([2.0 * times, 0.0 * times], axis=1)).min() - 0.3
+    certificate = sp.certify(scenario, samples)
+    assert certificate.holds is bool(least > 0.0)
+    assert certificate.clearance.minimum == pytest.approx(least, abs=1.1e-3)
