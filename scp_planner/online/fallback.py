@@ -14,7 +14,7 @@ from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.stops import fits, stop_now, straight_stop
+from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
 from scp_planner.online.vetting import Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
@@ -26,8 +26,6 @@ LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
 """Sizes of regions, as shares of those at the level asked for, that trips keep clear of where nothing does better."""
 EVADING_STEPS = 8
 """Steps of the loop for each of them."""
-LONG_ENOUGH = 2.0 / 3.0
-"""Of the time that getting out of the way keeps clear: a stop that stays clear for so long is preferred to it."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -124,7 +122,7 @@ class Fallback:
     def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str, dodge: Dodge) -> OnlinePlan:
         """Where nothing stays clear: a stop that does at least until the vehicle stands, or what does least harm."""
         moment = now.moment
-        time = moment.state.time
+        time, stands = moment.state.time, moment.state.speed <= STANDING
         least: tuple[float, Trip, Certificate] | None = None
         for trip in self._stops(now, problem, ahead):
             stop = Stop(trip, trip.frame.time)
@@ -134,7 +132,7 @@ class Fallback:
             certificate = moment.certify(
                 trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
             )
-            if certificate.holds and self._means.vetting.clear_for(moment, stop) >= LONG_ENOUGH * dodge.clear:
+            if certificate.holds and not stands and self._means.vetting.clear_for(moment, stop) >= dodge.clear:
                 text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
                 return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
             if least is None or certificate.clearance.minimum > least[0]:
@@ -145,7 +143,7 @@ class Fallback:
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
-        if dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
+        if stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
             text = f"{why}; nothing is safe, this keeps clear for longest, {dodge.clear * self._means.units.time:.3g} s"
             threat = "" if dodge.threat is None else f", then comes near to {dodge.threat}"
             outcome = Outcome.EVADING if dodge.moves else Outcome.BRAKING

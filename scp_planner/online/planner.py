@@ -40,7 +40,7 @@ from scp_planner.online.remaining import State, remaining_trip
 from scp_planner.online.stops import STANDING
 from scp_planner.online.updates import Update
 from scp_planner.online.vetting import Vetted
-from scp_planner.scenario.models import Model, Obstacle, Scenario
+from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
@@ -366,9 +366,19 @@ class Planner:
         return State(
             units.instant(float(time)),
             units.place(place),
-            None if heading is None else float(heading),
+            None if heading is None or self._is_free_to_turn(float(speed)) else float(heading),
             max(float(speed), 0.0) / units.speed,
         )
+
+    def _is_free_to_turn(self, speed: float) -> bool:
+        """Whether the vehicle can set out in any direction at a speed, m/s."""
+        match self.given.vehicle.steering:
+            case Steering.ANY:
+                return True
+            case Steering.ON_THE_SPOT:
+                return speed <= STANDING * self._units.speed
+            case Steering.AHEAD:
+                return False
 
     def at_goal(self, position: ArrayLike) -> bool:
         """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""

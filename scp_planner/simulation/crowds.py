@@ -16,15 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.scenario.models import Confidence, Goal, Scenario, Start, Vehicle
+from scp_planner.scenario.models import Confidence, Goal, Scenario, Start, Steering, Vehicle
 from scp_planner.scenario.shapes import Disc, Shape
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 
 STEP = 0.25  # s
 ROBOT_RADIUS = 0.3  # m
 TOP_SPEED = 1.0  # m/s
-ACCELERATION = 2.0 * TOP_SPEED / (4.0 * STEP)
-"""m/s2. The protocols' robot may change its velocity at once; this one takes two steps to its top speed."""
+ACCELERATION = TOP_SPEED / STEP
+"""m/s2. The protocols' robot may change its velocity at once; this one takes a step to its top speed."""
 CIRCLE = 4.0  # m
 SQUARE = 10.0  # m, its side
 GAP = 0.2  # m, at least between the places and goals of people at the start
@@ -217,6 +217,7 @@ def _task(name: str, start: Array, goal: Array) -> Scenario:
             max_speed=TOP_SPEED,
             max_acceleration=ACCELERATION,
             max_deceleration=ACCELERATION,
+            steering=Steering.ANY,
         ),
         start=Start(time=0.0, position=(float(start[0]), float(start[1])), speed=0.0),
         goal=Goal(position=(float(goal[0]), float(goal[1])), radius=ROBOT_RADIUS),

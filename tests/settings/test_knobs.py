@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clock import FakeClock
-from scenes import CROSSERS, scene
+from scenes import CROSSERS, VEHICLE, scene
 
 import scp_planner
 import scp_planner as sp
@@ -25,7 +25,7 @@ from scp_planner.errors import SettingsError
 from scp_planner.estimation.least_squares import Noise
 from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.plotting import View, views
-from scp_planner.scenario.models import ConfidenceLevel
+from scp_planner.scenario.models import ConfidenceLevel, Steering
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
 from scp_planner.settings.online import Newcomers, Regions, Safety
@@ -182,6 +182,7 @@ TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Faulty: ("missing", lambda word: Screening(missing=word).missing),
     Outliers: ("outliers", lambda word: Screening(outliers=word).outliers),
     Noise: ("noise", lambda word: _noise_taken(word)),
+    Steering: ("steering", lambda word: sp.Vehicle(**VEHICLE, steering=word).steering),
     ConfidenceLevel: ("level", lambda word: sp.Confidence(level=word).level),
     Variant: ("variant", lambda word: DescentSettings(variant=word).variant),
     comparison.Method: ("methods", lambda word: _method_compared(word)),
