@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sub.add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
     for name, sub in commands.choices.items():
         count, what = (3, "scenes of each place") if name == "recorded" else (500, "episodes")
-        sub.add_argument("--profile", choices=tuple(PROFILES), default="trip", help="settings of the planner")
+        sub.add_argument("--profile", choices=tuple(PROFILES), default="crowd", help="settings of the planner")
         sub.add_argument("--count", type=int, default=count, help=f"{what}; default: {count}")
         sub.add_argument("--seed", type=int, default=0, help="of the first")
         sub.add_argument("--workers", type=int, default=1, help="processes; default: 1")

@@ -15,7 +15,6 @@ from scp_planner.simulation.crowds import Episode
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.orca import Bodies, HalfPlanes, half_planes, nearest_velocities
 from scp_planner.simulation.run import Run
-from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import VehicleState
 
 Array = np.ndarray
@@ -56,20 +55,9 @@ class Outcome:
         return self.arrived and not self.contact and not self.contact_standing
 
 
-def planned(episode: Episode, seed: int, online: OnlineSettings, model: sp.Model) -> tuple[Outcome, Run]:
+def planned(episode: Episode, seed: int, online: OnlineSettings | None, model: sp.Model) -> tuple[Outcome, Run]:
     """Drive by the planner, in `simulate`: exact looks and a replan every step."""
-    run = simulate(
-        episode.scenario,
-        seed=seed,
-        rate=1.0 / episode.step,
-        history=0.0,
-        world=episode.people,
-        shapes=episode.shapes,
-        sensors=[Sensor(rate=1.0 / episode.step, noise=0.0, range=episode.view)],
-        model=model,
-        online=online,
-        time_limit=episode.time_limit,
-    )
+    run = simulate(episode.scenario, rate=episode.rate, seed=seed, setup=episode.setup(online, model))
     return outcome_of(run, episode.step), run
 
 

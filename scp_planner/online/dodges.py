@@ -94,6 +94,10 @@ class Profiles:
             Of the vehicle, m.
         wait : float
             For how long it is to stand at the end, s.
+
+        Returns
+        -------
+        Profiles
         """
         levels, cruises = np.meshgrid(np.array(LEVELS) * limits.speed, np.array(CRUISES) * width / limits.speed)
         # The first is a stop at once.
@@ -241,6 +245,10 @@ class Dodges:
             Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
         wait : float
             For how long it is to stand at the end, s.
+
+        Returns
+        -------
+        Dodges
         """
         profiles = Profiles.of(speed, limits, 2.0 * radius, wait)
         courses = Courses.of(heading, ahead)
