@@ -57,6 +57,8 @@ SECTIONS = {
     "online-levels": ("the price of safety", "benchmarks.online levels"),
     "online-crowds": ("recorded crowds", "benchmarks.online crowds"),
     "online-faults": ("faults on purpose", "benchmarks.online faults"),
+    "crowds": ("among people", "benchmarks.crowds"),
+    "crowds-recorded": ("recorded crowds as others drive through them", "benchmarks.crowds recorded"),
 }
 """Files of results, without .csv: the titles of their sections, lower case, and the commands that write them."""
 
@@ -494,6 +496,8 @@ def page(results: Path, figures: Figures) -> str:
     FileNotFoundError
         If it holds nothing.
     """
+    from benchmarks.crowds import protocols, recorded
+
     sections: list[str] = []
     made_by = []
     for name, (title, command) in SECTIONS.items():
@@ -512,6 +516,10 @@ def page(results: Path, figures: Figures) -> str:
             sections += sizes_part(rows, figures)
         elif online:
             sections += online_part(name, title, rows)
+        elif name == "crowds":
+            sections += protocols.section(rows, title)
+        elif name == "crowds-recorded":
+            sections += recorded.section(rows, title)
         elif name == "peers":
             sections += peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
         else:
@@ -522,7 +530,7 @@ def page(results: Path, figures: Figures) -> str:
             "benchmarks.online first"
         )
     sections.append("## Machine and versions")
-    for name in ("planning", "sizes", "peers", "peers-random", "online"):
+    for name in ("planning", "sizes", "peers", "peers-random", "online", "crowds"):
         path = results / f"{name}-environment.csv"
         if path.is_file():
             sections.append(f"`{name}.csv`: {_environment(path)}.")

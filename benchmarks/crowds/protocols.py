@@ -120,3 +120,17 @@ def table(groups: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> str:
             ]
         )
     return common.table(HEADINGS, lines)
+
+
+def section(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
+    """The section of the page of benchmarks."""
+    groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        how = " ".join(part for part in (str(row["policy"]), str(row["profile"])) if part)
+        groups.setdefault((str(row["protocol"]), str(row["people"]), str(row["robot"]), how), []).append(row)
+    published = "\n".join(f"- {protocol}, robot {robot}: {text}." for (protocol, robot), text in PUBLISHED.items())
+    text = (
+        "Episodes that others measure their robots in; see [among people](howto/among-people.md). Success: at the goal "
+        "in time, and touched by nobody. Times are of those that succeed, in whole steps of 0.25 s."
+    )
+    return [f"## {title.capitalize()}", text, table(groups), f"What others say:\n\n{published}"]

@@ -46,8 +46,8 @@ WALKER = Model(
     order=1,
     process=ProcessModel(process=RandomWalkVelocity(diffusion=0.03), velocity_deviation=1.0, noise_deviation=0.01),
 )
-"""How people who avoid each other are taken to move. Regions of 95 % of this model hold them in 95 % of all cases 0.25 s
-ahead, in 89 % 1 s and in 85 % 3 s ahead; those of a velocity that is believed exactly in 29, 22 and 10 %."""
+"""How people who avoid each other are taken to move. Regions of 95 % of this model hold them in 95 % of all cases
+0.25 s ahead, in 89 % 1 s and in 85 % 3 s ahead; those of a velocity that is believed exactly in 29, 22 and 10 %."""
 ARENA_RADII, ARENA_SPEEDS = (0.3, 0.5), (0.5, 1.5)  # m, m/s
 
 
