@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
@@ -30,8 +31,9 @@ from numpy.typing import ArrayLike
 
 from scp_planner.errors import Fault, ScenarioError
 from scp_planner.online.arguments import _covariance, _point, check_number
+from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.fallback import Fallback
-from scp_planner.online.inbox import Inbox, Sighting
+from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
@@ -88,6 +90,8 @@ class Planner:
         With the period that the scene decides, if that was left open.
     notes : deque of str
         What was odd about observations, the newest last.
+    doubts : deque of str
+        Which assumptions of what was promised of the last plan did not hold, the newest last.
 
     Raises
     ------
@@ -130,9 +134,11 @@ class Planner:
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
         self._inbox = Inbox(self.obstacles, units, self._online.forget_after)
         self.notes = self._inbox.notes
+        self.doubts = deque[str](maxlen=MOST_NOTES)
         self._means = Means(
             self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
         )
+        self._assumptions = Assumptions(self._online.period, self._online.tracking_error, units)
         self._looks, self._fallback = Looks(self._means), Fallback(self._means)
         self._state: State | None = None
         self._clock: float | None = None
@@ -299,6 +305,8 @@ class Planner:
         end = math.inf if deadline is None else began + deadline - self._online.reserve
         with self._inbox.work:
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
+            for text in self._assumptions.broken(now.moment, self._last):
+                self.doubts.append(f"t = {time:.3f} s: {text}")
             now.lap("zones")
             plan = self._answer(now)
         self._last, self._state, self._zones = plan, state, now.moment.zones
