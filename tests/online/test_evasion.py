@@ -87,8 +87,9 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
 def test_vehicle_that_stands_gets_out_of_the_way(steering: Steering) -> None:
     """There is no way to its goal, so it waits, where somebody would walk over it."""
     scenario = scene(
-        disc("walker", (5.0, 0.1), (-1.0, 0.0), radius=0.3),
-        disc("post", (8.0, 0.0), radius=0.6),
+        disc("walker", (0.1, -6.0), (0.0, 1.0), radius=0.3),
+        {"id": "wall", "shape": {"rectangle": [0.4, 20.0], "heading": 0.0}, "motion": {"position": [2.0, 0.0]}},
+        bounds={"min": (-5.0, -5.0), "max": (10.0, 5.0)},
         start={"speed": 0.0},
         goal={"position": (8.0, 0.0)},
         vehicle={"max_speed": 1.0, "max_curvature": 2.0, "steering": steering},
@@ -101,7 +102,7 @@ def test_vehicle_that_stands_gets_out_of_the_way(steering: Steering) -> None:
         plan = planner.plan
         assert plan is not None and plan.reason
         times = np.linspace((k - 1) * PERIOD, k * PERIOD, 5)
-        walker = np.stack([5.0 - times, np.full(5, 0.1)], axis=1)
+        walker = np.stack([np.full(5, 0.1), times - 6.0], axis=1)
         assert np.linalg.norm(plan.position(times) - walker, axis=1).min() >= 0.6 - 1e-9
         outcomes.add(plan.outcome)
         follow(planner, k * PERIOD)
