@@ -6,14 +6,16 @@ been observed, and improves the trip by a few steps of the loop. Now and then it
 **What is promised.** A plan whose status is ``certified`` keeps clear of all zones, up to the goal. Zones of observed
 obstacles grow with time, so far ahead they may leave no room for any trip; a vehicle that waited for a trip that is
 certain to its end would often wait for ever. So a plan is also *safe* if the vehicle can begin it and still stop: a
-stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands. The trip itself is
+stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands, and has stood for a
+while. The trip itself is
 planned against *foreseen* zones, which are those that will be looked at when the vehicle gets there
 (`scp_planner.online.foresight`). With ``Safety.TRIP`` only whole trips will do.
 
 **What happens else.** In this order: the last plan is ``kept`` while its certificate holds with the refreshed zones;
-it is ``repaired`` by driving the same path slower; the vehicle is ``braking`` along its path, certified until it
-stands; it is ``evading``, clear of the zones of the highest level that a trip or a stop from it is found for; or it
-brakes in the least bad way. From a stop the planner recovers by itself.
+it is ``repaired`` by driving the same path slower; the vehicle gets out of the way, ``evading``, along a short trip to
+where it stays clear, or stands if that is as good. Where nothing stays clear, it brakes, certified until it stands, or
+is clear for as long as it can be, or clear of the zones of the highest level that a trip or a stop from it is found
+for. From all that the planner recovers by itself.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.scenario.models import Confidence, Disc, Goal, Scenario, Shape, Start, Vehicle
+from scp_planner.scenario.models import Confidence, Disc, Goal, Scenario, Shape, Start, Steering, Vehicle
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 
 STEP = 0.25  # s
@@ -216,6 +216,7 @@ def _task(name: str, start: Array, goal: Array) -> Scenario:
             max_speed=TOP_SPEED,
             max_acceleration=ACCELERATION,
             max_deceleration=ACCELERATION,
+            steering=Steering.ANY,
         ),
         start=Start(time=0.0, position=(float(start[0]), float(start[1])), speed=0.0),
         goal=Goal(position=(float(goal[0]), float(goal[1])), radius=ROBOT_RADIUS),
