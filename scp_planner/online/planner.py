@@ -6,20 +6,23 @@ been observed, and improves the trip by a few steps of the loop. Now and then it
 **What is promised.** A plan whose status is ``certified`` keeps clear of all zones, up to the goal. Zones of observed
 obstacles grow with time, so far ahead they may leave no room for any trip; a vehicle that waited for a trip that is
 certain to its end would often wait for ever. So a plan is also *safe* if the vehicle can begin it and still stop: a
-stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands. The trip itself is
+stop that leaves it, at the next replan or somewhat later, is certified until the vehicle stands, and has stood for a
+while. The trip itself is
 planned against *foreseen* zones, which are those that will be looked at when the vehicle gets there
 (`scp_planner.online.foresight`). With ``Safety.TRIP`` only whole trips will do.
 
 **What happens else.** In this order: the last plan is ``kept`` while its certificate holds with the refreshed zones;
-it is ``repaired`` by driving the same path slower; the vehicle is ``braking`` along its path, certified until it
-stands; it is ``evading``, clear of the zones of the highest level that a trip or a stop from it is found for; or it
-brakes in the least bad way. From a stop the planner recovers by itself.
+it is ``repaired`` by driving the same path slower; the vehicle gets out of the way, ``evading``, along a short trip to
+where it stays clear, or stands if that is as good. Where nothing stays clear, it brakes, certified until it stands, or
+is clear for as long as it can be, or clear of the zones of the highest level that a trip or a stop from it is found
+for. From all that the planner recovers by itself.
 """
 
 from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
@@ -30,8 +33,9 @@ from numpy.typing import ArrayLike
 
 from scp_planner.errors import Fault, ScenarioError
 from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate
+from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.fallback import Fallback
-from scp_planner.online.inbox import Inbox, Sighting
+from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
@@ -90,6 +94,8 @@ class Planner:
         With the period that the scene decides, if that was left open.
     notes : deque of str
         What was odd about observations, the newest last.
+    doubts : deque of str
+        Which assumptions of what was promised of the last plan did not hold, the newest last.
 
     Raises
     ------
@@ -132,9 +138,11 @@ class Planner:
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
         self._inbox = Inbox(self.obstacles, units, self._online.forget_after)
         self.notes = self._inbox.notes
+        self.doubts = deque[str](maxlen=MOST_NOTES)
         self._means = Means(
             self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
         )
+        self._assumptions = Assumptions(self._online.period, self._online.tracking_error, units)
         self._looks, self._fallback = Looks(self._means), Fallback(self._means)
         self._state: State | None = None
         self._clock: float | None = None
@@ -334,6 +342,8 @@ class Planner:
         end = math.inf if deadline is None else began + deadline - self._online.reserve
         with self._inbox.work:
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
+            for text in self._assumptions.broken(now.moment, self._last):
+                self.doubts.append(f"t = {time:.3f} s: {text}")
             now.lap("zones")
             plan = self._answer(now)
         self._last, self._state, self._zones = plan, state, now.moment.zones
