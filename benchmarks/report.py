@@ -57,6 +57,8 @@ SECTIONS = {
     "online-levels": ("the price of safety", "benchmarks.online levels"),
     "online-crowds": ("recorded crowds", "benchmarks.online crowds"),
     "online-faults": ("faults on purpose", "benchmarks.online faults"),
+    "crowds": ("among people", "benchmarks.crowds"),
+    "crowds-recorded": ("recorded crowds as others drive through them", "benchmarks.crowds recorded"),
 }
 """Files of results, without .csv: the titles of their sections, lower case, and the commands that write them."""
 
@@ -486,8 +488,10 @@ def _environment(path: Path) -> str:
     return ", ".join(f"{row['what']} {row['value']}" for row in common.read_csv(path))
 
 
-def _part(name: str, rows: list[Row], results: Path, figures: Figures) -> list[str]:
+def _part(name: str, title: str, rows: list[Row], results: Path, figures: Figures) -> list[str]:
     """The sections that are made of one file of results."""
+    from benchmarks.crowds import protocols, recorded  # which take their marks from here
+
     match name:
         case "planning":
             return reference_part(rows, figures)
@@ -497,6 +501,10 @@ def _part(name: str, rows: list[Row], results: Path, figures: Figures) -> list[s
             return random_part(rows)
         case "sizes":
             return sizes_part(rows, figures)
+        case "crowds":
+            return protocols.section(rows, title)
+        case "crowds-recorded":
+            return recorded.section(rows, title)
         case "peers":
             return peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
         case _:
@@ -511,6 +519,7 @@ def page(results: Path, figures: Figures) -> str:
     FileNotFoundError
         If it holds nothing.
     """
+
     sections: list[str] = []
     made_by = []
     for name, (title, command) in SECTIONS.items():
@@ -519,14 +528,14 @@ def page(results: Path, figures: Figures) -> str:
         if not rows:
             continue
         made_by.append(f"[{title}](#{title.replace(',', '').replace(' ', '-')}) by `{command}`")
-        sections += online_part(name, title, rows) if online else _part(name, rows, results, figures)
+        sections += online_part(name, title, rows) if online else _part(name, title, rows, results, figures)
     if not sections:
         raise FileNotFoundError(
             f"{results} holds no results: run benchmarks.planning, benchmarks.sizes, benchmarks.peers or "
             "benchmarks.online first"
         )
     sections.append("## Machine and versions")
-    for name in ("planning", "sizes", "peers", "peers-random", "online"):
+    for name in ("planning", "sizes", "peers", "peers-random", "online", "crowds"):
         path = results / f"{name}-environment.csv"
         if path.is_file():
             sections.append(f"`{name}.csv`: {_environment(path)}.")

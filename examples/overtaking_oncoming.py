@@ -15,8 +15,8 @@ from pathlib import Path
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.plotting import animate, plot_run_space_time
-from scp_planner.simulation.loop import Follower
 from scp_planner.simulation.sensors import Sensor
+from scp_planner.simulation.setup import Follower
 
 SENSOR = Sensor(rate=10.0, noise=0.1, range=40.0, field_of_view=3.0, latency=0.05)
 FOLLOWER = Follower(tracking_error=0.05, reaction_time=0.02)

@@ -47,10 +47,11 @@ if TYPE_CHECKING:
     from scp_planner.settings.online import OnlineSettings as OnlineSettings
     from scp_planner.settings.online import Safety as Safety
     from scp_planner.settings.planning import Settings as Settings
-    from scp_planner.simulation.loop import Follower as Follower
     from scp_planner.simulation.loop import simulate as simulate
     from scp_planner.simulation.run import Run as Run
     from scp_planner.simulation.sensors import Sensor as Sensor
+    from scp_planner.simulation.setup import Follower as Follower
+    from scp_planner.simulation.setup import SimulationSettings as SimulationSettings
     from scp_planner.threat_zones.of_scenario import zones as zones
     from scp_planner.trips.samples import SampledTrajectory as SampledTrajectory
 
@@ -93,7 +94,8 @@ _MODULE_OF = {
     "Start": "scenario.models",
     "TripVariables": "scp.given",
     "Vehicle": "scenario.models",
-    "Follower": "simulation.loop",
+    "Follower": "simulation.setup",
+    "SimulationSettings": "simulation.setup",
     "certify": "certificate.check",
     "estimate_motion": "estimation.estimate",
     "lower_bound": "certificate.lower_bound",

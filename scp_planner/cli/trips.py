@@ -230,7 +230,8 @@ def _drive(
     from scp_planner.settings.knobs import knobs, parse_assignments
     from scp_planner.settings.online import OnlineSettings
     from scp_planner.settings.planning import Settings, with_given
-    from scp_planner.simulation.loop import FORGET_AFTER, Follower, simulate
+    from scp_planner.simulation.loop import FORGET_AFTER, simulate
+    from scp_planner.simulation.setup import Follower
 
     given = parse_assignments(assignments or (), Settings, OnlineSettings)
     if "period" in given:

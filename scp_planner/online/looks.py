@@ -1,16 +1,31 @@
-"""Looks at other ways round."""
+"""Looks at other ways round, each spread over several replans."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from time import perf_counter
 
+from scp_planner.online.means import LOOK_GAIN_TIME, Means, Replan
+from scp_planner.online.remaining import remaining_trip
+from scp_planner.online.stops import STANDING
+from scp_planner.online.vetting import Refusal, Vetted
+from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.parameters import LOOP
+from scp_planner.scp.record import FEASIBILITY, LoopStatus
 from scp_planner.trips.trip import Trip
 
+VIOLATION_COST = 5.0
+"""Units of time to one of length. What the entry into a foreseen zone counts, in comparing ways."""
+NEARLY_CLEAR = 5e-3
+"""Units of length. Another way that enters foreseen zones, which change with each observation, by less than this may be
+driven."""
 LOOK_TRUST = TrustRegion(theta=0.7, beta=2.0, rho=0.2)
-LOOK_GAIN, LOOK_GAIN_TIME = 0.02, 0.1
-"""Another way round must be faster by this share, and by so many units of time, for the vehicle to change over."""
+LOOK_GAIN = 0.02
+"""Another way round must be faster by this share, and by `LOOK_GAIN_TIME`, for the vehicle to change over."""
 LOOK_SOONER = 2
 """Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
 FIRST_LOOK_TIME, LOOK_TIME_DECAY = 0.02, 0.8
@@ -26,7 +41,7 @@ HOPELESS = 0.05
 
 
 @dataclass
-class _Look:
+class Look:
     """A look at other ways round, which goes on from replan to replan.
 
     Attributes
@@ -51,3 +66,113 @@ class _Look:
         self.trip = next(self.starts, None) if self.runs > 0 else None
         self.runs, self.steps = self.runs - 1, 0
         return self.trip is not None
+
+
+class Looks:
+    """Looks at other ways round, and what is remembered of them between replans.
+
+    Parameters
+    ----------
+    means : Means
+    """
+
+    def __init__(self, means: Means) -> None:
+        self._means = means
+        self._look_time = FIRST_LOOK_TIME
+        self._look: Look | None = None
+        self._looked = 0
+
+    def is_due(self, now: Replan, best: Vetted | None) -> bool:
+        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
+        if now.last is None:
+            return True  # a plan is worth waiting for only where there is none at all
+        every = self._means.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
+        if best is not None and self._look is None and now.cycle - self._looked < every:
+            return False
+        # The search for ways cannot be broken off.
+        in_time = perf_counter() + self._look_time < now.deadline
+        if not in_time:
+            self._look_time *= LOOK_TIME_DECAY
+        return in_time
+
+    def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
+        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
+        began, problem, first = perf_counter(), loop.problem, now.last is None
+        cutoff = math.inf
+        if best is not None:
+            tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
+            cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
+        if self._look is None:
+            runs = self._means.online.first_runs if best is None else LOOK_RUNS
+            self._look = Look(self._means.starts(problem, cutoff), runs)
+        self._looked = now.cycle
+        # Only a trip that keeps clear takes the place of one that is certified to the goal.
+        strict = first or (best is not None and best.certified)
+        tolerance = FEASIBILITY if strict else NEARLY_CLEAR
+        found, said = self._try_ways(now, loop, self._look, cutoff, tolerance, best is None)
+        if first or (found is not None and found.violation <= NEARLY_CLEAR):
+            self._look = None
+        if not first:
+            self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
+        return found, said
+
+    def _try_ways(
+        self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
+    ) -> tuple[Vetted | None, str]:
+        """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
+
+        For a first plan all ways are tried, and the fastest is returned.
+        """
+        problem, first = loop.problem, now.last is None
+        most = self._means.settings.max_iterations if first else self._means.online.look_iterations
+        left = most * self._means.online.first_runs
+        if not first:
+            left = max(self._means.online.look_steps - (0 if any_will_do else SPARED), 1)
+        spare: Vetted | None = None
+        said = "no way round was found"
+        while left > 0 and perf_counter() <= now.deadline:
+            if look.trip is None:
+                more = look.begin_next()
+                now.lap("search")
+                if not more:
+                    self._look = None
+                if not more or not first:
+                    break  # the search is work enough for one replan
+            assert look.trip is not None
+            start, trust = look.trip.trajectory, LOOP.first_trust
+            if look.trip.frame != problem.frame:
+                start = remaining_trip(problem, look.trip, now.moment.state)
+                trust = LOOK_TRUST if look.steps else LOOP.first_trust
+            enough = None if first else FEWEST_LOOK_STEPS
+            run = loop.run(start, min(left, most - look.steps), cutoff, now.deadline, trust, enough)
+            now.lap("scp")
+            evaluation, steps = run.evaluation, max(len(run.record), 1)
+            look.trip, look.steps, left = Trip(problem.frame, evaluation.trajectory), look.steps + steps, left - steps
+            clear = evaluation.worst_violation <= tolerance
+            faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
+            ended = run.status not in (LoopStatus.ITERATION_LIMIT, LoopStatus.TIME_LIMIT) or look.steps >= most
+            hopeful = (
+                any_will_do and spare is None and (ended or left <= 0) and (first or self._is_hopeful(now, evaluation))
+            )
+            if (clear and faster) or hopeful:
+                vetted = self._means.vet(now, problem, evaluation.trajectory, evaluation, look.steps)
+                ended = ended or clear
+                if isinstance(vetted, Refusal):
+                    said = vetted.why
+                elif clear and not first:
+                    return vetted, ""
+                elif clear or spare is None:
+                    spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
+            if ended:
+                look.trip = None
+                if not first:
+                    break
+        return spare, said
+
+    @staticmethod
+    def _is_hopeful(now: Replan, evaluation: Evaluation) -> bool:
+        """Whether a way that is not clear may become so: others move on, limits do not.
+
+        A vehicle that stands waits for a clear way rather than creep into a dead end.
+        """
+        return now.moment.state.speed > STANDING and float(evaluation.limit_violation.max()) <= HOPELESS

@@ -22,10 +22,10 @@ class Outcome(StrEnum):
     REPAIRED = "repaired"
     """The path of the last plan, driven slower."""
     EVADING = "evading"
-    """A trip that keeps clear of the zones of a lower level, where nothing keeps clear of those of the level asked for.
-    """
+    """Out of the way: a short trip to where the vehicle can stand; or, if that is not safe, what keeps clear for
+    longest, or of the zones of a lower level."""
     BRAKING = "braking"
-    """A stop along the path."""
+    """Standing, or a stop along the path."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,7 +36,8 @@ class OnlinePlan(Plan):
     ----------
     outcome : Outcome
     stop : Trip or None
-        The certified stop that the vehicle can leave the plan for; the trip itself where that is a certified stop.
+        The certified stop that the vehicle can leave the plan for, which stays clear for a while after it stands; the
+        trip itself where that is such a stop.
     branch_time : float
         Absolute time up to which the stop is driven like the plan, s.
     arrived : bool

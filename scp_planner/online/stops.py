@@ -4,8 +4,8 @@ A stop follows a path, keeps the accelerations of a trip for a while (none, or a
 decelerates evenly until it stands. It leaves a trip where the acceleration of that changes anyway, so that up to there
 it is the trip, and it lives in the space of the trip, so it is certified like one.
 
-What a certificate of a stop says: up to the time at which the vehicle stands, no zone touches it. A vehicle that
-stands can still be hit by what moves.
+What a certificate of a stop says: up to the time at which the vehicle stands, no zone touches it, nor for a while after
+that. Of those that stand, zones do not grow any more: a vehicle that stands sees them come, and gets out of their way.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.foresight import foreseen
 from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Limits
 from scp_planner.settings.planning import Settings
@@ -27,6 +28,8 @@ from scp_planner.trips.trip import Trip
 STANDING = 1e-3
 """Units of speed. A vehicle slower than this stands."""
 SAMPLES = 25
+WAIT_LOOKS = 12
+"""Samples of standing."""
 NEAR = 0.5
 """Units of length. Clearances beyond this need not be exact."""
 HOLD = 1.0
@@ -61,7 +64,7 @@ def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Traje
 
 
 def room_to_stop(
-    trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch, since: float = 0.0
+    trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch, since: float = 0.0, wait: float = 0.0
 ) -> Array:
     """Least clearance, sampled, of the stops that leave a trip after different times.
 
@@ -75,6 +78,8 @@ def room_to_stop(
     zones : ZoneBatch
     since : float
         Time from which on clearances matter, s.
+    wait : float
+        Time up to which they matter after the vehicle stands, s.
 
     Returns
     -------
@@ -94,6 +99,14 @@ def room_to_stop(
     points = path.points(path.parameter_at(driven.ravel()))
     stopping = zones.distances((leads[:, None] + after).ravel(), points.position, NEAR).min(axis=1)
     least = stopping.reshape(len(leads), SAMPLES).min(axis=1)
+    if wait > 0.0:
+        # They do not grow beyond when the last of these stops stands.
+        stands = leads + braking
+        still = foreseen(zones, float(stands.max()), {})
+        times = stands[:, None] + wait * np.linspace(0.0, 1.0, WAIT_LOOKS)
+        places = np.repeat(points.position[SAMPLES - 1 :: SAMPLES], WAIT_LOOKS, axis=0)
+        standing = still.distances(times.ravel(), places, NEAR).min(axis=1)
+        least = np.minimum(least, standing.reshape(len(leads), WAIT_LOOKS).min(axis=1))
     keeping = zones.distances(before, kept.path.position[:SAMPLES], NEAR).min(axis=1)
     sofar = np.minimum.accumulate(keeping)[np.minimum(np.searchsorted(before, leads, "right"), SAMPLES - 1)]
     return np.where(fit, np.minimum(least, sofar), -np.inf)
@@ -115,6 +128,46 @@ def stop_now(path: Path, speed: float, deceleration: float) -> Trajectory:
     if speed <= STANDING:
         return Trajectory(path, np.zeros(size), HOLD)
     return Trajectory(path, np.full(size, -deceleration), speed / deceleration)
+
+
+def standing_trip(like: Trip, frame: PlanningFrame, wait: float) -> Trip:
+    """Return the trip that stands at the origin of a frame for a while, s, with splines like another's."""
+    old = like.trajectory.space
+    degree, breaks = old.path.coefficients.shape[1] - 1, old.acceleration.breakpoints
+    space = TripSpace(StraightGuide(1.0), 0.0, degree, 4, 0, tuple(breaks.tolist()))
+    return Trip(frame, Trajectory(Path(space, np.zeros(space.path_size)), np.zeros(space.acceleration_size), wait))
+
+
+def surely_clear(zones: ZoneBatch, position: Array, since: float, wait: float, ahead: float = 0.0) -> bool:
+    """Whether zones that do not grow any more surely keep clear of a place for a while: by the discs that cover them.
+
+    Parameters
+    ----------
+    zones : ZoneBatch
+    position : (2,) array
+        m.
+    since : float
+        On the clock of the zones, s.
+    wait : float
+        s.
+    ahead : float
+        How far from the place the vehicle's discs may be, m.
+
+    Returns
+    -------
+    bool
+        Where a bound does not tell, False.
+    """
+    half = 0.5 * wait / WAIT_LOOKS
+    middle: Array = since + half * np.arange(1.0, 2.0 * WAIT_LOOKS, 2.0)
+    reach = zones.reach(np.array([since]))[0] + ahead
+    offset = zones.centers.grid(middle) - position
+    # No knot may lie inside of an interval, for the speed to be bounded; then it is left to the certificate.
+    breaks = zones.centers.breakpoints[:, 1:-1]
+    if np.any((breaks > since) & (breaks < since + wait)):
+        return False
+    moved = half * zones.velocities.size_bounds(middle, since, since + wait)
+    return bool(np.all(np.hypot(offset[..., 0], offset[..., 1]) >= reach + moved))
 
 
 def straight_stop(state: State, limits: Limits, settings: Settings, breakpoints: tuple[float, ...]) -> Trip:

@@ -23,6 +23,11 @@ class Update:
     obstacle: str
     given: Estimate
 
+    @property
+    def time(self) -> float:
+        """What it is of, s."""
+        return self.given.time
+
     def taken_in(self, obstacles: ObstacleTracks) -> str | None:
         """Let the obstacles take it in; say what is wrong with it, if it was not used."""
         return obstacles.update(self.obstacle, self.given) if self.obstacle in obstacles.tracks else None

@@ -9,7 +9,7 @@ would have to be clear of zones that have grown for as long as it takes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,8 +21,9 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Clearance, Ends
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.online.foresight import foreseen
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after
+from scp_planner.online.stops import fits, room_to_stop, standing_from, standing_trip, stop_after, surely_clear
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -122,6 +123,37 @@ class Moment:
             motions=motions,
         )
 
+    def certify_standing(self, trip: Trip, since: float, wait: float) -> Certificate | None:
+        """Certify standing where a trip stands, against zones that do not grow any more: who stands sees them come.
+
+        Parameters
+        ----------
+        trip : Trip
+        since : float
+            Absolute time from which on it stands, s.
+        wait : float
+            How long, s.
+
+        Returns
+        -------
+        Certificate or None
+            None if it holds; else what is wrong.
+        """
+        if wait <= 0.0 or not self.zones:
+            return None
+        points, _ = trip.at(since)
+        ahead = max(map(abs, self.scenario.vehicle.discs))
+        batch = self.batch_in(trip.frame)
+        if surely_clear(batch, points.path.position[0], since - trip.frame.time, wait, ahead):
+            return None
+        (place,) = trip.frame.to_world(points.path.position).tolist()
+        heading = trip.frame.vectors_to_world(points.path.direction)[0]
+        frame = PlanningFrame((place[0], place[1]), math.atan2(heading[1], heading[0]), since)
+        stands = standing_trip(trip, frame, wait)
+        still = foreseen(ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius), 0.0, {})
+        certificate = certify_trip(self.scenario, stands, self.zones, ends=Ends(0), precision=math.inf, batch=still)
+        return None if certificate.holds else certificate
+
 
 def _smaller(zone: ThreatZone, factor: float) -> ThreatZone:
     """A zone whose covariances are so many times as large."""
@@ -202,12 +234,20 @@ class Vetting:
         m.
     units : NaturalUnits, optional
         Of the scene: what is told of it is told in those of the user.
+    wait : float
+        For how long a stop must stay clear after the vehicle stands, s.
     """
 
     def __init__(
-        self, period: float, stops_will_do: bool, tracking_error: float, units: NaturalUnits | None = None
+        self,
+        period: float,
+        stops_will_do: bool,
+        tracking_error: float,
+        units: NaturalUnits | None = None,
+        wait: float = 0.0,
     ) -> None:
         self.units = units or NaturalUnits()
+        self.wait = wait
         self.period = period
         self.stops_will_do = stops_will_do
         self.tracking_error = tracking_error
@@ -274,36 +314,39 @@ class Vetting:
         deceleration = now.scenario.vehicle.max_deceleration
         since = now.state.time if driven > 0.0 else None
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
-        why = "the goal is nearer than the distance to stop in"
-        for spans in self._spans(now, trip, deceleration, branch):
+        candidates, why = self._spans(now, trip, deceleration, branch)
+        for spans in candidates:
             stop = stop_after(trip.trajectory, spans, deceleration)
             if stop is None or not fits(stop):
                 continue
             made = Stop(Trip(trip.frame, stop), trip.frame.time + float(breaks[spans]))
-            certificate = now.certify(made.trip, since=since, until=made.stands, ends=Ends.START, motions=self.motions)
+            certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
             why = _violations(certificate.outside(self.units))
         return Refusal(why)
 
-    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> Iterator[int]:
-        """After how many spans of its acceleration a stop may leave a trip, the most promising first."""
+    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> tuple[list[int], str]:
+        """After how many spans of acceleration a stop may leave a trip, the most promising first; or why none may."""
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
         first = int(np.searchsorted(breaks, driven + self.period - TINY))
         last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
         last = min(max(last, first), len(breaks) - 1)
         if first > last:
-            return
+            return [], "the goal is nearer than the distance to stop in"
         spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
+        found = []
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
-            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
-        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, now.batch_in(trip.frame), driven)
+            found.append(int(np.searchsorted(breaks, branch - trip.frame.time - TINY)))
+        batch = now.batch_in(trip.frame)
+        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, batch, driven, self.wait)
         # The latest of those with plenty of room: it will do for the most replans.
         order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
-        for index in order[:STOPS_TRIED]:
-            if room[index] >= 0.0:
-                yield int(spans[index])
+        found += [int(spans[index]) for index in order[:STOPS_TRIED] if room[index] >= 0.0]
+        if np.all(np.isneginf(room)):
+            return found, "the goal is nearer than the distance to stop in"
+        return found, "none stays clear for long enough" if self.wait > 0.0 else "none keeps clear"
 
     def vet_on(
         self, now: Moment, last: Trip, foresee: Callable[[ZoneBatch, float], ZoneBatch], branch: float, whole: bool
@@ -362,10 +405,27 @@ class Vetting:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""
         if now.state.time + self.period > stop.branch + TINY or not self.is_on(now, last):
             return None
-        certificate = now.certify(
-            stop.trip, since=now.state.time, until=stop.stands, ends=Ends.START, motions=self.motions
-        )
+        certificate = self.certify_stop(now, stop, now.state.time)
         return Vetted(last, certificate, stop) if certificate.holds else None
+
+    def certify_stop(self, now: Moment, stop: Stop, since: float | None) -> Certificate:
+        """Certify a stop from an absolute time on, s, or its start, until the vehicle has stood for long enough."""
+        certificate = now.certify(stop.trip, since=since, until=stop.stands, ends=Ends.START, motions=self.motions)
+        if not certificate.holds or self.wait <= 0.0:
+            return certificate
+        begins = max(stop.stands, now.state.time)
+        stands = now.certify_standing(stop.trip, begins, stop.stands + self.wait - begins)
+        return certificate if stands is None else replace(stands, limits=certificate.limits)
+
+    def clear_for(self, now: Moment, stop: Stop) -> float:
+        """How long a stop, and standing there, keeps clear from now on, s, as far as samples tell; inf: long enough."""
+        trip = stop.trip
+        times = np.linspace(now.state.time, stop.stands + self.wait, LOOKS)
+        points, _ = trip.at(times)
+        batch = foreseen(now.batch_in(trip.frame), stop.stands - trip.frame.time, {})
+        away = batch.distances(times - trip.frame.time, points.path.position, NEAR)
+        entered = away.min(axis=1, initial=np.inf) < 0.0
+        return float(times[entered.argmax()] - times[0]) if entered.any() else math.inf
 
     def _ahead(self, now: Moment, trip: Trip) -> _Ahead | None:
         """Samples of what is left of a trip, if the vehicle is on it."""

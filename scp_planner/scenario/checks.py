@@ -81,6 +81,12 @@ def discs_have_a_reference(vehicle: Any) -> Iterator[Problem]:
             yield Problem(("discs", i), offset, "must differ from the entries before it")
 
 
+def long_vehicles_steer_ahead(vehicle: Any) -> Iterator[Problem]:
+    """What turns where it stands sweeps no more than it covers."""
+    if len(vehicle.discs) > 1 and vehicle.steering != "ahead":
+        yield Problem(("steering",), vehicle.steering, "must be ahead for a vehicle of more than one disc")
+
+
 def arrival_is_possible(goal: Any) -> Iterator[Problem]:
     """The latest arrival is not before the earliest one."""
     earliest, latest = goal.earliest_arrival, goal.latest_arrival

@@ -34,10 +34,21 @@ MOST_OBSTACLES = 20_000
 _SHAPE = b"shape"
 
 
+class Steering(StrEnum):
+    """In which directions a vehicle can set out, when it drives in closed loop."""
+
+    AHEAD = "ahead"
+    """Along its heading."""
+    ON_THE_SPOT = "on_the_spot"
+    """Where it stands, in any direction: it turns there first. Else along its heading."""
+    ANY = "any"
+    """In any direction, at any time."""
+
+
 class Vehicle(Part):
     """What the vehicle covers and can do."""
 
-    rules: ClassVar[tuple[Rule, ...]] = (checks.discs_have_a_reference,)
+    rules: ClassVar[tuple[Rule, ...]] = (checks.discs_have_a_reference, checks.long_vehicles_steer_ahead)
 
     radius: Positive = Field(description="disc that covers the vehicle, or one of several that do, m")
     max_speed: Positive = Field(description="m/s")
@@ -59,6 +70,11 @@ class Vehicle(Part):
     max_power: Positive | None = Field(
         default=None,
         description="acceleration along the path times speed, as of a motor by the mass, m2/s3; null: unbounded",
+    )
+    steering: Steering = Field(
+        default=Steering.AHEAD,
+        description="online, in which directions it can set out: ahead, along its heading; on_the_spot, from a stand in"
+        " any direction; any, at any time in any direction",
     )
     centre: Number = Field(
         default=0.0,

@@ -128,6 +128,10 @@ class OnlineSettings(Knobs):
         on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too.
     safety : Safety
         What must be certified before a plan is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
+    stay_clear : float or None
+        Time for which no zone may come over the vehicle after it stands, for a stop to be safe; where there is no such
+        stop, the vehicle gets out of the way. Longer: more caution, and more giving way; 0: a vehicle that stands is
+        taken for safe. None: the time in which it drives four times its own width at top speed.
     foresight : float or None
         Time that zones are looked at as they are foreseen, see `scp_planner.online.foresight`. None: the time to react,
         to the next replan and to stop, and somewhat more, since a stop need not begin at once.
@@ -171,6 +175,7 @@ class OnlineSettings(Knobs):
     tracking_error: Annotated[float, Range(0.0, LARGEST, "m")] = 0.0
     reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
     safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
+    stay_clear: Annotated[float | None, Range(0.0, LARGEST, "s")] = None
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
     improve_every: Annotated[int, Range(1, 1000)] = 5

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clock import FakeClock
-from scenes import CROSSERS, scene
+from scenes import CROSSERS, VEHICLE, scene
 
 import scp_planner
 import scp_planner as sp
@@ -26,7 +26,7 @@ from scp_planner.errors import SettingsError
 from scp_planner.estimation.least_squares import Noise
 from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.plotting import View, views
-from scp_planner.scenario.models import ConfidenceLevel
+from scp_planner.scenario.models import ConfidenceLevel, Steering
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
 from scp_planner.settings.online import Newcomers, Regions, Safety
@@ -183,6 +183,7 @@ TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Faulty: ("missing", lambda word: Screening(missing=word).missing),
     Outliers: ("outliers", lambda word: Screening(outliers=word).outliers),
     Noise: ("noise", lambda word: _noise_taken(word)),
+    Steering: ("steering", lambda word: sp.Vehicle(**VEHICLE, steering=word).steering),
     ConfidenceLevel: ("level", lambda word: sp.Confidence(level=word).level),
     Variant: ("variant", lambda word: DescentSettings(variant=word).variant),
     Method: ("methods", lambda word: _method_compared(word)),
@@ -271,7 +272,7 @@ def test_words_become_members_and_others_are_refused(kind: type[Enum]) -> None:
 def test_the_word_for_safety_is_in_force() -> None:
     for word, stops_will_do in (("stop", True), ("trip", False)):
         planner = sp.Planner(scene(), online=sp.OnlineSettings(safety=word))  # type: ignore[arg-type]
-        assert planner._vetting.stops_will_do is stops_will_do
+        assert planner._means.vetting.stops_will_do is stops_will_do
         assert planner.online.safety is Safety(word)
 
 

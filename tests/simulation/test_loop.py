@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -21,9 +21,10 @@ from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.cycle import ZoneRecord
-from scp_planner.simulation.loop import Follower, simulate
+from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
+from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings
 from scp_planner.simulation.worlds import SocialForces, VehicleState, World
 
 pytestmark = pytest.mark.numerics
@@ -43,6 +44,16 @@ def observations(run: Run) -> list[Any]:
 def reloaded(run: Run, folder: Path) -> Run:
     run.save(folder / "run.json")
     return Run.load(folder / "run.json")
+
+
+def test_choices_are_keywords_or_a_setup() -> None:
+    """Both say the same, and keywords go before the setup."""
+    assert get_type_hints(SimulationChoices) == get_type_hints(SimulationSettings)
+    one = simulate(scene(**SHORT), setup=SimulationSettings(sensors=[Sensor(rate=4.0)], time_limit=9.0), time_limit=1.0)
+    assert one == simulate(scene(**SHORT), sensors=[Sensor(rate=4.0)], time_limit=1.0)
+    assert not one.arrived
+    with pytest.raises(TypeError, match="colour"):
+        simulate(scene(), colour=3)  # type: ignore[call-arg]
 
 
 # the record

@@ -1,0 +1,116 @@
+"""Among people, by the protocols that others publish.
+
+    python -m benchmarks.crowds circle      across a circle of 4 m radius among 5 people (CrowdNav)
+    python -m benchmarks.crowds square      across a square of 10 m among 10 people
+    python -m benchmarks.crowds crowdnav    20 restless people in an arena of 12 m, seen 5 m far (CrowdNav++)
+    python -m benchmarks.crowds recorded    through ETH, HOTEL and the university in the manner of ECP-MPC
+
+People give way to each other by ORCA, and to the robot if they see it. Each writes a CSV file, a row an episode, as it
+goes on; called again it goes on from there. ``--fresh`` begins anew, ``--json`` writes the summary.
+"""
+
+from __future__ import annotations
+
+# The first import sets one thread, before numpy is loaded.
+from benchmarks import common  # isort: skip
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from benchmarks.crowds import protocols, recorded
+from benchmarks.crowds.profiles import PROFILES
+from benchmarks.crowds.protocols import Row
+from benchmarks.online import Ledger
+
+KEYS = ("protocol", "people", "robot", "policy", "profile", "seed")
+
+
+def filled(ledger: Ledger, wanted: Sequence[Row], run: Callable[[Row], Row], workers: int) -> list[Row]:
+    """Rows of all episodes that are wanted, driven by so many processes where they are not there yet."""
+    if workers == 1:
+        return ledger.fill(wanted, run)
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        running = {tuple(row.values()): pool.submit(run, row) for row in ledger.missing(wanted)}
+        return ledger.fill(wanted, lambda row: running[tuple(row.values())].result())
+
+
+def crossing(options: argparse.Namespace) -> int:
+    """Episodes of one protocol."""
+    ledger = Ledger(options.output / "crowds.csv", KEYS, options.fresh)
+    people = options.people or protocols.PEOPLE[options.command]
+    profile = options.profile if options.policy == "scp" else ""
+    wanted = [
+        dict(zip(KEYS, (options.command, people, options.robot, options.policy, profile, seed), strict=True))
+        for seed in range(options.seed, options.seed + options.count)
+    ]
+    rows = filled(ledger, wanted, protocols.run, options.workers)
+    name = (options.command, str(people), options.robot, " ".join((options.policy, profile)).strip())
+    sys.stdout.write(protocols.table({name: rows}) + "\n")
+    published = protocols.PUBLISHED.get((options.command, options.robot))
+    if published:
+        sys.stdout.write(f"{published}\n")
+    if options.json:
+        facts = {**dict(zip(KEYS[:5], wanted[0].values(), strict=False)), **protocols.summary(rows)}
+        common.write_text(options.json, json.dumps(facts, indent=1) + "\n")
+    common.write_environment(options.output / "crowds-environment.csv", common.environment())
+    return 0
+
+
+def through_recordings(options: argparse.Namespace) -> int:
+    """Scenes of recorded people."""
+    ledger = Ledger(options.output / "crowds-recorded.csv", ("place", "number", "profile"), options.fresh)
+    wanted = [
+        {"place": place, "number": number, "profile": options.profile}
+        for number in range(options.seed, options.seed + options.count)
+        for place in recorded.PLACES
+    ]
+    rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
+    sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED}\n")
+    if options.json:
+        facts = {"protocol": "recorded", "profile": options.profile, **recorded.summary(rows)}
+        common.write_text(options.json, json.dumps(facts, indent=1) + "\n")
+    common.write_environment(options.output / "crowds-environment.csv", common.environment())
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.crowds",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name in protocols.MAKERS:
+        sub = commands.add_parser(name)
+        sub.set_defaults(run=crossing)
+        sub.add_argument("--people", type=int, help=f"default: {protocols.PEOPLE[name]}")
+        sub.add_argument("--robot", choices=("seen", "unseen"), default="unseen", help="by the people")
+        sub.add_argument("--policy", choices=("scp", *protocols.POLICIES), default="scp", help="that the robot has")
+    sub = commands.add_parser("recorded")
+    sub.set_defaults(run=through_recordings)
+    sub.add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    for name, sub in commands.choices.items():
+        count, what = (3, "scenes of each place") if name == "recorded" else (500, "episodes")
+        sub.add_argument("--profile", choices=tuple(PROFILES), default="crowd", help="settings of the planner")
+        sub.add_argument("--count", type=int, default=count, help=f"{what}; default: {count}")
+        sub.add_argument("--seed", type=int, default=0, help="of the first")
+        sub.add_argument("--workers", type=int, default=1, help="processes; default: 1")
+        sub.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
+        sub.add_argument("--json", type=Path, help="file for the summary")
+        sub.add_argument("--fresh", action="store_true", help="forget what an earlier call wrote")
+    options = parser.parse_args(argv)
+    try:
+        return int(options.run(options))
+    except common.MissingDataError as error:
+        common.say(str(error))
+        return 2
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

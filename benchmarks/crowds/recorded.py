@@ -1,0 +1,213 @@
+"""Recorded crowds in closed loop, in the manner of ECP-MPC.
+
+J. Shin, J. Lee and I. Yang, *Egocentric conformal prediction for safe and efficient navigation in dynamic cluttered
+environments* (2025), whose starts, goals, times and measures these are: a robot of 0.4 m radius that drives at most
+0.8 m/s and turns at most 0.7 rad/s stands for 15 steps of 0.4 s and then drives among people who were recorded and do
+not react. A step counts as a collision if a person is within 1.107 m of the robot's centre; the exit is reached within
+0.6 m of the goal, and its step counts from when the robot was put there. Of their places ETH, HOTEL and the university
+are here. The university's coordinates differ from theirs, so its trip has the same direction and length and the middle
+of the place in its middle.
+"""
+
+from __future__ import annotations
+
+# The first import sets one thread, before numpy is loaded.
+from benchmarks import common  # isort: skip
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import scp_planner as sp
+from benchmarks.crowds.policies import PLAN_OUTCOMES
+from benchmarks.online_crowds import recordings
+from scp_planner.estimation.motion_fitting import fit_motion_model
+from scp_planner.estimation.tracks import Tracks
+from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.simulation.loop import simulate
+from scp_planner.simulation.run import Run
+from scp_planner.simulation.sensors import Sensor
+from scp_planner.simulation.worlds import track_course
+
+Row = dict[str, Any]
+
+STEP = 0.4  # s
+WAITING = 15  # steps
+MOST_STEPS = 100
+ROBOT, PERSON = 0.4, 1.0 / math.sqrt(2.0)  # m
+TOP_SPEED, TURNING = 0.8, 0.7  # m/s, rad/s
+NEAR_EXIT = 0.6  # m
+BEGINNINGS = (100, 200, 300)
+"""Steps of the recording at which the published scenes begin; further ones follow at the same distance."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Start, its heading in rad, and goal of the trip through a place, m."""
+
+    start: tuple[float, float]
+    heading: float
+    goal: tuple[float, float]
+
+
+PLACES = {
+    "eth": Place((5.0, 1.0), 0.5 * math.pi, (3.0, 10.0)),
+    "hotel": Place((-1.5, 0.0), -0.5 * math.pi, (2.0, -6.0)),
+    "univ": Place((-3.3, -2.6), 0.25 * math.pi, (4.7, 3.9)),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A trip through a recording: the scenario, and the courses of those who are there meanwhile."""
+
+    scenario: sp.Scenario
+    people: Mapping[str, Any]
+    shapes: Mapping[str, Any]
+
+
+def scene(place: str, tracks: Tracks, number: int) -> Scene:
+    """The scene of a place that begins at a step of its recording."""
+    where = PLACES[place]
+    beginning = BEGINNINGS[0] + number * (BEGINNINGS[1] - BEGINNINGS[0])
+    start = tracks.start + (beginning + WAITING) * STEP
+    scenario = sp.Scenario(
+        name=f"{place}-{number}",
+        vehicle=sp.Vehicle(
+            radius=ROBOT,
+            max_speed=TOP_SPEED,
+            max_acceleration=TOP_SPEED / STEP,
+            max_deceleration=TOP_SPEED / STEP,
+            max_curvature=TURNING / TOP_SPEED,
+        ),
+        start=sp.Start(time=start, position=where.start, heading=where.heading, speed=0.0),
+        goal=sp.Goal(position=where.goal, radius=NEAR_EXIT),
+        confidence=sp.Confidence(probability=0.95, level="per_time"),
+        obstacles=(),
+    )
+    end = start + MOST_STEPS * STEP
+    some = [t for t in tracks if len(t) > 1 and t.times[-1] > start - WAITING * STEP and t.times[0] < end]
+    people = {track.id: track_course(track) for track in some}
+    return Scene(scenario, people, {name: sp.Disc(disc=PERSON) for name in people})
+
+
+@cache
+def _model(tracks: Tracks) -> ProcessModel:
+    return fit_motion_model(tracks.halves()[0])
+
+
+def run(row: Row, folder: str | None = None) -> Row:
+    """One scene; the row says which."""
+    from benchmarks.crowds.profiles import profile
+
+    tracks = recordings(folder)[row["place"]]
+    drawn = scene(row["place"], tracks, int(row["number"]))
+    online, _ = profile(str(row["profile"]))
+    done = simulate(
+        drawn.scenario,
+        seed=int(row["number"]),
+        rate=1.0 / STEP,
+        world=drawn.people,
+        shapes=drawn.shapes,
+        sensors=[Sensor(rate=1.0 / STEP, noise=0.0)],
+        history=WAITING * STEP,
+        model=sp.Model(order=1, process=_model(tracks)),
+        online=online,
+        time_limit=(MOST_STEPS - WAITING) * STEP,
+    )
+    return written(done)
+
+
+def written(done: Run) -> Row:
+    """The columns of a run."""
+    steps = np.array([_nearest(record.position, record.truth) for record in done.records])
+    wall = 1e3 * done.wall_times[1:]
+    return {
+        "arrived": int(done.arrived),
+        "steps": WAITING + math.ceil(done.travel_time / STEP - 1e-6),
+        "driven": len(steps),
+        "near": int((steps < ROBOT + PERSON).sum()),
+        "least": float(steps.min()),
+        "unsafe": sum(not record.safe for record in done.records),
+        "median_ms": float(np.median(wall)),
+        "slow_ms": float(np.quantile(wall, 0.99)),
+        **{name: done.outcomes[name] for name in PLAN_OUTCOMES},
+    }
+
+
+def _nearest(position: tuple[float, float], truth: Sequence[tuple[str, tuple[float, float]]]) -> float:
+    return min((math.dist(position, place) for _, place in truth), default=math.inf)
+
+
+def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """What is said of many scenes: means over scenes, as published."""
+
+    def column(key: str) -> np.ndarray:
+        return np.array([float(row[key]) for row in rows])
+
+    driven = column("driven")
+    return {
+        "scenes": float(len(rows)),
+        "arrived": float(column("arrived").mean()),
+        "collision_steps": float((column("near") / driven).mean()),
+        "exit_steps": float(column("steps").mean()),
+        "unsafe_steps": float((column("unsafe") / driven).mean()),
+        "least_distance": float(column("least").min()),
+        "median_ms": common.median(column("median_ms")),
+        "slow_ms": common.median(column("slow_ms")),
+        **{name: float(column(name).sum() / driven.sum()) for name in PLAN_OUTCOMES},
+    }
+
+
+HEADINGS = [
+    "place",
+    "scenes",
+    "arrived, %",
+    "steps within 1.107 m, %",
+    "steps to the exit",
+    "steps not safe, %",
+    "nearest m",
+    "replan ms",
+    "99 %",
+    "braking, %",
+    "evading, %",
+]
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line for each place, and one for all."""
+    lines = []
+    for name in (*PLACES, "all"):
+        some = [row for row in rows if name in ("all", row["place"])]
+        if not some:
+            continue
+        facts = summary(some)
+        lines.append(
+            [
+                name,
+                len(some),
+                *(common.number(100.0 * facts[key], 1) for key in ("arrived", "collision_steps")),
+                common.number(facts["exit_steps"], 1),
+                common.number(100.0 * facts["unsafe_steps"], 1),
+                *(common.number(facts[key], digits) for key, digits in (("least_distance", 2), ("median_ms", 1))),
+                common.number(facts["slow_ms"], 1),
+                *(common.number(100.0 * facts[key], 1) for key in ("braking", "evading")),
+            ]
+        )
+    return common.table(HEADINGS, lines)
+
+
+PUBLISHED = "published (ECP-MPC, nine scenes): 6.9 % of steps within 1.107 m, 55 steps to the exit, 15 % infeasible"
+
+
+def section(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
+    """The section of the page of benchmarks."""
+    text = (
+        "A robot of 0.4 m radius at 0.8 m/s, with steps of 0.4 s, of which it stands for the first 15, among people "
+        "who were recorded and do not react. Means over scenes."
+    )
+    return [f"## {title.capitalize()}", text, table(rows), f"{PUBLISHED.capitalize()}."]

@@ -1,0 +1,100 @@
+"""What the promise of a plan rests on, looked at while driving: `docs/explanation/out-of-the-way.md` states it.
+
+- Obstacles stay in the zones that were made of them: at each replan their centres are looked for there.
+- The vehicle is where its plan has it, to the tracking error.
+- Replans come at least once in a period.
+
+What does not hold is told once when that begins; where it goes on, it is not told again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.vetting import NOTHING, TINY, Moment
+from scp_planner.scenario.units import NaturalUnits
+
+INSIDE = 1e-9
+"""Relative, of the size of a zone: rounding."""
+LATE = 1e-6
+"""Relative, of the period: rounding."""
+
+
+class Assumptions:
+    """Looks whether what the last plan was promised under still holds.
+
+    Parameters
+    ----------
+    period : float
+        Longest time between two replans, s.
+    tracking_error : float
+        m.
+    units : NaturalUnits
+        Of the scene: what is told is told in those of the user.
+    """
+
+    def __init__(self, period: float, tracking_error: float, units: NaturalUnits) -> None:
+        self._period, self._tracking_error, self._units = period, tracking_error, units
+        self._before: Moment | None = None
+        self._told: frozenset[str] = frozenset()
+
+    def broken(self, now: Moment, last: OnlinePlan | None) -> tuple[str, ...]:
+        """Return what does not hold any more and has not been told yet, and remember the moment.
+
+        Parameters
+        ----------
+        now : Moment
+        last : OnlinePlan or None
+            What has been driven since the last call.
+
+        Returns
+        -------
+        tuple of str
+        """
+        before, self._before = self._before, now
+        if before is None or last is None:
+            return ()
+        found = self._escaped(before, now)
+        late = now.state.time - before.state.time
+        if late > self._period * (1.0 + LATE) + TINY:
+            found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
+        points, _ = last.trip.at(now.state.time)
+        (place,) = last.trip.frame.to_world(points.path.position)
+        off = float(np.hypot(*(place - now.state.position)))
+        if off > self._tracking_error + NOTHING:
+            found["track"] = f"the vehicle is {off * self._units.length:.3g} m off its plan, beyond the tracking error"
+        new = tuple(text for key, text in found.items() if key not in self._told)
+        self._told = frozenset(found)
+        return new
+
+    def _escaped(self, before: Moment, now: Moment) -> dict[str, str]:
+        """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each."""
+        old, new = before.batch, now.batch
+        known = {name: place for place, name in enumerate(old.ids)}
+        pairs = [(known[name], place) for place, name in enumerate(new.ids) if name in known]
+        if not pairs:
+            return {}
+        first, second = np.array(pairs).T
+        elapsed = np.array([now.state.time - before.state.time])
+        was = before.frame.to_world(old.centers.grid(elapsed)[0, first])
+        moved = now.frame.to_world(new.centers.grid(np.zeros(1))[0, second]) - was
+        apart = np.hypot(moved[:, 0], moved[:, 1])
+        allowed = INSIDE * old.radius[first] + NOTHING
+        if old.covariances is not None:
+            # In the direction in which it moved: the ellipse reaches so far
+            some = old.slot[first] >= 0
+            turned = before.frame.rotation.T @ (moved[some] / np.maximum(apart[some], NOTHING)[:, None]).T
+            inverse = np.linalg.inv(_matrices(old.covariances.grid(elapsed)[0, old.slot[first[some]]]))
+            allowed[some] += 1.0 / np.sqrt(np.einsum("in,nij,jn->n", turned, inverse, turned))
+        return {
+            new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
+            for k in np.flatnonzero(apart > allowed)
+        }
+
+
+def _matrices(packed: Array) -> Array:
+    """Covariances (xx, xy, yy), (n, 3), as matrices that can be inverted, (n, 2, 2)."""
+    matrices: Array = packed[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    return matrices + NOTHING**2 * np.eye(2)

@@ -1,0 +1,171 @@
+"""What is driven where nothing better than the last plan is found: that plan, its path slower, or a stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain, islice
+from time import perf_counter
+
+import numpy as np
+
+from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.online.evasion import Dodge, Evasion
+from scp_planner.online.means import Means, Replan
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
+from scp_planner.online.vetting import Stop, Vetted, refused
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.parameters import LOOP
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
+"""Sizes of regions, as shares of those at the level asked for, that trips keep clear of where nothing does better."""
+EVADING_STEPS = 8
+"""Steps of the loop for each of them."""
+EASINGS = (0.6, 0.25, 0.0)
+"""Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
+
+
+class Fallback:
+    """What is driven where nothing better than the last plan is found.
+
+    Parameters
+    ----------
+    means : Means
+    """
+
+    def __init__(self, means: Means) -> None:
+        self._means = means
+        self._evasion = Evasion(means)
+
+    def fall_back(
+        self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, why: str
+    ) -> OnlinePlan:
+        """Keep the last plan, or drive its path slower, or brake."""
+        moment = now.moment
+        if last is not None:
+            kept = self._means.vetting.vet_kept(moment, last.trip)
+            if kept is not None:
+                return self._means.plan_of(kept, now, Outcome.KEPT, f"nothing better was found: {why}")
+            if last.stop is not None:
+                kept = self._means.vetting.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
+                if kept is not None:
+                    return self._means.plan_of(kept, now, Outcome.KEPT, f"a stop from it still holds; {why}")
+        if last is not None and ahead is not None:
+            repaired = self._repair(now, problem, ahead)
+            if repaired is not None:
+                return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
+        return self._give_way(now, problem, ahead, why)
+
+    def _give_way(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
+        """Get out of the way, or stand where that is as safe; or else do what is clear for longest."""
+        dodge = self._evasion.safest(now)
+        if dodge.safe:
+            stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
+            text = f"{_what(dodge)}: {why}"
+            if not dodge.moves:
+                return self._means.plan_of(
+                    Vetted(dodge.trip, dodge.certificate, stop, 0.0),
+                    now,
+                    Outcome.BRAKING,
+                    f"{text}; the vehicle stands",
+                )
+            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, Outcome.EVADING, text)
+        lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
+        if lower is not None:
+            risky, share = lower
+            text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
+            outcome = Outcome.EVADING if risky.moves else Outcome.BRAKING
+            return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, outcome, text)
+        return self._brake(now, problem, ahead, why, dodge)
+
+    def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
+        """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
+        for share in EASINGS:
+            if perf_counter() > now.deadline:
+                return None
+            beta = ahead.beta.copy()
+            beta[0] = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
+            trial = Trajectory.of(problem.space, ahead.theta, beta)
+            if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
+                continue
+            vetted = self._means.vet(now, problem, trial)
+            if isinstance(vetted, Vetted):
+                return vetted
+        return None
+
+    def _evade(self, now: Replan, ahead: Trajectory | None, why: str) -> OnlinePlan | None:
+        """What keeps clear at the highest level at which anything is found: a stop, or a trip that can be stopped."""
+        moment = now.moment
+        if ahead is None or not moment.growing:
+            return None
+        for share in LOWER_LEVELS:
+            if perf_counter() > now.deadline:
+                break
+            lower = replace(now, moment=moment.with_smaller_zones(share))
+            problem = self._means.problem(lower)
+            loop = ScpLoop(problem, self._means.solver)
+            for start in chain([ahead], (each.trajectory for each in islice(self._means.starts(problem, math.inf), 1))):
+                run = loop.run(start, EVADING_STEPS, deadline=now.deadline, trust=LOOP.first_trust, enough=1)
+                steps, trajectory = len(run.record), run.evaluation.trajectory
+                found = self._means.vetting.vet(lower.moment, problem, trajectory, run.evaluation, steps)
+                if isinstance(found, Vetted):
+                    text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
+                    trip = Vetted(found.trip, refused(found.certificate), None, iterations=steps)
+                    return self._means.plan_of(trip, now, Outcome.EVADING, text)
+        return None
+
+    def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str, dodge: Dodge) -> OnlinePlan:
+        """Where nothing stays clear: a stop that does at least until the vehicle stands, or what does least harm."""
+        moment = now.moment
+        time, stands = moment.state.time, moment.state.speed <= STANDING
+        least: tuple[float, Trip, Certificate] | None = None
+        for trip in self._stops(now, problem, ahead):
+            stop = Stop(trip, trip.frame.time)
+            since = time if trip.frame.time < time else None
+            if since is not None and since >= stop.stands:
+                continue
+            certificate = moment.certify(
+                trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
+            )
+            if certificate.holds and not stands and self._means.vetting.clear_for(moment, stop) >= dodge.clear:
+                text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
+                return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
+            if least is None or certificate.clearance.minimum > least[0]:
+                least = certificate.clearance.minimum, trip, certificate
+        evading = self._evade(now, ahead, why)
+        if evading is not None:
+            return evading
+        assert least is not None, "the last stop begins now"
+        _, trip, certificate = least
+        harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
+        if stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
+            text = f"{why}; nothing is safe, this keeps clear for longest, {dodge.clear * self._means.units.time:.3g} s"
+            threat = "" if dodge.threat is None else f", then comes near to {dodge.threat}"
+            outcome = Outcome.EVADING if dodge.moves else Outcome.BRAKING
+            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, outcome, text + threat)
+        text = f"{why}; no stop is certified, this is the least bad: {harm}"
+        return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
+
+    def _stops(self, now: Replan, problem: Problem, ahead: Trajectory | None) -> Iterator[Trip]:
+        moment = now.moment
+        if now.last is not None and now.last.stop is not None and self._means.vetting.is_on(moment, now.last.stop):
+            yield now.last.stop
+        if ahead is not None:
+            along = stop_now(ahead.path, problem.space.start_speed, problem.limits.deceleration)
+            if fits(along):
+                yield Trip(problem.frame, along)
+        yield straight_stop(moment.state, problem.limits, self._means.settings, self._means.breakpoints)
+
+
+def _what(dodge: Dodge) -> str:
+    """What is done, and for whom, in words."""
+    whom = dodge.blocked_by or dodge.threat
+    of = "what is ahead" if whom is None else whom
+    if not dodge.moves:
+        return f"waits for {of}"
+    return f"nears the goal as far as is safe, behind {of}" if dodge.nears else f"gives way to {of}"

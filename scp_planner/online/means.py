@@ -1,0 +1,205 @@
+"""What the parts of a planner share: a replan that is under way, and what is done in several places of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from scp_planner.certificate.verdict import Ends
+from scp_planner.online.foresight import foreseen
+from scp_planner.online.inbox import Inbox
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.remaining import State, _guide_from
+from scp_planner.online.stops import straight_stop
+from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
+from scp_planner.planning.plan import PlanStatus
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Limits
+from scp_planner.scenario.models import Scenario, Start
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.ways import WaySearch, ways
+from scp_planner.settings.online import Safety, SceneOnlineSettings
+from scp_planner.settings.planning import SceneSettings
+from scp_planner.solvers import QpSolver
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import corridor_zones
+from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
+
+LOOK_GAIN_TIME = 0.1
+"""Units of time by which another way round must be faster for the vehicle to change over."""
+CLEAR_WIDTHS = 4.0
+"""Widths of the vehicle: a stop stays clear for the time in which it drives these at top speed, unless that is set."""
+
+
+@dataclass
+class Replan:
+    """One call of `Planner.replan`.
+
+    Attributes
+    ----------
+    moment : Moment
+        With the newest observations.
+    began, deadline : float
+        On the computer's clock, s.
+    last : OnlinePlan or None
+        The last answer.
+    cycle : int
+        Its number.
+    timings : dict of str to float
+        Wall time of each stage, s.
+    clock : float
+        When the last stage ended.
+    """
+
+    moment: Moment
+    began: float
+    deadline: float
+    last: OnlinePlan | None
+    cycle: int
+    timings: dict[str, float] = field(default_factory=dict)
+    clock: float = 0.0
+
+    def lap(self, stage: str) -> None:
+        """Count the time since the last lap to a stage."""
+        clock = perf_counter()
+        self.timings[stage] = self.timings.get(stage, 0.0) + clock - self.clock
+        self.clock = clock
+
+
+class Means:
+    """What the parts of a planner share.
+
+    Parameters
+    ----------
+    given : Scenario
+        Vehicle, goal and bounds.
+    settings : SceneSettings
+        Of the loop.
+    online : SceneOnlineSettings
+    inbox : Inbox
+    units : NaturalUnits
+        Of the scene.
+    solver : QpSolver
+        Of the subproblems.
+
+    Attributes
+    ----------
+    vetting : Vetting
+        Decides what may be driven.
+    breakpoints : tuple of float
+        Of the acceleration of all trips, in normalised time.
+    wait : float
+        For how long a stop must stay clear after the vehicle stands, s.
+    """
+
+    def __init__(
+        self,
+        given: Scenario,
+        settings: SceneSettings,
+        online: SceneOnlineSettings,
+        inbox: Inbox,
+        units: NaturalUnits,
+        solver: QpSolver,
+    ) -> None:
+        self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
+        self.solver, self.obstacles = solver, inbox.obstacles
+        self.wait = CLEAR_WIDTHS * 2.0 * given.vehicle.radius / given.vehicle.max_speed
+        if online.stay_clear is not None:
+            self.wait = online.stay_clear
+        self.vetting = Vetting(online.period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
+        self.breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
+        stopping = given.vehicle.max_speed / given.vehicle.max_deceleration
+        self._foresight = online.period + online.reaction_time + stopping + 0.5 * COMMITMENT
+        if online.foresight is not None:
+            self._foresight = online.foresight
+
+    def moment(self, state: State) -> Moment:
+        """Return a moment at a state, with all that has been observed."""
+        self.inbox.take_in()
+        self.inbox.forget(state.time)
+        zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
+        return Moment(state, self.scenario_at(state), zones)
+
+    def scenario_at(self, state: State) -> Scenario:
+        """Return what is left of the scenario, without obstacles."""
+        start = Start.model_construct(
+            time=state.time, position=state.position, heading=state.heading, speed=state.speed, acceleration=None
+        )
+        changes: dict[str, Any] = {"start": start, "obstacles": ()}
+        if self.given.guide is not None:
+            changes["guide"] = _guide_from(self.given.guide, state.position)
+        return self.given.model_copy(update=changes)
+
+    def foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
+        """The zones that trips are planned among, of those on a clock that shows a time now."""
+        if self.online.safety is Safety.TRIP:
+            return batch
+        return foreseen(batch, self._foresight, self.obstacles.learning(), clock)
+
+    def problem(self, now: Replan) -> Problem:
+        """Return the problem of a moment, among foreseen zones."""
+        problem = build_problem(now.moment.scenario, (), self.settings, self.breakpoints)
+        batch = self.foreseen(now.moment.batch)
+        return problem.among(batch.inflated(np.full(batch.size, self.settings.clearance_margin)))
+
+    def vet(
+        self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0
+    ) -> Vetted | Refusal:
+        """Certify a trip, with the newest observations."""
+        if self.inbox:
+            now.moment = self.moment(now.moment.state)
+        branch = math.inf if now.last is None else now.last.branch_time
+        vetted = self.vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
+        now.lap("certificate")
+        return vetted
+
+    def starts(self, problem: Problem, cutoff: float) -> Iterator[Trip]:
+        """Give trips along the ways to the goal that may be faster than a cutoff, s; bows where there is none."""
+        any_way = False
+        search = WaySearch(problem)
+        for way in ways(search, self.settings.searches, cutoff + LOOK_GAIN_TIME):
+            any_way = True
+            yield Trip(problem.frame, trip_along(problem, way))
+        if not any_way and not math.isfinite(cutoff):
+            for bow in bows(problem):
+                yield Trip(problem.frame, bow)
+
+    def standing(self, now: Replan, why: str) -> OnlinePlan:
+        """Return the plan to stand where the vehicle is."""
+        moment = now.moment
+        limits = Limits.of(moment.scenario)
+        trip = straight_stop(replace(moment.state, speed=0.0), limits, self.settings, self.breakpoints)
+        certificate = moment.certify(trip, since=moment.state.time, until=moment.state.time, ends=Ends.START)
+        stop = Stop(trip, trip.frame.time) if certificate.holds else None
+        return self.plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, f"{why}; the vehicle stands")
+
+    def plan_of(self, vetted: Vetted, now: Replan, outcome: Outcome, why: str) -> OnlinePlan:
+        """Return a plan of what may be driven."""
+        if vetted.certified and outcome is not Outcome.BRAKING:
+            status = PlanStatus.CERTIFIED
+        else:
+            status = PlanStatus.FEASIBLE if vetted.feasible else PlanStatus.INFEASIBLE
+        return OnlinePlan(
+            scenario=self.given.name,
+            status=status,
+            reason=why,
+            trip=vetted.trip,
+            method="scp",
+            solver=self.solver.name,
+            iterations=vetted.iterations,
+            wall_time=perf_counter() - now.began,
+            clearance=vetted.certificate.clearance,
+            limits=vetted.certificate.limits,
+            timings=now.timings,
+            outcome=outcome,
+            stop=None if vetted.stop is None else vetted.stop.trip,
+            branch_time=math.inf if vetted.stop is None else vetted.stop.branch,
+        )

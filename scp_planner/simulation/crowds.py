@@ -1,0 +1,271 @@
+"""Crowds that others measure their robots in: crossings of a circle and of a square, and an arena of restless people.
+
+The first two are those of C. Chen, Y. Liu, S. Kreiss and A. Alahi, *Crowd-robot interaction*, ICRA 2019 (CrowdNav): a
+robot crosses 8 m among people of 0.3 m radius who like to walk at 1 m/s. The third is that of S. Liu et al., *Intention
+aware robot crowd navigation with attention-based interaction graph*, ICRA 2023 (CrowdNav++): 20 people of different
+sizes and speeds who change their goals, and a robot that sees 5 m far. In all of them people avoid each other by ORCA
+in steps of 0.25 s, and an episode is won when the robot comes within its radius of its goal in time, untouched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.scenario.models import Confidence, Goal, Model, Scenario, Start, Steering, Vehicle
+from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
+from scp_planner.scenario.shapes import Disc, Shape
+from scp_planner.settings.online import OnlineSettings
+from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
+from scp_planner.simulation.sensors import Sensor
+from scp_planner.simulation.setup import SimulationSettings
+
+STEP = 0.25  # s
+ROBOT_RADIUS = 0.3  # m
+TOP_SPEED = 1.0  # m/s
+ACCELERATION = TOP_SPEED / STEP
+"""m/s2. The protocols' robot may change its velocity at once; this one takes a step to its top speed."""
+CIRCLE = 4.0  # m
+SQUARE = 10.0  # m, its side
+GAP = 0.2  # m, at least between the places and goals of people at the start
+JITTER = 1.0  # m, side of the square round a point of the circle in which somebody starts
+ARENA = 6.0  # m, half of its side
+ARENA_CIRCLE = ARENA * math.sqrt(2.0)
+ARENA_GAP = 0.25  # m
+ARENA_TRIP = 8.0  # m, the shortest
+ARENA_PADDING = 0.16  # m
+FORGET_STEPS = 6
+"""Steps after which somebody who is not seen has gone."""
+LEVEL = 0.7
+"""At which people's zones hold them. Higher: wider bows, more waiting; lower: more steps aside in the last moment."""
+WALKER = Model(
+    order=1,
+    process=ProcessModel(process=RandomWalkVelocity(diffusion=0.03), velocity_deviation=1.0, noise_deviation=0.01),
+)
+"""How people who avoid each other are taken to move. Regions of 95 % of this model hold them in 95 % of all cases
+0.25 s ahead, in 89 % 1 s and in 85 % 3 s ahead; those of a velocity that is believed exactly in 29, 22 and 10 %."""
+ARENA_RADII, ARENA_SPEEDS = (0.3, 0.5), (0.5, 1.5)  # m, m/s
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A robot's task among people.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        Robot, start and goal; without obstacles.
+    people : OrcaPeople
+        The world that it drives in.
+    shapes : dict of str to Shape
+        Of the people, by id.
+    step : float
+        From one look and decision to the next, s.
+    time_limit : float
+        s.
+    view : float
+        How far the robot sees, m.
+    """
+
+    scenario: Scenario
+    people: OrcaPeople
+    shapes: dict[str, Shape]
+    step: float
+    time_limit: float
+    view: float
+
+    @property
+    def rate(self) -> float:
+        """Looks and decisions per second, Hz."""
+        return 1.0 / self.step
+
+    def setup(self, online: OnlineSettings | None = None, model: Model = WALKER) -> SimulationSettings:
+        """What :func:`scp_planner.simulate` drives it with: exact looks every step as far as the robot sees.
+
+        Parameters
+        ----------
+        online : OnlineSettings, optional
+        model : Model
+            That people are tracked with.
+
+        Returns
+        -------
+        SimulationSettings
+        """
+        return SimulationSettings(
+            world=self.people,
+            sensors=(Sensor(rate=self.rate, noise=0.0, range=self.view),),
+            online=online or OnlineSettings(forget_after=FORGET_STEPS * self.step),
+            history=0.0,
+            time_limit=self.time_limit,
+            shapes=self.shapes,
+            model=model,
+        )
+
+
+def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> Episode:
+    """Everybody crosses a circle of 4 m radius to the opposite side, from a place jittered by up to 0.5 m.
+
+    Parameters
+    ----------
+    seed : int
+    people : int
+        How many.
+    sees_vehicle : bool
+        Whether they give way to the robot.
+
+    Returns
+    -------
+    Episode
+
+    Raises
+    ------
+    ValueError
+        If there is no room for so many.
+    """
+    rng = np.random.default_rng([seed, 0])
+
+    def draw() -> tuple[Array, Array]:
+        start = _on_circle(rng, CIRCLE) + JITTER * rng.uniform(-0.5, 0.5, 2)
+        return start, -start
+
+    return _crossing(f"circle-{people}-{seed}", draw, people, sees_vehicle)
+
+
+def square_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> Episode:
+    """People cross a square of 10 m side, each from anywhere in its left or right half to anywhere in the other.
+
+    Parameters
+    ----------
+    seed : int
+    people : int
+        How many.
+    sees_vehicle : bool
+        Whether they give way to the robot.
+
+    Returns
+    -------
+    Episode
+
+    Raises
+    ------
+    ValueError
+        If there is no room for so many.
+    """
+    rng = np.random.default_rng([seed, 1])
+
+    def draw() -> tuple[Array, Array]:
+        side = -1.0 if rng.random() < 0.5 else 1.0
+        (x0, y0), (x1, y1) = rng.uniform([0.0, -0.5], [0.5, 0.5], (2, 2)) * SQUARE
+        return np.array([side * x0, y0]), np.array([-side * x1, y1])
+
+    return _crossing(f"square-{people}-{seed}", draw, people, sees_vehicle)
+
+
+def restless_arena(seed: int, people: int = 20, sees_vehicle: bool = False) -> Episode:
+    """Restless people in an arena of 12 m, and a robot that sees 5 m far and drives at least 8 m.
+
+    Parameters
+    ----------
+    seed : int
+    people : int
+        How many.
+    sees_vehicle : bool
+        Whether they give way to the robot.
+
+    Returns
+    -------
+    Episode
+
+    Raises
+    ------
+    ValueError
+        If there is no room for so many.
+    """
+    rng = np.random.default_rng([seed, 2])
+    while True:
+        start, goal = rng.uniform(-ARENA, ARENA, (2, 2))
+        if np.hypot(*(goal - start)) >= ARENA_TRIP:
+            break
+    radii, speeds = rng.uniform(*ARENA_RADII, people), rng.uniform(*ARENA_SPEEDS, people)
+
+    def draw(k: int) -> tuple[Array, Array]:
+        place = _on_circle(rng, ARENA_CIRCLE) + speeds[k] * rng.uniform(-0.5, 0.5, 2)
+        return place, -place
+
+    places, goals = _placed(draw, radii, (start, goal), ARENA_GAP)
+    crowd = RestlessPeople(
+        places,
+        goals,
+        speeds,
+        radii,
+        Manner(STEP, neighbours=people, padding=ARENA_PADDING),
+        sees_vehicle,
+        restlessness=Restlessness(ARENA_CIRCLE),
+        seed=seed,
+    )
+    scenario = _task(f"arena-{people}-{seed}", start, goal)
+    return Episode(scenario, crowd, _shapes(crowd), STEP, time_limit=50.0, view=5.0)
+
+
+def _crossing(name: str, draw: Callable[[], tuple[Array, Array]], people: int, sees_vehicle: bool) -> Episode:
+    start, goal = np.array([0.0, -CIRCLE]), np.array([0.0, CIRCLE])
+    radii = np.full(people, 0.3)
+    places, goals = _placed(lambda k: draw(), radii, (start, goal), GAP)
+    crowd = OrcaPeople(places, goals, TOP_SPEED, radii, Manner(STEP), sees_vehicle)
+    return Episode(_task(name, start, goal), crowd, _shapes(crowd), STEP, time_limit=25.0, view=math.inf)
+
+
+MOST_DRAWS = 100_000
+"""Of places for a crowd, before there is taken to be no room."""
+
+
+def _placed(
+    draw: Callable[[int], tuple[Array, Array]], radii: Array, robot: tuple[Array, Array], gap: float
+) -> tuple[Array, Array]:
+    """Draw starts and goals, each (K, 2) m, that are apart from those drawn before and from the robot's."""
+    starts, goals, sizes = [robot[0]], [robot[1]], [ROBOT_RADIUS]
+    draws = 0
+    while len(starts) <= len(radii):
+        k = len(starts) - 1
+        start, goal = draw(k)
+        apart = radii[k] + np.array(sizes) + gap
+        near_start = np.linalg.norm(np.array(starts) - start, axis=1) < apart
+        near_goal = np.linalg.norm(np.array(goals) - goal, axis=1) < apart
+        if not (near_start.any() or near_goal.any()):
+            starts.append(start)
+            goals.append(goal)
+            sizes.append(float(radii[k]))
+        draws += 1
+        if draws > MOST_DRAWS:
+            raise ValueError(f"people: there is no room for {len(radii)}")
+    return np.array(starts[1:]).reshape(-1, 2), np.array(goals[1:]).reshape(-1, 2)
+
+
+def _on_circle(rng: np.random.Generator, radius: float) -> Array:
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    return radius * np.array([math.cos(angle), math.sin(angle)])
+
+
+def _task(name: str, start: Array, goal: Array) -> Scenario:
+    return Scenario(
+        name=name,
+        vehicle=Vehicle(
+            radius=ROBOT_RADIUS,
+            max_speed=TOP_SPEED,
+            max_acceleration=ACCELERATION,
+            max_deceleration=ACCELERATION,
+            steering=Steering.ANY,
+        ),
+        start=Start(time=0.0, position=(float(start[0]), float(start[1])), speed=0.0),
+        goal=Goal(position=(float(goal[0]), float(goal[1])), radius=ROBOT_RADIUS),
+        confidence=Confidence(probability=LEVEL, level="per_time"),
+    )
+
+
+def _shapes(crowd: OrcaPeople) -> dict[str, Shape]:
+    return {name: Disc(disc=float(radius)) for name, radius in zip(crowd.names, crowd.radii, strict=True)}

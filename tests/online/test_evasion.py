@@ -1,0 +1,248 @@
+"""Out of the way: dodges, what is promised of a stop, and people who walk at a vehicle that stands."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import disc, scene
+
+import scp_planner as sp
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.dodges import Dodges
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.planner import Planner
+from scp_planner.online.stops import standing_from
+from scp_planner.scenario.limits import Box, Limits
+from scp_planner.scenario.models import Steering
+from scp_planner.settings.online import OnlineSettings
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.of_scenario import ZonesOf
+
+pytestmark = pytest.mark.numerics
+
+SCALE = math.sqrt(-2.0 * math.log(0.05))
+"""Of the region of two normal errors at 95 %."""
+PERIOD = 0.2
+LIMITS = Limits(1.5, 1.0, 1.5, 1.5, 2.0)
+
+
+def follow(planner: Planner, time: float) -> OnlinePlan:
+    plan = planner.plan
+    assert plan is not None
+    return planner.replan(time, plan.position(time), float(plan.heading(time)), max(float(plan.speed(time)), 0.0))
+
+
+# dodges
+
+
+@pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])
+def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float) -> None:
+    dodges = Dodges.of(heading, speed, 0.2, LIMITS, 0.3, 1.0)
+    frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
+    for number in range(len(dodges.position)):
+        trip = dodges.trip(number, frame)
+        points, _ = trip.at(5.0 + dodges.times)
+        place = frame.to_frame(trip.frame.to_world(points.path.position))
+        assert np.abs(place - dodges.position[number]).max() < 0.02
+        assert np.all(points.speed <= max(LIMITS.speed, speed) + 1e-9)
+        assert points.acceleration.max() <= LIMITS.acceleration and points.acceleration.min() >= -LIMITS.deceleration
+        bend = np.abs(trip.trajectory.path.bend(points.path).curvature)
+        assert bend.max() <= LIMITS.curvature
+        assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
+        over = dodges.times > dodges.until[number] - dodges.wait
+        assert np.all(points.speed[over] <= 1e-9)
+
+
+def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
+    """Discs exactly; an ellipse in the direction of its centre, which is never more; outlines where they are near."""
+    wall = {"id": "wall", "shape": {"polygon": [[-0.2, -4.0], [0.2, -4.0], [0.2, 4.0], [-0.2, 4.0]]}}
+    scenario = scene(
+        disc("a", (2.0, 1.0), (-0.5, 0.1)),
+        disc("b", (-1.0, -2.0), (0.2, 0.5)),
+        {**wall, "motion": {"position": [2.5, 0.0]}},
+    )
+    zones, vehicle = tuple(ZonesOf(scenario)), scenario.vehicle
+    frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
+    dodges = Dodges.of(0.1, 0.5, 0.0, LIMITS, vehicle.radius, 1.0)
+    batch = ZoneBatch.of(zones, frame, vehicle.radius)
+    least, whose = dodges.distances(batch, Box.of(scenario, frame, 0.0), vehicle)
+    exact = np.array(
+        [[zone.signed_distance(dodges.times, frame.to_world(place)) for zone in zones] for place in dodges.position]
+    )
+    nearest = exact.min(axis=1) - vehicle.radius
+    near = nearest < 0.1
+    assert near.sum() > 100
+    assert least[near] == pytest.approx(nearest[near], abs=1e-9)
+    assert np.all(least <= nearest + 1e-9)
+    assert np.all(whose[near] == exact.argmin(axis=1)[near])
+
+
+# behaviour
+
+
+@pytest.mark.parametrize("steering", Steering)
+def test_vehicle_that_stands_gets_out_of_the_way(steering: Steering) -> None:
+    """There is no way to its goal, so it waits, where somebody would walk over it."""
+    scenario = scene(
+        disc("walker", (0.1, -6.0), (0.0, 1.0), radius=0.3),
+        {"id": "wall", "shape": {"rectangle": [0.4, 20.0], "heading": 0.0}, "motion": {"position": [2.0, 0.0]}},
+        bounds={"min": (-5.0, -5.0), "max": (10.0, 5.0)},
+        start={"speed": 0.0},
+        goal={"position": (8.0, 0.0)},
+        vehicle={"max_speed": 1.0, "max_curvature": 2.0, "steering": steering},
+    )
+
+    planner = Planner(scenario, online=OnlineSettings(period=PERIOD))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
+    outcomes = set()
+    for k in range(1, 50):
+        plan = planner.plan
+        assert plan is not None and plan.reason
+        times = np.linspace((k - 1) * PERIOD, k * PERIOD, 5)
+        walker = np.stack([np.full(5, 0.1), times - 6.0], axis=1)
+        assert np.linalg.norm(plan.position(times) - walker, axis=1).min() >= 0.6 - 1e-9
+        outcomes.add(plan.outcome)
+        follow(planner, k * PERIOD)
+    assert Outcome.EVADING in outcomes
+
+
+def test_goal_that_is_blocked_is_approached_as_near_as_is_safe() -> None:
+    scenario = scene(disc("post", (8.0, 0.0), radius=0.6), goal={"position": (8.0, 0.0)}, vehicle={"max_speed": 1.0})
+    planner = Planner(scenario)
+    planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    for k in range(1, 120):
+        plan = follow(planner, 0.1 * k)
+        assert plan.safe and plan.reason
+    assert plan.outcome is Outcome.BRAKING and "waits for post" in plan.reason
+    away = float(np.linalg.norm(plan.position(12.0) - (8.0, 0.0)))
+    assert 0.9 <= away <= 1.3
+
+
+# what is promised
+
+
+def reachable(name: str, time: float, place: np.ndarray, velocity: np.ndarray, most: float) -> dict[str, Any]:
+    """Somebody whose acceleration is at most so much: in a disc that grows with the square of time."""
+    later = np.concatenate([np.linspace(0.0, 8.0, 65)])
+    deviation = (0.5 * most * later**2 + 1e-3) / SCALE
+    return {
+        "id": name,
+        "shape": {"disc": 0.3},
+        "motion": {
+            "time": (time + later).tolist(),
+            "position": (place + later[:, None] * velocity).tolist(),
+            "covariance": [(one**2 * np.eye(2)).tolist() for one in deviation],
+        },
+    }
+
+
+class Hunters:
+    """People who walk at the vehicle as hard as they may."""
+
+    def __init__(self, seed: int, most: float) -> None:
+        rng = np.random.default_rng(seed)
+        self.most = most
+        angle = rng.uniform(0.0, 2.0 * math.pi, 3)
+        self.place = np.array([3.5, 0.0]) + rng.uniform(2.5, 4.5, (3, 1)) * np.stack([np.cos(angle), np.sin(angle)], 1)
+        self.velocity = rng.uniform(-0.6, 0.6, (3, 2))
+
+    def copy(self) -> Hunters:
+        other = object.__new__(Hunters)
+        other.most, other.place, other.velocity = self.most, self.place.copy(), self.velocity.copy()
+        return other
+
+    def hunt(self, position: np.ndarray, dt: float) -> float:
+        """Move on; return the least distance to the vehicle then."""
+        towards = position - self.place
+        unit = towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-9)[:, None]
+        self.place = self.place + dt * self.velocity + 0.5 * dt * dt * self.most * unit
+        self.velocity = self.velocity + dt * self.most * unit
+        return float(np.linalg.norm(position - self.place, axis=1).min()) - 0.6
+
+    def shown(self, planner: Planner, time: float) -> None:
+        for k, (place, velocity) in enumerate(zip(self.place, self.velocity, strict=True)):
+            if f"h{k}" in planner.obstacles.tracks:
+                planner.remove_obstacle(f"h{k}")
+            planner.add_obstacle(reachable(f"h{k}", time, place, velocity, self.most))
+
+
+def promised(plan: OnlinePlan, times: np.ndarray) -> np.ndarray:
+    """Where the vehicle is that drives a plan up to its branch, and then its stop."""
+    if plan.stop is None:
+        return plan.position(times)
+    stop = plan.stop.frame.to_world(plan.stop.at(times)[0].path.position)
+    return np.where((times <= plan.branch_time)[:, None], plan.position(times), stop)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 5])
+def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(seed: int) -> None:
+    """Whatever they do within their zones, with no replan ever after, up to when the vehicle stands."""
+    scenario = scene(
+        start={"speed": 0.5},
+        goal={"position": (8.0, 0.0)},
+        vehicle={"max_speed": 1.5},
+        confidence={"probability": 0.95, "level": "per_time"},
+    )
+    planner, hunters = Planner(scenario, online=OnlineSettings(period=PERIOD)), Hunters(seed, 0.15)
+    time, promises = 0.0, 0
+    hunters.shown(planner, time)
+    plan = planner.replan(time, (0.0, 0.0), 0.0, 0.5)
+    for k in range(1, 9):
+        if plan.safe:
+            promises += 1
+            ends = (
+                plan.arrival_time if plan.stop is None else plan.stop.frame.time + standing_from(plan.stop.trajectory)
+            )
+            times = np.arange(time, ends, 0.02)
+            fork = hunters.copy()
+            for place in promised(plan, times)[1:]:
+                assert fork.hunt(place, 0.02) >= -1e-3
+        for place in plan.position(np.arange(1, 11) * 0.02 + time):
+            hunters.hunt(place, 0.02)
+        time = k * PERIOD
+        hunters.shown(planner, time)
+        plan = follow(planner, time)
+        assert not planner.doubts, "they keep to what is assumed of them"
+    assert promises >= 1
+
+
+def test_assumptions_that_do_not_hold_are_told() -> None:
+    scenario = scene(disc("a", (9.0, 3.0), (0.0, 0.1)), disc("b", (5.0, -4.0)))
+    planner = Planner(scenario, online=OnlineSettings(period=PERIOD, tracking_error=0.05))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    follow(planner, 0.2)
+    assert not planner.doubts
+    planner.remove_obstacle("a")
+    planner.add_obstacle(disc("a", (9.0, 2.5), (0.0, 0.1)))
+    follow(planner, 0.4)
+    assert planner.doubts.pop() == "t = 0.400 s: a has left its zone: what was certified before may not hold"
+    follow(planner, 0.9)
+    assert planner.doubts.pop() == "t = 0.900 s: the last replan was 0.5 s ago, longer than the period"
+    plan = planner.plan
+    assert plan is not None
+    planner.replan(1.1, plan.position(1.1) + np.array([0.0, 0.2]), float(plan.heading(1.1)), float(plan.speed(1.1)))
+    assert "0.2 m off its plan" in planner.doubts.pop()
+
+
+def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
+    """Somebody comes over where it would stand, three seconds after it would: that counts only if one looks so far."""
+    walker = disc("walker", (4.0, -8.0), (0.0, 1.0), radius=0.4)
+    safe = {}
+    for wait in (0.0, 4.0):
+        scenario = scene(
+            walker, start={"speed": 0.0, "position": (4.0, -3.0)}, bounds={"min": (3.6, -9.0), "max": (30.0, 9.0)}
+        )
+        planner = Planner(scenario, online=OnlineSettings(stay_clear=wait))
+        plan = planner.replan(0.0, (4.0, -3.0), 0.0, 0.0)
+        safe[wait] = plan
+        assert plan.safe
+        if plan.stop is not None:
+            stands = plan.stop.frame.time + standing_from(plan.stop.trajectory)
+            place = plan.stop.frame.to_world(plan.stop.at(stands)[0].path.position)[0]
+            times = np.linspace(stands, stands + wait, 50)
+            away = np.linalg.norm(place - np.stack([np.full(50, 4.0), -8.0 + times], axis=1), axis=1)
+            assert away.min() >= 0.7 - 1e-6
+    assert sp.certify(planner.scenario, safe[4.0]).clearance.minimum >= 0.0

@@ -1,0 +1,67 @@
+"""The benchmarks among people: what is counted, and that each policy drives."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import common, report
+from benchmarks.crowds import __main__ as crowds
+from benchmarks.crowds import policies, protocols, recorded
+from scp_planner.estimation.track_files import Track
+from scp_planner.estimation.tracks import Tracks
+from scp_planner.simulation.crowds import circle_crossing
+
+
+def test_closest_is_that_of_many_points_between() -> None:
+    rng = np.random.default_rng(2)
+    before, after = rng.normal(size=(2, 30, 2))
+    share = np.linspace(0.0, 1.0, 2001)[:, None, None]
+    dense = np.linalg.norm(before + share * (after - before), axis=2).min(axis=0)
+    assert policies.closest(before, after) == pytest.approx(dense, abs=1e-3)
+
+
+def test_orca_is_hit_by_people_who_do_not_see_it_and_not_by_others() -> None:
+    done = {sees: [policies.stepped(circle_crossing(k, 5, sees), policies.orca_velocity) for k in range(12)]
+            for sees in (False, True)}  # fmt: skip
+    assert all(each.success and each.least_distance > 0.0 for each in done[True])
+    assert 0 < sum(not each.success for each in done[False]) < 12
+    assert all((each.least_distance < 0.0) == (each.contact or each.contact_standing) for each in done[False])
+
+
+def test_planner_crosses_and_the_page_tells(tmp_path: Path) -> None:
+    options = ["--count", "1", "--people", "1", "--output", str(tmp_path), "--json", str(tmp_path / "one.json")]
+    assert crowds.main(["circle", *options]) == 0
+    facts = json.loads((tmp_path / "one.json").read_text())
+    assert facts["success"] == 1.0 and facts["late"] == 0.0 and 7.5 < facts["mean_time"] < 15.0
+    assert facts["least_distance"] > 0.0 and facts["profile"] == "crowd"
+    assert crowds.main(["circle", "--policy", "wait", *options[:-2]]) == 0
+    assert len(common.read_csv(tmp_path / "crowds.csv")) == 2
+    page = tmp_path / "page.md"
+    assert report.main(["--results", str(tmp_path), "--page", str(page)]) == 0
+    assert "## Among people" in page.read_text() and "scp crowd" in page.read_text()
+
+
+def test_summary_counts_times_of_those_that_succeed() -> None:
+    row = {"success": 1, "contact": 0, "contact_standing": 0, "late": 0, "time": 10.0, "least_distance": 0.2}
+    row |= {"median_ms": 5.0, "slow_ms": 9.0, **dict.fromkeys(policies.PLAN_OUTCOMES, 0), "kept": 30, "braking": 10}
+    rows = [row, {**row, "time": 12.0}, {**row, "success": 0, "contact": 1, "time": 3.0, "least_distance": -0.1}]
+    facts = protocols.summary(rows)
+    assert facts["success"] == pytest.approx(2.0 / 3.0) and facts["mean_time"] == pytest.approx(11.0)
+    assert facts["least_distance"] == -0.1 and facts["braking"] == pytest.approx(0.25)
+
+
+def test_recorded_scene_begins_where_the_published_one_does() -> None:
+    """A person who walks by is there as recorded; the robot has seen it for 15 steps when it sets off."""
+    times = 50.0 + 0.4 * np.arange(400)
+    walker = Track("w", times, np.stack([0.05 * (times - 50.0), np.full(400, 5.0)], axis=-1))
+    drawn = recorded.scene("eth", Tracks([walker]), 1)
+    start = drawn.scenario.start
+    assert start.time == pytest.approx(50.0 + 0.4 * 215) and start.position == (5.0, 1.0)
+    assert drawn.scenario.vehicle.max_speed == 0.8 and drawn.scenario.goal.radius == 0.6
+    assert drawn.people["w"](np.array([start.time]))[0] == pytest.approx((0.05 * 0.4 * 215, 5.0))
+    assert drawn.shapes["w"].disc + drawn.scenario.vehicle.radius == pytest.approx(0.4 + math.sqrt(0.5))
