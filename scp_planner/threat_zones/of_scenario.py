@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
+FLATTEST = 1e-9  # share of a covariance's trace that its determinant's root is at least taken for
 HORIZON = 120.0  # units of time; longest trip that estimated zones are made for
 
 
@@ -354,7 +355,10 @@ def _spread(motion: KnownMotion) -> float:
     """Standard deviation of a motion, m, the mean over its times and directions; 0 where it is known exactly."""
     if not isinstance(motion, Course) or motion.covariance is None:
         return 0.0
-    return float(np.sqrt(np.mean(np.sqrt(np.linalg.det(np.array(motion.covariance))))))
+    given = np.array(motion.covariance)
+    # Of one that is nearly singular, rounding may leave a determinant of nothing or less.
+    least = (FLATTEST * np.trace(given, axis1=-2, axis2=-1)) ** 2
+    return float(np.sqrt(np.mean(np.sqrt(np.maximum(np.linalg.det(given), least)))))
 
 
 def _course_zone(name: str, shape: Shape, margin: float, course: Course, level: str, alpha: float) -> ThreatZone:

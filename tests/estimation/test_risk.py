@@ -14,7 +14,7 @@ from scp_planner.estimation.risk import alpha_of_mixture, shared_risk, sizes_of
 SIZES = st.floats(1e-6, 1e6) | st.just(0.0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.0, 1.0), SIZES), min_size=1, max_size=8).filter(
         lambda some: sum(one[0] for one in some) > 0.1

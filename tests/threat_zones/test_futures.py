@@ -65,6 +65,14 @@ def test_a_single_future_is_its_course() -> None:
     assert np.array_equal(one[0].covariance(TIMES), same[0].covariance(TIMES))
 
 
+def test_a_covariance_that_is_nearly_singular_has_a_share() -> None:
+    flat = course((0.6, 0.8))
+    flat["covariance"] = [[1.0, 1.0 - 2e-9], [1.0 - 2e-9, 1.0]]
+    zones = sp.zones(scene(several("fork", (0.5, flat), (0.5, AHEAD))))
+    assert len(zones) == 2
+    assert all(np.all(np.isfinite(zone.covariance(TIMES))) for zone in zones)
+
+
 def test_futures_known_exactly_all_have_their_zones_and_cost_nothing() -> None:
     exact = several("exact", (0.99, course((0.0, 1.0), None)), (0.01, course((0.6, 0.8), None)), (0.0, STOPPING))
     exact["motion"]["futures"][2]["motion"] = course((0.0, 0.0), None)
