@@ -215,7 +215,7 @@ def restless_arena(seed: int, people: int = 20, sees_vehicle: bool = False) -> E
 def _crossing(name: str, draw: Callable[[], tuple[Array, Array]], people: int, sees_vehicle: bool) -> Episode:
     start, goal = np.array([0.0, -CIRCLE]), np.array([0.0, CIRCLE])
     radii = np.full(people, 0.3)
-    places, goals = _placed(lambda k: draw(), radii, (start, goal), GAP)
+    places, goals = _placed(lambda _: draw(), radii, (start, goal), GAP)
     crowd = OrcaPeople(places, goals, TOP_SPEED, radii, Manner(STEP), sees_vehicle)
     return Episode(_task(name, start, goal), crowd, _shapes(crowd), STEP, time_limit=25.0, view=math.inf)
 
