@@ -40,7 +40,8 @@ from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones.batch import ZoneBatch, known_until
+from scp_planner.threat_zones.batch import ZoneBatch
+from  import known_until
 from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
