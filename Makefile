@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-kernel test-machines lint format lock clean
+.PHONY: help demo dist docs test test-kernel test-machines lint format lock clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1: /p' $(MAKEFILE_LIST)
@@ -36,6 +36,10 @@ test-kernel: $(INSTALLED)  ## run the tests of numbers with another kernel of Op
 test-machines: $(INSTALLED)  ## run the tests as on other machines; ARGUMENTS='--list' tells which
 	$(BIN)/python tools/machines.py $(ARGUMENTS)
 
+# Needs an hour, and PyPI. A part: make dist ARGUMENTS='-- -q tests/trips'
+dist: $(INSTALLED)  ## build wheel and sdist into dist/, install both where nothing is, test the sdist; ARGUMENTS: pytest's
+	$(BIN)/python tools/dist.py dist $(ARGUMENTS)
+
 lint: $(INSTALLED)  ## ruff, mypy, layers of imports, and shapes, units and errors in docstrings
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -56,7 +60,7 @@ lock:  ## pin anew what pyproject.toml asks for
 	rm -rf $(VENV)-lock
 
 clean:  ## remove the environment and the caches
-	rm -rf $(VENV) $(VENV)-lock $(VENV)-machines demo site .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-lock $(VENV)-machines demo dist site .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 $(INSTALLED): pyproject.toml requirements-lock.txt
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed; try: make PYTHON=python3.11") if sys.version_info < (3, 11) else 0'

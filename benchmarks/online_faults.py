@@ -26,7 +26,7 @@ from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import standing_from
-from scp_planner.scenario.models import Course
+from scp_planner.scenario.motions import Course
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus
 from scp_planner.threat_zones.of_scenario import HORIZON

@@ -488,6 +488,29 @@ def _environment(path: Path) -> str:
     return ", ".join(f"{row['what']} {row['value']}" for row in common.read_csv(path))
 
 
+def _part(name: str, rows: list[Row], results: Path, figures: Figures) -> list[str]:
+    """The sections that are made of one file of results."""
+    from benchmarks.crowds import protocols, recorded
+
+    match name:
+        case "planning":
+            return reference_part(rows, figures)
+        case "scaling":
+            return scaling_part(rows, figures)
+        case "random":
+            return random_part(rows)
+        case "sizes":
+            return sizes_part(rows, figures)
+        case "crowds":
+            return protocols.section(rows, SECTIONS[name][0])
+        case "crowds-recorded":
+            return recorded.section(rows, SECTIONS[name][0])
+        case "peers":
+            return peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
+        case _:
+            return random_peers_part(rows, common.read_csv(results / "peers-random-starts.csv"))
+
+
 def page(results: Path, figures: Figures) -> str:
     """Put the page together from what the results folder holds.
 
@@ -496,8 +519,6 @@ def page(results: Path, figures: Figures) -> str:
     FileNotFoundError
         If it holds nothing.
     """
-    from benchmarks.crowds import protocols, recorded
-
     sections: list[str] = []
     made_by = []
     for name, (title, command) in SECTIONS.items():
@@ -506,24 +527,7 @@ def page(results: Path, figures: Figures) -> str:
         if not rows:
             continue
         made_by.append(f"[{title}](#{title.replace(',', '').replace(' ', '-')}) by `{command}`")
-        if name == "planning":
-            sections += reference_part(rows, figures)
-        elif name == "scaling":
-            sections += scaling_part(rows, figures)
-        elif name == "random":
-            sections += random_part(rows)
-        elif name == "sizes":
-            sections += sizes_part(rows, figures)
-        elif online:
-            sections += online_part(name, title, rows)
-        elif name == "crowds":
-            sections += protocols.section(rows, title)
-        elif name == "crowds-recorded":
-            sections += recorded.section(rows, title)
-        elif name == "peers":
-            sections += peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
-        else:
-            sections += random_peers_part(rows, common.read_csv(results / "peers-random-starts.csv"))
+        sections += online_part(name, title, rows) if online else _part(name, rows, results, figures)
     if not sections:
         raise FileNotFoundError(
             f"{results} holds no results: run benchmarks.planning, benchmarks.sizes, benchmarks.peers or "

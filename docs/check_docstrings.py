@@ -34,7 +34,9 @@ UNIT = re.compile(
     r"|greater than 0 and less than 1)",
 )
 NUMBER = re.compile(r"\b(?:float|ArrayLike|Array|NDArray|Vector)\b")
-A_CLASS = re.compile(r"(?:tuple\[)?[A-Z][A-Za-z]*(?:, \.\.\.\])?(?: \| None)?")  # which is documented itself
+A_CLASS = re.compile(
+    r"(?:(?:tuple|Row)\[)?[A-Z][A-Za-z]*(?:(?:, \.\.\.)?\])?(?: \| None)?"
+)  # which is documented itself
 ARRAY = re.compile(r"\b(?:ArrayLike|Array|NDArray)\b")
 
 
@@ -177,10 +179,10 @@ def _api_faults(item: griffe.Object) -> Iterator[str]:
     else:
         yield from _number_faults("what it returns", returned, text)
     if item.is_class:
-        yield from _attribute_faults(item, sections, text)
+        yield from _attribute_faults(item, sections)
 
 
-def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringSection], text: str) -> Iterator[str]:
+def _attribute_faults(item: griffe.Object, sections: dict[str, griffe.DocstringSection]) -> Iterator[str]:
     described = {}
     if "attributes" in sections:
         for each in sections["attributes"].value:

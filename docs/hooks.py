@@ -2,7 +2,7 @@
 
 Tables of the scenario file are made from its JSON schema; roles of Sphinx in docstrings become plain code. Pages that
 the navigation does not name are appended to their folder's section, and public names that the reference does not name
-to a page of it.
+to a page of it. The search works on pages that are read from files, without a server.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ NAMES = {"number": "number", "integer": "whole number", "string": "text", "boole
 
 SECTIONS = {"howto": "How-to", "explanation": "Explanation", "reference": "Reference"}
 REFERENCE = Path(__file__).parent / "reference"
+FILE_WORKER = Path(__file__).parent / "assets" / "file-worker.js"
 NAMED = re.compile(r"^::: (\S+)$", re.M)
 ROLE = re.compile(r":(?:attr|class|data|func|meth|mod):(?=<code>)")
 
@@ -54,6 +55,18 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     if page.file.src_uri.startswith("reference/"):
         markdown += "".join(f"\n::: {path}\n" for path in unnamed().get(page.file.name, []))
     return markdown.replace(TABLES, tables()) if TABLES in markdown else markdown
+
+
+def on_post_page(output: str, **_: Any) -> str:
+    """Let the search work on pages that are read from files, too."""
+    return output.replace("</head>", f"<script>{FILE_WORKER.read_text(encoding='utf-8')}</script></head>", 1)
+
+
+def on_post_build(config: Any) -> None:
+    """Put what is searched where a page that is read from a file finds it: in a script."""
+    folder = Path(config.site_dir) / "search"
+    index = (folder / "search_index.json").read_text(encoding="utf-8")
+    (folder / "search_index.js").write_text(f"var __index = {index}", encoding="utf-8")
 
 
 @cache

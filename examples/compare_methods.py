@@ -11,7 +11,8 @@ from pathlib import Path
 
 import scp_planner as sp
 from scp_planner import builtin
-from scp_planner.baseline.comparison import Method, compare, save_trials, summary_table
+from scp_planner.baseline.comparison import compare, save_trials, summary_table
+from scp_planner.baseline.methods import Method
 from scp_planner.studies.figures import plot_comparison
 
 

@@ -27,16 +27,18 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Bounds as Bounds
     from scp_planner.scenario.models import Confidence as Confidence
     from scp_planner.scenario.models import ConfidenceLevel as ConfidenceLevel
-    from scp_planner.scenario.models import Course as Course
     from scp_planner.scenario.models import Goal as Goal
     from scp_planner.scenario.models import Model as Model
-    from scp_planner.scenario.models import Motion as Motion
     from scp_planner.scenario.models import Observations as Observations
     from scp_planner.scenario.models import Obstacle as Obstacle
     from scp_planner.scenario.models import Scenario as Scenario
     from scp_planner.scenario.models import SpeedLimit as SpeedLimit
     from scp_planner.scenario.models import Start as Start
     from scp_planner.scenario.models import Vehicle as Vehicle
+    from scp_planner.scenario.motions import Course as Course
+    from scp_planner.scenario.motions import Future as Future
+    from scp_planner.scenario.motions import Futures as Futures
+    from scp_planner.scenario.motions import Motion as Motion
     from scp_planner.scenario.shapes import Disc as Disc
     from scp_planner.scenario.shapes import Ellipse as Ellipse
     from scp_planner.scenario.shapes import PolygonShape as PolygonShape
@@ -59,14 +61,16 @@ _MODULE_OF = {
     "Bounds": "scenario.models",
     "Confidence": "scenario.models",
     "ConfidenceLevel": "scenario.models",
-    "Course": "scenario.models",
+    "Course": "scenario.motions",
     "Disc": "scenario.shapes",
     "Ellipse": "scenario.shapes",
     "Estimate": "scenario.estimates",
     "EstimationError": "errors",
+    "Future": "scenario.motions",
+    "Futures": "scenario.motions",
     "Goal": "scenario.models",
     "Model": "scenario.models",
-    "Motion": "scenario.models",
+    "Motion": "scenario.motions",
     "Observations": "scenario.models",
     "Obstacle": "scenario.models",
     "OnlinePlan": "online.plan",

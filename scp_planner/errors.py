@@ -44,10 +44,10 @@ class _Shortener(reprlib.Repr):
     def repr_tuple(self, value: tuple[object, ...], level: int) -> str:
         return self.repr_list(list(value), level)
 
-    def repr_bool(self, value: bool, level: int) -> str:
+    def repr_bool(self, value: bool, level: int) -> str:  # noqa: ARG002 - as reprlib calls it
         return "true" if value else "false"
 
-    def repr_NoneType(self, value: None, level: int) -> str:
+    def repr_NoneType(self, value: None, level: int) -> str:  # noqa: ARG002 - as reprlib calls it
         return "null"
 
 

@@ -350,7 +350,7 @@ def _dumper() -> Any:
     import yaml
 
     class Dumper(yaml.SafeDumper):
-        def ignore_aliases(self, data: Any) -> bool:
+        def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 - as yaml calls it
             return True
 
     def text(dumper: Any, value: str) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -61,17 +61,20 @@ def draw(rng: np.random.Generator, scenario: Mapping[str, Any], odd: Sequence[An
                         seen["covariance"] = [[number(0.01), number(0.0)], [number(0.0), number(0.01)]]
                     made.append({"method": "observe", "arguments": seen})
             case 6:
-                shape = {"disc": number(0.3)} if rng.random() < NORMAL else odd[int(rng.integers(len(odd)))]
-                arguments = {"obstacle": name, "shape": shape, "margin": number(0.0)}
-                if rng.random() < 0.3:
-                    process = {"kind": "random_walk", "diffusion": 0.1}
-                    arguments["model"] = {
-                        "process": {"process": process, "velocity_deviation": 1.0, "noise_deviation": 0.1}
-                    }
-                made.append({"method": "add_obstacle", "arguments": arguments})
+                made.append({"method": "add_obstacle", "arguments": _added(name, rng, odd, number)})
             case _:
                 made.append({"method": "remove_obstacle", "arguments": {"obstacle": name}})
     return made
+
+
+def _added(name: str, rng: np.random.Generator, odd: Sequence[Any], number: Callable[[float], Any]) -> dict[str, Any]:
+    """Arguments of an obstacle that is added."""
+    shape = {"disc": number(0.3)} if rng.random() < NORMAL else odd[int(rng.integers(len(odd)))]
+    arguments = {"obstacle": name, "shape": shape, "margin": number(0.0)}
+    if rng.random() < 0.3:
+        process = {"kind": "random_walk", "diffusion": 0.1}
+        arguments["model"] = {"process": {"process": process, "velocity_deviation": 1.0, "noise_deviation": 0.1}}
+    return arguments
 
 
 def play(scenario: sp.Scenario, calls: Sequence[Call]) -> int:

@@ -27,7 +27,8 @@ from scp_planner import builtin
 from scp_planner.errors import ScpPlannerError
 from scp_planner.estimation.confidence import marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
-from scp_planner.scenario.models import Course, Obstacle
+from scp_planner.scenario.models import Obstacle
+from scp_planner.scenario.motions import Course
 from verification.dense_check import Tolerances, check_trip
 
 PLAN_TIME = 4.0

@@ -34,6 +34,7 @@ class WholePlan:
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:
         """Plan; the start is not used."""
+        del start
         import scp_planner
 
         plan = scp_planner.plan(self._scenarios[scenario["name"]], solver=self._solver)

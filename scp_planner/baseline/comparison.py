@@ -10,7 +10,6 @@ import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from enum import StrEnum
 from itertools import islice
 from os import PathLike
 from time import perf_counter
@@ -19,7 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent import Descent, DescentSettings, Moment, Variant, checked_descent
+from scp_planner.baseline.checked_descent import checked_descent
+from scp_planner.baseline.descent import Descent
+from scp_planner.baseline.descent_run import Moment
+from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.methods import Method
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.files import write_text
@@ -31,11 +34,11 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
-from scp_planner.scp.record import NEAR
 from scp_planner.search.starts import starts
 from scp_planner.settings.knobs import word_of
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import solver_named
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
@@ -45,15 +48,6 @@ CURVE_PRICE = (
     50.0  # units of time for one of length, or of excess: the merit of convergence curves, the same for all methods
 )
 CLEARLY_FASTER = 1e-3  # relative difference of travel times that counts
-
-
-class Method(StrEnum):
-    """What is compared."""
-
-    SCP = "scp"
-    LBFGS = "l-bfgs"
-    GRADIENT = "gradient-descent"
-    MONTE_CARLO = "monte-carlo"
 
 
 @dataclass(frozen=True)
@@ -207,34 +201,44 @@ def _trials(
     for number, (_, start) in enumerate(found):
         for method in methods:
             if method is Method.SCP:
-                yield _scp_trial(problem, threat_zones, start, number)
+                ended = _improved(problem, threat_zones, start)
             else:
-                yield _descent_trial(problem, threat_zones, start, number, Variant(method.value), seed + number)
+                ended = _descended(problem, threat_zones, start, Variant(method.value), seed + number)
+            yield _trial(problem, number, ended)
 
 
-def _descent_trial(
-    problem: Problem,
-    threat_zones: tuple[ThreatZone, ...],
-    start: Trajectory,
-    number: int,
-    variant: Variant,
-    seed: int,
-) -> Trial:
+@dataclass(frozen=True)
+class _Ended:
+    """What a method came to, from one start."""
+
+    method: Method
+    status: str
+    certificate: Certificate
+    evaluation: Evaluation
+    iterations: int
+    evaluations: int
+    wall_time: float
+    moments: list[Moment]
+
+
+def _descended(
+    problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory, variant: Variant, seed: int
+) -> _Ended:
     timings: dict[str, float] = {}
     descent = Descent(problem, start, DescentSettings(variant=variant), seed=seed, keep_moments=True)
     checked = checked_descent(problem, threat_zones, descent, timings)
     run = checked.run
-    return _trial(
-        problem,
-        number,
+    moments = [Moment(0, 0.0, start), *descent.run_so_far.moments]
+    evaluation = evaluate_trip(problem, run.trajectory, NEAR)
+    return _Ended(
         Method(variant.value),
         run.status.value,
-        checked.certificate,
-        evaluate_trip(problem, run.trajectory, NEAR),
+        checked.verdict,
+        evaluation,
         run.iterations,
         run.evaluations,
         timings["descent"],
-        [Moment(0, 0.0, start), *descent.run_so_far.moments],
+        moments,
     )
 
 
@@ -250,7 +254,7 @@ class _WatchedLoop(ScpLoop):
         return moved
 
 
-def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory, number: int) -> Trial:
+def _improved(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory) -> _Ended:
     """Run the loop, and repeat it with what its certificate finds missing, as the planner does."""
     settings = problem.settings
     moments, began, checking, iterations = [Moment(0, 0.0, start)], perf_counter(), 0.0, 0
@@ -269,48 +273,27 @@ def _scp_trial(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Tr
         asked, current = tightened(asked, certificate), run.evaluation.trajectory
     wall_time = perf_counter() - began - checking
     evaluation = evaluate_trip(problem, run.evaluation.trajectory, NEAR)
-    return _trial(
-        problem,
-        number,
-        Method.SCP,
-        run.status.value,
-        certificate,
-        evaluation,
-        iterations,
-        len(moments),
-        wall_time,
-        moments,
-    )
+    status = run.status.value
+    return _Ended(Method.SCP, status, certificate, evaluation, iterations, len(moments), wall_time, moments)
 
 
-def _trial(
-    problem: Problem,
-    number: int,
-    method: Method,
-    status: str,
-    certificate: Certificate,
-    evaluation: Evaluation,
-    iterations: int,
-    evaluations: int,
-    wall_time: float,
-    moments: list[Moment],
-) -> Trial:
+def _trial(problem: Problem, number: int, ended: _Ended) -> Trial:
     units = problem.units
-    found = certificate.outside(units)
+    found = ended.certificate.outside(units)
     return Trial(
         problem.scenario.name,
         number,
-        method,
-        status,
-        certificate.holds,
-        evaluation.trajectory.travel_time * units.time,
+        ended.method,
+        ended.status,
+        ended.certificate.holds,
+        ended.evaluation.trajectory.travel_time * units.time,
         found.clearance.minimum,
-        evaluation.worst_violation,
-        iterations,
-        evaluations,
-        wall_time,
+        ended.evaluation.worst_violation,
+        ended.iterations,
+        ended.evaluations,
+        ended.wall_time,
         "; ".join(str(violation) for violation in found.violations),
-        _curve(problem, moments),
+        _curve(problem, ended.moments),
     )
 
 

@@ -7,26 +7,26 @@ is linearised and no subproblem is solved.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 
-from scp_planner.baseline.descent import CheckedDescent, Descent, DescentSettings, DescentStatus, checked_descent
-from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.baseline.checked_descent import CheckedDescent, checked_descent
+from scp_planner.baseline.descent import Descent
+from scp_planner.baseline.descent_run import DescentRun, DescentStatus
+from scp_planner.baseline.descent_settings import DescentSettings
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.planning.attempts import OuterSearch, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.planning.explain import grave_violations
-from scp_planner.planning.offline import GOOD_ENOUGH
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.starts import starts
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.threat_zones.of_scenario import ZonesOf
-from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -73,10 +73,10 @@ def penalty_descent(
     deadline = np.inf if time_limit is None else began + time_limit
     units = NaturalUnits.of(scenario)
     inside = units.scenario(scenario)
-    search = _Search(inside, tuple(ZonesOf(inside)), for_scene(settings, units), descent, seed, deadline)
+    search = _Descents(inside, for_scene(settings, units), descent, seed, deadline)
     best = search.best(None if start is None else _as_start(search.problem, start, units))
-    trip = Trip(search.problem.frame, best.run.trajectory.settled()).outside(units)
-    certificate = best.certificate.outside(units)
+    trip = Trip(search.problem.frame, best.trajectory.settled()).outside(units)
+    certificate = best.verdict.outside(units)
     status, reason = _verdict(scenario, trip, best, certificate)
     return Plan(
         scenario=scenario.name,
@@ -85,75 +85,73 @@ def penalty_descent(
         trip=trip,
         method="penalty-descent",
         solver=descent.variant.value,
-        iterations=search.iterations,
+        iterations=search.tally.iterations,
         wall_time=perf_counter() - began,
         clearance=certificate.clearance,
         limits=certificate.limits,
-        lower_bound=search.least * units.time,
-        timings=search.timings,
+        lower_bound=search.ready.lower_bound * units.time,
+        timings=search.tally.timings,
         converged=best.run.status is DescentStatus.CONVERGED,
     )
 
 
-@dataclass
-class _Search:
-    """The state of one call of :func:`penalty_descent`, all of it in the units of the scene."""
+@dataclass(frozen=True)
+class _Start:
+    """A trip to descend from, the estimate of the travel time that it leads to, s, and its number."""
 
-    scenario: Scenario
-    threat_zones: tuple[ThreatZone, ...]
-    settings: SceneSettings
-    descent: DescentSettings
-    seed: int
-    deadline: float
-    timings: dict[str, float] = field(
-        default_factory=lambda: {"build": 0.0, "search": 0.0, "descent": 0.0, "certificate": 0.0}
-    )
-    iterations: int = 0
+    estimate: float
+    trajectory: Trajectory
+    number: int
 
-    def __post_init__(self) -> None:
-        clock = perf_counter()
-        self.least = kinematic_bound(self.scenario)
-        self.everything = build_problem(self.scenario, self.threat_zones, self.settings)
-        self.problem = without_far_zones(self.everything, LONGEST_TRIP * self.least)
-        self.timings["build"] = perf_counter() - clock
+
+class _Descents(OuterSearch[_Start, DescentRun]):
+    """Descends from one start after the other, in the units of the scene."""
+
+    def __init__(
+        self, scenario: Scenario, settings: SceneSettings, descent: DescentSettings, seed: int, deadline: float
+    ) -> None:
+        self.settings, self.descent, self.seed = settings, descent, seed
+        self.tally = Tally("build", "search", "descent", "certificate")
+        self.threat_zones = tuple(ZonesOf(scenario))
+        with self.tally.timed("build"):
+            self.ready = ReadyProblem.of(build_problem(scenario, self.threat_zones, settings))
+        self.problem = self.ready.near
+        super().__init__(self.ready.lower_bound, settings.effort, deadline)
 
     def best(self, only: Trajectory | None) -> CheckedDescent:
-        """Descend from one start after the other, until no other can be expected to be better."""
-        best: CheckedDescent | None = None
-        reference, least = 0.0, self.least
-        for number, (estimate, start) in enumerate(self._starts(only)):
-            if best is not None and best.certificate.holds:
-                time = best.run.trajectory.travel_time
-                if estimate - reference - ESTIMATE_SLACK > time or time <= least * (1.0 + GOOD_ENOUGH):
-                    break
-            attempt = self._attempt(self.problem, start, number)
-            if any(v.obstacle not in (None, *self.problem.zones.ids) for v in attempt.certificate.violations):
-                # a trip longer than expected met what was left out
-                attempt = self._attempt(self.everything, attempt.run.trajectory, number)
-            if attempt.better_than(best):
-                best, reference = attempt, estimate - attempt.run.trajectory.travel_time
-            if perf_counter() > self.deadline:
-                break
+        """Return the best attempt from any start, or from the only one."""
+        best = self.try_all(self._starts() if only is None else [_Start(only.travel_time, only, 0)])
         assert best is not None, "there is always a start"
         return best
 
-    def _attempt(self, problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
-        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=self.deadline)
-        attempt = checked_descent(problem, self.threat_zones, descent, self.timings)
-        self.iterations += attempt.run.iterations
+    def tried(self, start: _Start) -> CheckedDescent:
+        """Descend; once more from there if the trip met what was left out."""
+        attempt = self._attempt(self.problem, start.trajectory, start.number)
+        if met_what_was_left_out(self.problem, attempt.verdict):
+            attempt = self._attempt(self.ready.everything, attempt.trajectory, start.number)
         return attempt
 
-    def _starts(self, only: Trajectory | None) -> Iterator[tuple[float, Trajectory]]:
-        if only is not None:
-            yield only.travel_time, only
-            return
-        clock = perf_counter()
-        for number, item in enumerate(starts(self.problem, self.settings.searches)):
-            if number >= self.settings.max_runs:
+    def _attempt(self, problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
+        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=self.deadline)
+        attempt = checked_descent(problem, self.threat_zones, descent, self.tally.timings)
+        self.tally.iterations += attempt.run.iterations
+        return attempt
+
+    def _starts(self) -> Iterator[_Start]:
+        """Starts, as long as they may lead to faster trips."""
+        found = starts(self.problem, self.settings.searches)
+        for number in range(self.settings.max_runs):
+            with self.tally.timed("search"):
+                item = next(found, None)
+            if item is None or self._hardly_faster(item[0]):
                 return
-            self.timings["search"] += perf_counter() - clock
-            yield item
-            clock = perf_counter()
+            yield _Start(*item, number)
+
+    def _hardly_faster(self, estimate: float) -> bool:
+        best = self.incumbent
+        if best is None or not best.holds:
+            return False
+        return estimate - (self.estimate - best.travel_time) - ESTIMATE_SLACK > best.travel_time
 
 
 def _as_start(problem: Problem, start: Plan | Trajectory, units: NaturalUnits) -> Trajectory:

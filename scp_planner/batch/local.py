@@ -55,41 +55,45 @@ class LocalExecutor:
         workers: list[_Worker] = []
         try:
             while True:
-                while len(workers) < self.workers or any(worker.idle for worker in workers):
-                    task = again.popleft() if again else next(((item, 1) for item in waiting), None)
-                    if task is None:
-                        break
-                    worker = next((each for each in workers if each.idle), None)
-                    if worker is None:
-                        worker = _Worker()
-                        workers.append(worker)  # before it starts: an interrupt must find it here to end it
-                        worker.start()
-                    worker.give(function, task)
+                self._hand_out(function, waiting, again, workers)
                 busy = {worker.pipe: worker for worker in workers if not worker.idle}
                 if not busy:
                     return
-                answers: list[Answer[T, R]] = []
-                for pipe in connection.wait(list(busy)):
-                    worker = busy[pipe]  # type: ignore[index]
-                    item, attempt = worker.task
-                    try:
-                        answer = worker.answer()
-                    except _WorkerDied as death:
-                        workers.remove(worker)
-                        self._check_start(worker, attempt)
-                        if attempt < self.attempts:
-                            logger.warning("%s; its work is tried again", death)
-                            again.append((item, attempt + 1))
-                        else:
-                            text = f"{self.attempts} workers died at it; the last: {death}"
-                            answers.append(Answer(item, Fate.LOST, None, text))
-                    else:
-                        if answer is not None:
-                            answers.append(answer)
-                yield from answers
+                ready = [busy[pipe] for pipe in connection.wait(list(busy))]  # type: ignore[index]
+                answers: list[Answer[T, R] | None] = [self._answer_of(worker, workers, again) for worker in ready]
+                yield from (answer for answer in answers if answer is not None)
         finally:
             for worker in workers:
                 worker.end()
+
+    def _hand_out(
+        self, function: Callable[[T], R], waiting: Iterator[T], again: deque[tuple[T, int]], workers: list[_Worker]
+    ) -> None:
+        """Give every worker that has nothing to do an item, those of dead workers first."""
+        while len(workers) < self.workers or any(worker.idle for worker in workers):
+            task = again.popleft() if again else next(((item, 1) for item in waiting), None)
+            if task is None:
+                return
+            worker = next((each for each in workers if each.idle), None)
+            if worker is None:
+                worker = _Worker()
+                workers.append(worker)  # before it starts: an interrupt must find it here to end it
+                worker.start()
+            worker.give(function, task)
+
+    def _answer_of(self, worker: _Worker, workers: list[_Worker], again: deque[tuple[T, int]]) -> Answer[T, R] | None:
+        """What a worker says; None if it only says that it lives, or has died at what is tried again."""
+        item, attempt = worker.task
+        try:
+            return worker.answer()
+        except _WorkerDied as death:
+            workers.remove(worker)
+            self._check_start(worker, attempt)
+            if attempt < self.attempts:
+                logger.warning("%s; its work is tried again", death)
+                again.append((item, attempt + 1))
+                return None
+            return Answer(item, Fate.LOST, None, f"{self.attempts} workers died at it; the last: {death}")
 
     def _check_start(self, worker: _Worker, attempt: int) -> None:
         if not worker.started and attempt >= self.attempts:

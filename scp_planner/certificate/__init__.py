@@ -2,4 +2,5 @@
 
 May import trips, zones and scenarios; never what searches for trips: no solver, no loop, no problem. Begin with
 `check`, which says what is checked in which order: `trip_ends`, `limits`, `clearance`, each of a `checked_trip`.
+`sampled` is the same for trips that are given by samples.
 """

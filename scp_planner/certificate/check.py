@@ -21,7 +21,6 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -34,6 +33,7 @@ from scp_planner.certificate.remembered import Motion, Motions
 from scp_planner.certificate.sampled import certify_samples
 from scp_planner.certificate.trip_ends import ends_broken
 from scp_planner.certificate.verdict import (
+    BEYOND_ZONES,
     CLEARANCE_TOLERANCE,
     POSITION_TOLERANCE,
     Certificate,
@@ -45,13 +45,11 @@ from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import HORIZON, ZonesOf
+from scp_planner.threat_zones.batch import ZoneBatch, known_until
+from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip
-
-logger = logging.getLogger(__name__)
 
 REPORT_PRECISION = 1e-3  # units of length; see certify_trip
 
@@ -86,30 +84,8 @@ def certify(
         return certify_samples(scenario, plan, threat_zones)
     units = NaturalUnits.to_check(scenario)
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
-    tell_of_horizon(inside, trip, units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     return certify_trip(inside, trip, found).outside(units)
-
-
-def tell_of_horizon(scenario: Scenario, trip: Trip, units: NaturalUnits) -> None:
-    """Warn of a trip that is longer than the zones of observed obstacles are made for: beyond, nothing is known.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    trip : Trip
-        Both in natural units.
-    units : NaturalUnits
-        Of the scene, in which the warning is not.
-    """
-    beyond = trip.frame.time + trip.trajectory.travel_time - (scenario.start.time + HORIZON)
-    if beyond > 0.0 and any(obstacle.motion is None for obstacle in scenario.obstacles):
-        logger.warning(
-            "the trip ends %.4g s after the zones of observed obstacles do, which hold for %.4g s: the certificate says"
-            " nothing of what they do later",
-            beyond * units.time,
-            HORIZON * units.time,
-        )
 
 
 def certify_trip(
@@ -156,6 +132,9 @@ def certify_trip(
     if batch is None:
         batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
     checked = CheckedTrip.of(scenario, trip, batch, since, until)
+    beyond = _goes_beyond(checked, known_until(threat_zones))
+    if beyond is not None:
+        return Certificate(False, Clearance(-np.inf), {}, (beyond,))
     if since is not None:
         ends &= Ends.GOAL
         again = None if motions is None else _checked_again(checked, ends, precision, motions)
@@ -216,3 +195,9 @@ def _is_anywhere(trip: Trip) -> Violation | None:
     if error <= POSITION_TOLERANCE:
         return None
     return Violation("error of the positions", error, POSITION_TOLERANCE, trip.frame.time)
+
+
+def _goes_beyond(checked: CheckedTrip, known: float) -> Violation | None:
+    """What is wrong with a trip that takes longer than zones of observed obstacles are made for: until a time, s."""
+    end = checked.absolute(checked.last)
+    return Violation(BEYOND_ZONES, end, known, known) if end > known else None

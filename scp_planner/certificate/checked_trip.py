@@ -105,9 +105,9 @@ class CheckedTrip:
         return Pieces.between(edges)
 
     def zone_knots(self) -> Array:
-        """Normalised times inside the trip at which a zone's motion or growth changes to another polynomial."""
+        """Normalised times inside the trip at which a zone's motion, growth or turn changes to another polynomial."""
         batch = self.batch
-        pieces = [part for part in (batch.centers, batch.covariances) if part is not None]
+        pieces = [part for part in (batch.centers, batch.covariances, batch.own_directions) if part is not None]
         pieces = [part for part in pieces if part.breakpoints.shape[1] > 2]
         if not pieces:
             return _NO_KNOTS

@@ -1,4 +1,4 @@
-"""Whether a sampled trip begins and ends as its scenario asks."""
+"""Whether what a trip is at its ends is what its scenario asks for, whoever made the trip."""
 
 from __future__ import annotations
 
@@ -72,13 +72,15 @@ def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]
             yield Violation(name, value, 0.0, first.time)
 
 
-def goal_violations(scenario: Scenario, last: EndState) -> Iterator[Violation]:
+def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterator[Violation]:
     """Tell how a trip ends otherwise than its scenario asks, both in natural units.
 
     Parameters
     ----------
     scenario : Scenario
     last : EndState
+    began : float
+        When the trip began, s.
 
     Yields
     ------
@@ -89,7 +91,7 @@ def goal_violations(scenario: Scenario, last: EndState) -> Iterator[Violation]:
         yield Violation(EARLIEST, time, goal.earliest_arrival, time)
     found = [*_place(scenario, last), *_heading_and_speed(scenario, last)]
     if goal.arrival_step is not None:
-        missed = abs(remainder(time - scenario.start.time, goal.arrival_step))
+        missed = abs(remainder(time - began, goal.arrival_step))
         found.append(Violation("arrival off the step", missed, off_a_step(goal.arrival_step), time))
     if goal.latest_arrival is not None:
         found.append(Violation(LATEST, time, goal.latest_arrival + ARRIVAL_TOLERANCE, time))

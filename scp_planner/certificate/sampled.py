@@ -16,7 +16,6 @@ has no jumps is certified.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from math import inf
@@ -27,6 +26,7 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import EndState, goal_violations, start_violations
 from scp_planner.certificate.sampled_pieces import Courses, Parts, first_parts
 from scp_planner.certificate.verdict import (
+    BEYOND_ZONES,
     CLEARANCE_TOLERANCE,
     END_TOLERANCE,
     RELATIVE_TOLERANCE,
@@ -40,14 +40,12 @@ from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.places import Stretch, stretches
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.batch import ZoneBatch, known_until
 from scp_planner.threat_zones.bounds import ZoneBounds
-from scp_planner.threat_zones.of_scenario import HORIZON, ZonesOf
+from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.sampled_motion import EndVelocity, SampledMotion, velocities
 from scp_planner.trips.samples import SampledTrajectory
-
-logger = logging.getLogger(__name__)
 
 PRECISION = 1e-3  # units of length: by how much the reported clearance may be below the true one
 MOST_HALVINGS = 40  # of a piece; then it is at a distance that no halving decides
@@ -76,14 +74,11 @@ def certify_samples(
     """
     units = NaturalUnits.to_check(scenario)
     inside, given = units.scenario(scenario), samples.inside(units)
-    beyond = float(given.time[-1]) - (inside.start.time + HORIZON)
-    if beyond > 0.0 and any(obstacle.observations is not None for obstacle in inside.obstacles):
-        logger.warning(
-            "the trip ends %.4g s after the zones of observed obstacles do: the certificate says nothing of what"
-            " they do later",
-            beyond * units.time,
-        )
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
+    end, known = float(given.time[-1]), known_until(found)
+    if end > known:
+        beyond = Violation(BEYOND_ZONES, end, known, known)
+        return Certificate(False, Clearance(-np.inf), {}, (beyond,)).outside(units)
     frame = PlanningFrame((0.0, 0.0), 0.0, 0.0)
     batch = ZoneBatch.of(found, frame, inside.vehicle.radius)
     return _SampledCheck(inside, given, batch).run().outside(units)
@@ -139,7 +134,7 @@ class _SampledCheck:
             missed = abs(np.remainder(first.heading - wanted + np.pi, 2.0 * np.pi) - np.pi)
             if missed <= STANDING_TURN:
                 first = EndState(first.time, first.position, wanted, first.speed, first.acceleration)
-        self.violations += [*start_violations(self.scenario, first), *goal_violations(self.scenario, last)]
+        self.violations += [*start_violations(self.scenario, first), *goal_violations(self.scenario, last, first.time)]
 
     def _directions(self) -> None:
         """Whether it moves backwards, or turns where it stands."""

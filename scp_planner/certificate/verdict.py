@@ -27,6 +27,9 @@ class Clearance:
     obstacle: str | None = None
     time: float | None = None
 
+    def __str__(self) -> str:
+        return "no obstacles" if self.obstacle is None else f"{self.minimum:.4g} m clear of {self.obstacle}"
+
     def outside(self, units: NaturalUnits) -> Clearance:
         """Return a clearance in the units of its scene in SI units."""
         time = None if self.time is None else units.absolute(self.time)
@@ -68,7 +71,8 @@ ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arriva
 STEP_TOLERANCE = 0.01  # of the step that the arrival is on, and no more than that of all arrivals
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
-INSTANTS = (EARLIEST, LATEST)  # what is said of these are times, not durations
+BEYOND_ZONES = "arrival beyond what is known of observed obstacles"
+INSTANTS = (EARLIEST, LATEST, BEYOND_ZONES)  # what is said of these are times, not durations
 UNITS = {
     "clearance": "m",
     "workspace bounds": "m",
@@ -86,6 +90,7 @@ UNITS = {
     EARLIEST: "s",
     LATEST: "s",
     "turn while standing": "rad",
+    BEYOND_ZONES: "s",
     "start heading": "rad",
     "goal heading": "rad",
     "speed": "m/s",
@@ -181,6 +186,12 @@ class Certificate:
     clearance: Clearance
     limits: dict[str, LimitUse]
     violations: tuple[Violation, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        if self.holds:
+            return f"Certificate(holds, {self.clearance})"
+        more = f", and {len(self.violations) - 1} more" if len(self.violations) > 1 else ""
+        return f"Certificate(does not hold: {self.violations[0] if self.violations else 'nothing is known'}{more})"
 
     def outside(self, units: NaturalUnits) -> Certificate:
         """Return a certificate in the units of its scene in SI units."""

@@ -10,7 +10,7 @@ May import everything. Begin with `application`, then the commands: `trips`, `ch
 
 from __future__ import annotations
 
-from scp_planner.cli import checks, exports, listings, many, studies, trips
+from scp_planner.cli import checks, exports, listings, many, studies, tracking, trips
 from scp_planner.cli.application import ExitCode, add_command, app, main, study_app
 
 __all__ = ["ExitCode", "app", "main"]
@@ -76,6 +76,12 @@ add_command(
     "fit-motion",
     studies.fit_motion,
     "scp-planner fit-motion tracks.csv -o people.yaml",
+)
+add_command(
+    app,
+    "fit-tracking",
+    tracking.fit_tracking,
+    "scp-planner fit-tracking drives.csv --probability 0.95",
 )
 add_command(
     app,

@@ -106,7 +106,7 @@ def _summary(
 ) -> dict[str, Any]:
     from scp_planner.trips.samples import SampledTrajectory
 
-    summary = {"file": str(file), **summaries.of_certificate(scenario, certificate), "travel_time": trip.travel_time}
+    summary = {**summaries.of_certificate(scenario, certificate), "travel_time": trip.travel_time, "file": str(file)}
     for use in summary["limits"].values():
         if use["limit"] is not None:
             use |= {"limit": use["limit"] / factor, "used": use["used"] * factor}

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from contextlib import ExitStack, closing
-from dataclasses import asdict, replace
-from enum import StrEnum
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scp_planner.baseline import methods as compared
 from scp_planner.batch.jobs import Method
 from scp_planner.cli import pictures
 from scp_planner.cli.application import ExitCode
@@ -41,18 +41,11 @@ from scp_planner.cli.output import print_json, progress_bar, report, start_loggi
 
 if TYPE_CHECKING:
     from scp_planner.batch.executor import Executor
+    from scp_planner.batch.jobs import Options
+    from scp_planner.batch.runner import BatchResult
 
 MOST_TOLD = 10
 """Scenarios without a certified plan that are named one by one."""
-
-
-class Compared(StrEnum):
-    """What is compared: sequential convex programming, and the variants of penalty descent."""
-
-    SCP = "scp"
-    LBFGS = "l-bfgs"
-    GRADIENT = "gradient-descent"
-    MONTE_CARLO = "monte-carlo"
 
 
 def batch(
@@ -100,45 +93,19 @@ def batch(
     check_folder("--plans", plans)
     if not folder.is_dir():
         raise bad_option("DIR", folder, "must be a folder")
-    from scp_planner.batch.executor import ExecutorError
-    from scp_planner.batch.jobs import Options
-    from scp_planner.batch.runner import run_batch, scenario_files
+    from scp_planner.batch import jobs
+    from scp_planner.batch.runner import scenario_files
     from scp_planner.settings.planning import Settings
 
-    settings = replace(Settings(), **keyword_settings(assignments, solver))
-    options = Options(method, settings, time_limit, samples)
+    options = jobs.Options(method, replace(Settings(), **keyword_settings(assignments, solver)), time_limit, samples)
     files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
     if not files:
         raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")
-    counts: Counter[str] = Counter()
     with ExitStack() as stack:
         executor = _executor(workers, dask, verbose, stack)
-        bar = stack.enter_context(progress_bar(len(files), "scenario", quiet))
-
-        def advance(done: int, status: str) -> None:
-            counts[status] += 1
-            bar.set_postfix(counts, refresh=False)
-            bar.update(done - bar.n)
-
-        try:
-            result = run_batch(
-                files, output, executor, options, plans=plans, timings=timings, retry=retry, progress=advance
-            )
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"interrupted: {_how_far(files, output, timings)}") from None
-        except ExecutorError as error:
-            tell(f"{error}: {_how_far(files, output, timings)}")
-            raise typer.Exit(ExitCode.CUT_SHORT) from None
-    report(
-        {
-            "scenarios": len(files),
-            **result.counts,
-            "done_before": result.done_before,
-            "results": str(output),
-        },
-        as_json,
-        quiet,
-    )
+        result = _Work(files, output, options, plans, timings, retry).done(executor, quiet, stack)
+    summary = {"scenarios": len(files), **result.counts, "done_before": result.done_before, "results": str(output)}
+    report(summary, as_json, quiet)
     missing = [row for row in result.rows if row["status"] != "certified"]
     for row in missing[:MOST_TOLD]:
         tell(f"{row['file']}: {row['status']}: {row['reason']}")
@@ -148,11 +115,52 @@ def batch(
         raise typer.Exit(ExitCode.NOT_CERTIFIED)
 
 
-def _how_far(files: dict[str, Path], output: Path, timings: bool) -> str:
-    from scp_planner.batch.runner import rows_done
+@dataclass(frozen=True)
+class _Work:
+    """What a batch is to do."""
 
-    done = rows_done(files, output, timings=timings)
-    return f"{done} of {len(files)} rows are in {output}; the same command goes on from there"
+    files: dict[str, Path]
+    output: Path
+    options: Options
+    plans: Path | None
+    timings: bool
+    retry: bool
+
+    def done(self, executor: Executor, quiet: bool, stack: ExitStack) -> BatchResult:
+        """Do it, with a progress bar; what interrupts it is told with how far it went."""
+        from scp_planner.batch.executor import ExecutorError
+        from scp_planner.batch.runner import run_batch
+
+        bar = stack.enter_context(progress_bar(len(self.files), "scenario", quiet))
+        counts: Counter[str] = Counter()
+
+        def advance(done: int, status: str) -> None:
+            counts[status] += 1
+            bar.set_postfix(counts, refresh=False)
+            bar.update(done - bar.n)
+
+        try:
+            return run_batch(
+                self.files,
+                self.output,
+                executor,
+                self.options,
+                plans=self.plans,
+                timings=self.timings,
+                retry=self.retry,
+                progress=advance,
+            )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"interrupted: {self._how_far()}") from None
+        except ExecutorError as error:
+            tell(f"{error}: {self._how_far()}")
+            raise typer.Exit(ExitCode.CUT_SHORT) from None
+
+    def _how_far(self) -> str:
+        from scp_planner.batch.runner import rows_done
+
+        done = rows_done(self.files, self.output, timings=self.timings)
+        return f"{done} of {len(self.files)} rows are in {self.output}; the same command goes on from there"
 
 
 def _executor(workers: int | None, dask: str | None, verbose: bool, stack: ExitStack) -> Executor:
@@ -174,7 +182,7 @@ def compare(
         int, typer.Option("--starts", metavar="N", callback=at_least(1), help="Starts of each scenario, at most.")
     ] = 3,
     methods: Annotated[
-        list[Compared] | None,
+        list[compared.Method] | None,
         typer.Option("--method", help="What to compare; may be given several times; default: scp and l-bfgs."),
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write all trials, CSV.")] = None,
@@ -197,7 +205,7 @@ def compare(
     pictures.check_picture("--plot", plot, suffixes=pictures.FIGURE_SUFFIXES)
     settings = replace(Settings(), **keyword_settings(assignments, None))
     scenarios = [load_scenario(file) for file in scenario_files]
-    chosen = [comparison.Method(method.value) for method in methods or (Compared.SCP, Compared.LBFGS)]
+    chosen = methods or [compared.Method.SCP, compared.Method.LBFGS]
     with progress_bar(len(scenarios) * starts * len(chosen), "trial", quiet) as bar:
 
         def advance(_: object) -> None:

@@ -189,7 +189,7 @@ def motion_model(source: str) -> Model:
     if source in ready_made.NAMES:
         return Model.named(source)
     if not Path(source).suffix:
-        raise bad_option("--model", source, f"{ready_made.unknown(source)}; or a file")
+        raise bad_option("--model", source, ready_made.unknown(source, "a file or "))
     return Model(process=ProcessModel.load(source))
 
 

@@ -8,12 +8,16 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
     from tqdm import tqdm
+
+PATIENCE = 1.0  # s, without a word
+TICK = 0.25  # s
 
 _UNITS = {
     "arrival_time": "s",
@@ -29,7 +33,8 @@ _UNITS = {
     "velocity_deviation": "m/s",
     "noise_deviation": "m",
 }
-_TOLD_AT_THE_END = ("reason", "violations", "limits")
+_NOT_LISTED = ("reason", "violations", "limits", "file")
+"""Told elsewhere, or known."""
 
 
 def start_logging(quiet: bool, verbose: bool) -> None:
@@ -64,9 +69,37 @@ def report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
         print_json(summary)
     elif not quiet:
         for key, value in summary.items():
-            if value is not None and key not in _TOLD_AT_THE_END:
+            if value is not None and key not in _NOT_LISTED:
                 unit = _UNITS.get(key.removeprefix("simulated_"), "")
                 typer.echo(f"{key.replace('_', ' ') + ':':<24} {_shown(value)} {unit}".rstrip())
+
+
+@contextmanager
+def waiting(what: str, quiet: bool, patience: float = PATIENCE) -> Iterator[None]:
+    """Show on stderr, if that is a terminal, that something is being done that takes longer than some seconds."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    done = Event()
+    teller = Thread(target=_tell_that_it_goes_on, args=(what, patience, done), daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
+
+
+def _tell_that_it_goes_on(what: str, patience: float, done: Event) -> None:
+    if done.wait(patience):
+        return
+    from tqdm import tqdm
+
+    with tqdm(bar_format=f"{what}: {{elapsed}}", leave=False) as bar:
+        bar.start_t -= patience
+        bar.refresh()
+        while not done.wait(TICK):
+            bar.refresh()
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

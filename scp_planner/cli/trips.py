@@ -35,7 +35,7 @@ from scp_planner.cli.options import (
     keyword_settings,
     load_scenario,
 )
-from scp_planner.cli.output import progress_bar, report, start_logging, tell
+from scp_planner.cli.output import progress_bar, report, start_logging, tell, waiting
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -64,7 +64,8 @@ def demo(
     start_logging(quiet, verbose)
     check_folder("--output", output, *DEMO_FILES)
     scenario = load_scenario(BUILT_IN + name)
-    made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
+    with waiting("planning", quiet):
+        made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
     run = _drive(scenario, 0.1, 10.0, 0, quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
@@ -116,15 +117,17 @@ def plan(
     pictures.check_picture("--plot", plot, scenario_file, view=view)
     commonroad.check_solution(solution, scenario_file, method)
     values = keyword_settings(assignments, solver)
-    if solution is None:
-        scenario = load_scenario(scenario_file, motion)
-        made = _plan(scenario, method, values, time_limit)
-    else:
-        answer = commonroad.plan_solution(scenario_file, model, values, time_limit)
-        scenario, made = answer.scenario, answer.plan
-        commonroad.write_solution(made, scenario_file, solution, model, cost)
+    with waiting("planning", quiet):
+        if solution is None:
+            scenario = load_scenario(scenario_file, motion)
+            made = _plan(scenario, method, values, time_limit)
+        else:
+            answer = commonroad.plan_solution(scenario_file, model, values, time_limit)
+            scenario, made = answer.scenario, answer.plan
+            commonroad.write_solution(made, scenario_file, solution, model, cost)
     if bound:
-        made = _with_lower_bound(scenario, made)
+        with waiting("bounding what another plan could gain", quiet):
+            made = _with_lower_bound(scenario, made)
     if output is not None:
         made.save(output, samples=samples)
     if plot is not None:

@@ -111,11 +111,51 @@ def marginal_scale(level: str, probability: float, times: int, obstacles: int) -
     EstimationError
         If there is no such level, or the probability is not between 0 and 1.
     """
+    return course_scale(level, alpha_of_one(level, probability, obstacles), times)
+
+
+def alpha_of_one(level: str, probability: float, obstacles: int) -> float:
+    """Give the probability that one obstacle may be outside its zone with, at one time or at any by the level.
+
+    Parameters
+    ----------
+    level, probability
+        As in :func:`region_scale`.
+    obstacles : int
+        How many obstacles are not known exactly.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    EstimationError
+        If there is no such level, or the probability is not between 0 and 1.
+    """
     if level not in LEVELS:
         raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")
     alpha = 1.0 - _checked(probability)
-    if level == "joint":
-        alpha = shared_alpha(alpha, obstacles)
+    return shared_alpha(alpha, obstacles) if level == "joint" else alpha
+
+
+def course_scale(level: str, alpha: float, times: int) -> float:
+    """Give q for normal errors of known covariance at some times, with the probability to be outside.
+
+    Parameters
+    ----------
+    level : "per_time", "per_obstacle" or "joint"
+        Whether ``alpha`` is about one time or about all.
+    alpha : float
+        Of this obstacle.
+    times : int
+        As in :func:`marginal_scale`.
+
+    Returns
+    -------
+    float
+        q.
+    """
     if level != "per_time":
         alpha = shared_alpha(alpha, times)
     return -2.0 * math.log(alpha)  # the quantile of chi-square with 2 degrees of freedom

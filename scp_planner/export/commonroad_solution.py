@@ -30,7 +30,7 @@ ON_A_STEP = 0.02
 HITCH_STEPS = 20
 """To a step of the file, of the integral of the trailer's angle."""
 
-STANDING = 1e-6
+LEAST_SPEED = 1e-6
 """Relative to the top speed: the velocity of a point mass that stands is so much along its heading, which would else be
 told by nothing."""
 
@@ -114,7 +114,7 @@ def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, 
     places = plan.position(times) + centre_of(car, model) * along
     steps = range(first, first + count + 1)
     if model is VehicleModel.PM:
-        velocity = np.maximum(speed, STANDING * car.speed)[:, None] * along
+        velocity = np.maximum(speed, LEAST_SPEED * car.speed)[:, None] * along
         return [
             state.PMState(time_step=k, position=place, velocity=float(v[0]), velocity_y=float(v[1]))
             for k, place, v in zip(steps, places, velocity, strict=True)

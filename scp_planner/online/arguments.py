@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +12,8 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.scenario.estimates import Estimate
+from scp_planner.scenario.models import Obstacle
+from scp_planner.scenario.motions import GivenMotion
 
 
 def _point(name: str, value: ArrayLike) -> tuple[float, float]:
@@ -65,6 +69,30 @@ def checked_estimate(
         acceleration=None if acceleration is None else _point("acceleration", acceleration),
         covariance=np.asarray(covariance, dtype=float).tolist(),
     )
+
+
+def checked_motion(name: str, motion: GivenMotion | Mapping[str, Any]) -> GivenMotion:
+    """Make what a predictor says of an obstacle a motion, in SI units.
+
+    Parameters
+    ----------
+    name : str
+        Id of the obstacle.
+    motion : Motion, Course, Futures or mapping
+
+    Returns
+    -------
+    Motion, Course or Futures
+
+    Raises
+    ------
+    ScenarioError
+        Naming what is wrong.
+    """
+    anybody = {"id": name, "shape": {"disc": 1.0}, "motion": motion}
+    checked = Obstacle(**anybody).motion
+    assert checked is not None, "it is given"
+    return checked
 
 
 def check_number(name: str, value: float, least: float = -math.inf) -> None:

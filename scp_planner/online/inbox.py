@@ -8,7 +8,7 @@ from threading import Lock
 
 from scp_planner.arrays import Array
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.updates import Update
+from scp_planner.online.updates import Forecast, Update
 from scp_planner.scenario.units import NaturalUnits
 
 MOST_NOTES = 100
@@ -66,14 +66,14 @@ class Inbox:
         self.obstacles, self.notes = obstacles, deque[str](maxlen=MOST_NOTES)
         self.work = Lock()
         self._units, self._forget_after = units, forget_after
-        self._queue: deque[Sighting | Update] = deque()
+        self._queue: deque[Sighting | Update | Forecast] = deque()
 
     def __bool__(self) -> bool:
         """Whether there is anything in it."""
         return bool(self._queue)
 
-    def put(self, one: Sighting | Update) -> None:
-        """Take an observation, or what a tracker says; a replan that is at work takes it in itself."""
+    def put(self, one: Sighting | Update | Forecast) -> None:
+        """Take an observation, or what a tracker or a predictor says; a replan that is at work takes it in itself."""
         self._queue.append(one)
         if self.work.acquire(blocking=False):
             try:
@@ -85,6 +85,9 @@ class Inbox:
         """Let the obstacles take in what has been observed."""
         while self._queue:
             one = self._queue.popleft()
+            if isinstance(one, Forecast):
+                one.taken_in(self.obstacles)
+                continue
             fault = one.taken_in(self.obstacles)
             if fault is not None:
                 self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")

@@ -201,6 +201,7 @@ def _made(
                 PiecewisePolynomials(breaks, center[k, None, None]),
                 PiecewisePolynomials(breaks, scaled[k, None, None]),
                 track.body.outlines,
+                until=start + HORIZON,
             )
         )
     return zones

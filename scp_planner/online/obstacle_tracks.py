@@ -10,19 +10,19 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import marginal_scale, region_scale
+from scp_planner.estimation.confidence import marginal_scale
 from scp_planner.estimation.conformal import AdaptiveScales
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
-from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foresight import Learning
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures, zones_together
 from scp_planner.online.noticing import Bank, NoiseWatch, Widening, neighbour_differences
@@ -37,11 +37,12 @@ from scp_planner.online.track import (
     TrackEstimator,
 )
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Confidence, Course, Model, Observations, Obstacle, Prior
+from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
+from scp_planner.scenario.motions import Course, GivenMotion
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.values import Vector
 from scp_planner.settings.online import Regions, SceneNewcomers, Watch
-from scp_planner.threat_zones.of_scenario import HORIZON, estimated_body, known_zone
+from scp_planner.threat_zones.of_scenario import HORIZON, Embodied, estimated_body, estimated_zone, given_zones
 from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
@@ -51,6 +52,8 @@ HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
 """Units of time ahead, at which predictions are compared with what came: the next observation, and later ones."""
 LATENESS = 0.1
 """An observation is compared with a prediction for it that is no older than that by this share of the longest."""
+MOST_TURNING = 12
+"""Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together."""
 FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 INTERPOLATED = 0.01
@@ -182,6 +185,11 @@ class ObstacleTracks:
         if track.estimator is not None:
             track.estimator.close()
 
+    def foretell(self, name: str, motion: GivenMotion) -> None:
+        """Take an obstacle to move as is foretold, until it is observed."""
+        track = self.tracks[name]
+        track.fixed, track.suspects = motion, []
+
     def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> Track:
         margin += self.margin
         return Track(name, shape, model, margin, estimated_body(shape, model), noise_factor=self.noise.factor)
@@ -259,17 +267,21 @@ class ObstacleTracks:
         made = self._together(tracks, start, level)
         for track in tracks:
             if track.fixed is not None:
-                made[track.id] = known_zone(
-                    track.id, track.shape, track.margin, track.fixed, self.confidence, estimated
-                )
-            elif track.id not in made:
+                continue
+            if track.id not in made:
                 made[track.id] = self._alone(track, start, level)
-            compared = track.fixed is None and track.given is None and track.predicted is not None
+            compared = track.given is None and track.predicted is not None
             if self.watch.regions is Regions.ADAPTIVE and compared:
                 assert track.predicted is not None, "it is compared"
                 track.foretold.append(track.predicted)
                 track.zone = made[track.id] = self._scaled(track, made[track.id])
-        return tuple(made[track.id] for track in tracks)
+        every = ((made[track.id],) if track.fixed is None else self._given(track, estimated) for track in tracks)
+        return tuple(chain.from_iterable(every))
+
+    def _given(self, track: Track, uncertain: int) -> tuple[ThreatZone, ...]:
+        """Zones of a track whose motion is given, beside how many that are not known exactly."""
+        assert track.fixed is not None
+        return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
 
     def _compare(self, track: Track, one: Seen) -> None:
         """Learn from what is seen how large regions have to be."""
@@ -297,6 +309,8 @@ class ObstacleTracks:
         for track in tracks:
             if track.fixed is not None or track.estimator is None or not track.simple:
                 continue
+            if self._bounds_headings(tracks) and track.body.turning is not None and not track.alarmed:
+                continue  # its heading is estimated, too
             roots = track.estimator.roots
             if track.alarmed:
                 alarmed.setdefault(track.model.order, []).append(track)
@@ -314,28 +328,22 @@ class ObstacleTracks:
                 track.zone = made[track.id] = zone
         return made
 
+    def _bounds_headings(self, tracks: Collection[Track]) -> bool:
+        """Whether shapes that turn with an estimated motion are more than the discs that cover them."""
+        if self.watch.regions is Regions.ADAPTIVE:
+            return False  # regions that are scaled by what came of them are of positions alone
+        return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
+
     def _alone(self, track: Track, start: float, level: Level) -> ThreatZone:
         estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
             estimate = estimate.with_manoeuvre(self.manoeuvre)
         start = max(start, estimate.earliest)
-        scale = region_scale(
-            str(self.confidence.level),
-            self.confidence.probability,
-            estimate,
-            obstacles=level.estimated,
-            start=start,
-            stop=start + HORIZON,
-        )
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
-        return ThreatZone(
-            track.id,
-            track.body.radius + track.margin + pieces.center_error,
-            PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
-            PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
-            track.body.outlines,
-        )
+        body = track.body if self._bounds_headings(self.tracks.values()) else replace(track.body, turning=None)
+        shaped = Embodied(track.id, track.shape, body, track.margin)
+        return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
 
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""

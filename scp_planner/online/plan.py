@@ -28,7 +28,7 @@ class Outcome(StrEnum):
     """Standing, or a stop along the path."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class OnlinePlan(Plan):
     """A plan of :class:`Planner`. ``reason`` tells in words what came about, and why.
 
@@ -61,6 +61,10 @@ class OnlinePlan(Plan):
             stop=None if self.stop is None else self.stop.outside(units),
             branch_time=units.absolute(self.branch_time),
         )
+
+    @property
+    def _verdict(self) -> str:
+        return f"{self.outcome}, {'safe' if self.safe else 'not safe'}"
 
     @property
     def safe(self) -> bool:

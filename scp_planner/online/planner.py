@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.errors import Fault, ScenarioError
-from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate
+from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
@@ -42,9 +42,10 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, remaining_trip
 from scp_planner.online.stops import STANDING
-from scp_planner.online.updates import Update
+from scp_planner.online.updates import Forecast, Update
 from scp_planner.online.vetting import Vetted
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
+from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
@@ -225,6 +226,28 @@ class Planner:
             raise ValueError(f"update_obstacle: there is no obstacle {obstacle!r}; add_obstacle adds one")
         given = self._units.estimate(checked_estimate(time, position, velocity, acceleration, covariance))
         self._inbox.put(Update(obstacle, given))
+
+    def update_motion(self, obstacle: str, motion: GivenMotion | Mapping[str, Any]) -> None:
+        """Take in a new prediction for a known obstacle: it replaces all that was known of its motion.
+
+        During a replan, of another thread, it is taken in between two of its stages. It holds until there is another
+        one, or until the obstacle is observed: then its motion is estimated from what is observed.
+
+        Parameters
+        ----------
+        obstacle : str
+            Its id.
+        motion : Motion, Course, Futures or mapping
+            As in the scenario: exact, with a covariance, or several futures with their weights.
+
+        Raises
+        ------
+        ValueError
+            If the id is unknown or a value is not allowed.
+        """
+        if obstacle not in self.obstacles.tracks:
+            raise ValueError(f"update_motion: there is no obstacle {obstacle!r}; add_obstacle adds one")
+        self._inbox.put(Forecast(obstacle, self._units.motion(checked_motion(obstacle, motion))))
 
     def add_obstacle(
         self,

@@ -23,7 +23,8 @@ from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
 from scp_planner.online.noticing import Bank
 from scp_planner.scenario.estimates import Estimate
-from scp_planner.scenario.models import Course, KnownMotion, Model
+from scp_planner.scenario.models import Model
+from scp_planner.scenario.motions import GivenMotion, is_uncertain
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import SceneNewcomers
@@ -240,8 +241,8 @@ class Track:
         As in the scenario; ``margin`` holds the planner's margin too.
     body : Body
         Of the shape, as long as the motion is estimated.
-    fixed : Motion, Course or None
-        The motion of an obstacle whose motion is known.
+    fixed : Motion, Course, Futures or None
+        The motion of an obstacle whose motion is given.
     given : Estimate or None
         What a tracker last said of it.
     covariance : (2, 2) array or None
@@ -269,7 +270,7 @@ class Track:
     model: Model
     margin: float
     body: Body
-    fixed: KnownMotion | None = None
+    fixed: GivenMotion | None = None
     given: Estimate | None = None
     covariance: Array | None = None
     varying: bool = False
@@ -292,7 +293,7 @@ class Track:
     @property
     def uncertain(self) -> bool:
         """Whether where it is is not known exactly."""
-        return self.fixed is None or (isinstance(self.fixed, Course) and self.fixed.covariance is not None)
+        return is_uncertain(self.fixed)
 
     @property
     def distinct(self) -> int:

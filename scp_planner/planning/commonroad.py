@@ -9,7 +9,7 @@ from time import perf_counter
 from scp_planner.planning.offline import plan
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import load_commonroad, read_commonroad
-from scp_planner.scenario.commonroad_goals import goal_states
+from scp_planner.scenario.commonroad_goals import GoalAim, goal_states
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -80,7 +80,7 @@ def plan_commonroad(
             left = None if deadline is None else deadline - perf_counter()
             if best is not None and left is not None and left <= 0.0:
                 break
-            scenario = load_commonroad(path, problem=problem, model=model, car=car, goal_state=number, timed_way=way)
+            scenario = load_commonroad(path, problem=problem, model=model, car=car, aim=GoalAim(number, way))
             made = CommonRoadPlan(scenario, plan(scenario, settings or road_settings(scenario), time_limit=left))
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:

@@ -9,11 +9,12 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.lower_bound import kinematic_bound, no_trip_within
-from scp_planner.certificate.verdict import EARLIEST, LATEST, Certificate, Violation
+from scp_planner.certificate.verdict import BEYOND_ZONES, EARLIEST, LATEST, Certificate, Violation
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.ready_made import NAMES
 from scp_planner.scp.record import LoopRun, LoopStatus
-from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.threat_zones.of_scenario import covering_radius, is_taken_for_a_disc
+from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 from scp_planner.trips.trip import Trip
 
 _ORDERS = ("standing", "constant velocity", "constant acceleration")
@@ -32,7 +33,7 @@ MOST_CULPRITS = 4
 MOST_NAMED = 3
 """Of many obstacles that are alike."""
 TOUCHING = 0.1  # of the vehicle's radius
-LOOKS = 65  # at times of a trip
+TRIP_LOOKS = 65  # at times of a trip
 ROUNDING = 1e-6  # of the trip's length or time
 
 _ENDS = {
@@ -160,6 +161,8 @@ def _relaxation(violation: Violation) -> str:
     excess = violation.value - violation.allowed
     if violation.what in (EARLIEST, LATEST):
         return f"the {violation.what} {abs(excess):.3g} s {'sooner' if excess < 0.0 else 'later'}"
+    if violation.what == BEYOND_ZONES:
+        return f"a trip that ends {excess:.3g} s sooner, since later nothing is known of observed obstacles"
     if violation.what == "workspace bounds":
         return f"workspace bounds {-excess:.3g} m wider"
     return f"{abs(excess):.3g}{violation.unit} more of {violation.what}"
@@ -169,7 +172,7 @@ def _causes(
     scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip, told: list[Violation], prove_until: float
 ) -> Iterator[str]:
     """Say what is certainly behind violations, the gravest of which comes first."""
-    zones = {zone.id: zone for zone in threat_zones}
+    zones = by_obstacle(threat_zones)
     for violation in told:
         if violation.what == "goal speed error":
             yield from _too_short_a_way(scenario, trip)
@@ -177,6 +180,11 @@ def _causes(
             yield f"The tightest turn that is allowed has a radius of {1.0 / violation.allowed:.3g} m"
     cut = [each for each in told if each.obstacle is not None and each.obstacle in zones]
     yield from _uncertainty(scenario, zones, cut)
+    shapes = {obstacle.id: obstacle.shape for obstacle in scenario.obstacles}
+    for name in dict.fromkeys(str(each.obstacle) for each in cut):
+        if name in shapes and is_taken_for_a_disc(shapes[name], zones[name]):
+            disc = f"a disc of {covering_radius(shapes[name]):.3g} m"
+            yield f"{name} is taken for {disc}, as its heading is not known: give shape.heading if you know it"
     for violation in cut:
         yield from _stopping(scenario, zones[str(violation.obstacle)], violation)
     if perf_counter() < prove_until:
@@ -193,7 +201,7 @@ def _too_short_a_way(scenario: Scenario, trip: Trip) -> Iterator[str]:
         yield f"From {first:g} m/s to {last:g} m/s takes {needed:.3g} m, and this way is {way:.3g} m long"
 
 
-def _uncertainty(scenario: Scenario, zones: Mapping[str, ThreatZone], cut: Sequence[Violation]) -> Iterator[str]:
+def _uncertainty(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], cut: Sequence[Violation]) -> Iterator[str]:
     """Say how uncertain positions are by then, if that is what is in the way, and which model would know more."""
     for violation in cut:
         uncertain = _spread(zones[str(violation.obstacle)], violation.time)
@@ -204,12 +212,13 @@ def _uncertainty(scenario: Scenario, zones: Mapping[str, ThreatZone], cut: Seque
                 return  # of others it would be the same
 
 
-def _spread(zone: ThreatZone, time: float) -> float:
-    """By how much a position is uncertain, m."""
-    return 0.0 if zone.covariances is None else float(np.sqrt(np.linalg.eigvalsh(zone.covariance(time))[-1]))
+def _spread(zones: Sequence[ThreatZone], time: float) -> float:
+    """By how much a position is uncertain in that of an obstacle's zones in which it is most, m."""
+    covariances = [zone.covariance(time) for zone in zones if zone.covariances is not None]
+    return max((float(np.sqrt(np.linalg.eigvalsh(each)[-1])) for each in covariances), default=0.0)
 
 
-def _model_to_change(scenario: Scenario, zones: Mapping[str, ThreatZone], worst: Violation) -> str:
+def _model_to_change(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], worst: Violation) -> str:
     """Name the model that zones larger than the scene come from, and what to put in its place."""
     size, time = _extent(scenario), worst.time
     wide = {one.id: one.model for one in scenario.obstacles if one.id in zones and _spread(zones[one.id], time) > size}
@@ -232,7 +241,7 @@ def _extent(scenario: Scenario) -> float:
     return float(np.hypot(*(points - points[0]).T).max())
 
 
-def _stopping(scenario: Scenario, zone: ThreatZone, violation: Violation) -> Iterator[str]:
+def _stopping(scenario: Scenario, zones: Sequence[ThreatZone], violation: Violation) -> Iterator[str]:
     """Say so if the vehicle would hit what is before it even if it only braked."""
     start, vehicle = scenario.start, scenario.vehicle
     if start.heading is None or start.speed == 0.0:
@@ -240,24 +249,28 @@ def _stopping(scenario: Scenario, zone: ThreatZone, violation: Violation) -> Ite
     stop = start.speed / vehicle.max_deceleration
     if violation.time > start.time + stop:
         return
-    after = np.linspace(0.0, stop, LOOKS)
+    after = np.linspace(0.0, stop, TRIP_LOOKS)
     driven = start.speed * after - 0.5 * vehicle.max_deceleration * after**2
     positions = np.array(start.position) + driven[:, None] * [np.cos(start.heading), np.sin(start.heading)]
-    touching = np.flatnonzero(zone.signed_distance(start.time + after, positions) < vehicle.radius)
+    distance = np.min([zone.signed_distance(start.time + after, positions) for zone in zones], axis=0)
+    touching = np.flatnonzero(distance < vehicle.radius)
     if len(touching):
         yield (
             f"Straight on and braking at {vehicle.max_deceleration:g} m/s2 from {start.speed:g} m/s, it would touch"
-            f" {zone.id} at t = {start.time + after[touching[0]]:.3f} s"
+            f" {violation.obstacle} at t = {start.time + after[touching[0]]:.3f} s"
         )
 
 
 def _touched(scenario: Scenario, threat_zones: Sequence[ThreatZone], trip: Trip) -> list[str]:
     """Name the zones that a trip cuts or touches, the ones it cuts deepest first."""
     trajectory = trip.trajectory
-    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, LOOKS)))
+    points = trajectory.at(trajectory.space.time_table(np.linspace(0.0, 1.0, TRIP_LOOKS)))
     times, positions = trip.frame.time + points.time, trip.frame.to_world(points.path.position)
     radius = scenario.vehicle.radius
-    least = {zone.id: float(zone.signed_distance(times, positions).min()) - radius for zone in threat_zones}
+    least = {
+        name: min(float(zone.signed_distance(times, positions).min()) for zone in several) - radius
+        for name, several in by_obstacle(threat_zones).items()
+    }
     near = sorted((name for name in least if least[name] < TOUCHING * radius), key=lambda name: least[name])
     return near[:MOST_CULPRITS]
 
@@ -273,7 +286,8 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
         return
     if not no_trip_within(scenario, horizon, zones, deadline):
         return
-    covering = [zone.id for zone in zones if zone.id in culprits and _covers_goal(scenario, zone, least, horizon)]
+    every = {name: several for name, several in by_obstacle(zones).items() if name in culprits}
+    covering = [name for name, several in every.items() if _covers_goal(scenario, several, least, horizon)]
     if covering:
         yield f"No trip at all arrives {until}: {_listed(covering)} covers the goal"
         return
@@ -283,7 +297,7 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
         unbounded = scenario.model_copy(update={"bounds": None})
         if not no_trip_within(unbounded, horizon, zones, deadline):
             alone = [zone for zone in zones if [zone.id] == needed]
-            gap = "".join(_widest_gap(scenario, zone, start + horizon) for zone in alone)
+            gap = _widest_gap(scenario, alone[0], start + horizon) if len(alone) == 1 else ""
             needed.append(f"the workspace bounds{gap}")
     if not needed or perf_counter() > deadline:  # without the time to say which
         yield f"No trip at all arrives {until}"
@@ -293,12 +307,12 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
         yield f"No trip at all arrives {until}, between {_listed(needed)}"
 
 
-def _covers_goal(scenario: Scenario, zone: ThreatZone, first: float, last: float) -> bool:
-    """Whether a zone leaves no room at the goal, whenever a trip might arrive."""
-    times = scenario.start.time + np.linspace(first, last, LOOKS)
-    goal = np.broadcast_to(np.array(scenario.goal.position), (LOOKS, 2))
-    room = zone.signed_distance(times, goal) + scenario.goal.radius - scenario.vehicle.radius
-    return bool(np.all(room < 0.0))
+def _covers_goal(scenario: Scenario, zones: Sequence[ThreatZone], first: float, last: float) -> bool:
+    """Whether the zones of an obstacle leave no room at the goal, whenever a trip might arrive."""
+    times = scenario.start.time + np.linspace(first, last, TRIP_LOOKS)
+    goal = np.broadcast_to(np.array(scenario.goal.position), (TRIP_LOOKS, 2))
+    distance = np.min([zone.signed_distance(times, goal) for zone in zones], axis=0)
+    return bool(np.all(distance + scenario.goal.radius - scenario.vehicle.radius < 0.0))
 
 
 def _widest_gap(scenario: Scenario, zone: ThreatZone, time: float) -> str:

@@ -5,14 +5,21 @@ It lies in rooms above them, and is found there by name when it is asked for: a 
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable
+from html import escape
 from importlib import import_module
-from typing import Any
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OUTPUTS = {
     "plan table": "scp_planner.export.tables:plan_table",
     "plan export": "scp_planner.export.files:export_plan",
     "plan plot": "scp_planner.plotting.views:plot_view",
+    "plan sketch": "scp_planner.plotting.sketches:sketch_plan",
     "plan draw": "scp_planner.plotting.views:draw_plan",
     "run table": "scp_planner.export.tables:run_table",
     "run export": "scp_planner.export.files:export_run",
@@ -38,3 +45,27 @@ def output_named(name: str) -> Callable[..., Any]:
     module, function = OUTPUTS[name].split(":")
     found: Callable[..., Any] = getattr(import_module(module), function)
     return found
+
+
+def picture_or_text(draw: Callable[[], Figure], text: str) -> str:
+    """Return a picture and its text as HTML; the text alone where nothing can draw.
+
+    Parameters
+    ----------
+    draw : callable
+        Gives the figure.
+    text : str
+
+    Returns
+    -------
+    str
+    """
+    words = f"<pre>{escape(text)}</pre>"
+    try:
+        figure = draw()
+    except ImportError:
+        return words
+    with BytesIO() as file:
+        figure.savefig(file, format="png")
+        picture = base64.b64encode(file.getvalue()).decode("ascii")
+    return f'<img alt="{escape(text)}" src="data:image/png;base64,{picture}">{words}'

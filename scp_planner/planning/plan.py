@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from math import inf, isfinite
@@ -19,7 +19,7 @@ from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.mathematics.splines import clamped_knots
-from scp_planner.planning.outputs import output_named
+from scp_planner.planning.outputs import output_named, picture_or_text
 from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import Reader, trip_in
 
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from scp_planner.scenario.models import Scenario
+
+_WORK = ("wall_time", "timings")
+"""What says nothing of the plan, but of the making of it."""
 
 ROUNDING = 1e-9  # relative, of lengths and times that are to be equal
 
@@ -44,9 +47,11 @@ class PlanStatus(StrEnum):
     FAILED = "failed"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """A planned trip. Times are absolute, s; positions in world coordinates, m.
+
+    Plans are equal if all that they say is, but for how long it took to make them.
 
     Attributes
     ----------
@@ -87,6 +92,29 @@ class Plan:
     lower_bound: float = 0.0
     timings: dict[str, float] = field(default_factory=dict)
     converged: bool | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.scenario!r}, {self._verdict}, {self.travel_time:.4g} s, {self.clearance})"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: where it leads, and how fast."""
+        return picture_or_text(self.sketch, repr(self))
+
+    @property
+    def _verdict(self) -> str:
+        return str(self.status)
+
+    @property
+    def _identity(self) -> tuple[Any, ...]:
+        """All that it says."""
+        values = ((each.name, getattr(self, each.name)) for each in fields(self) if each.name not in _WORK)
+        return tuple((name, tuple(value.items()) if isinstance(value, dict) else value) for name, value in values)
 
     @property
     def certified(self) -> bool:
@@ -261,6 +289,15 @@ class Plan:
             If the suffix or the view is another one.
         """
         return output_named("plan plot")(self, scenario, path, view)
+
+    def sketch(self) -> Figure:
+        """Draw where it leads and how fast, without the scenario, as notebooks show it.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return output_named("plan sketch")(self)
 
     def draw(self, scenario: Scenario, path: str | PathLike[str], view: str = "map") -> None:
         """Draw into a file: .png, .pdf, .svg a figure; .gif, .mp4 an animation; .html a page for a browser.

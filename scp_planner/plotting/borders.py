@@ -90,6 +90,32 @@ def convex_pieces_of(zone: ThreatZone) -> list[ThreatZone]:
     return [replace(zone, outlines=(outline,)) for outline in zone.outlines]
 
 
+def boundaries_of(zones: Sequence[ThreatZone], times: Array, count: int = BOUNDARY_POINTS) -> Array:
+    """Points on the boundaries of all convex pieces of an obstacle's zones about the centre of the first one.
+
+    Parameters
+    ----------
+    zones : sequence of ThreatZone
+        One, or several of an obstacle of several futures.
+    times : (n,) array
+        Absolute, s.
+    count : int
+        Number of directions.
+
+    Returns
+    -------
+    (n, p, count, 2) array
+        m, anticlockwise.
+    """
+    center = zones[0].center(times)
+    pieces = [
+        boundary_of(piece, times, count) + (zone.center(times) - center)[:, None]
+        for zone in zones
+        for piece in convex_pieces_of(zone)
+    ]
+    return np.stack(pieces, axis=1)
+
+
 def borders_of(pieces: Sequence[Array]) -> Array:
     """Give the border of the union of convex polygons.
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.path import Path
 
-NEAR = 0.12
+CLOSE_BY = 0.12
 """Zones no farther from the vehicle than this part of the trip's extent are filled."""
 CROWD = 12
 """With more obstacles than this only those near the vehicle are drawn."""
@@ -220,7 +220,7 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     from matplotlib.patches import PathPatch, Polygon
 
     length = float(np.ptp(recording.position, axis=0).max())
-    near = obstacle.clearance[index] < NEAR * length
+    near = obstacle.clearance[index] < CLOSE_BY * length
     size, own = (
         float(np.ptp(points, axis=0).max()) for points in (obstacle.zone_at(index).reshape(-1, 2), obstacle.body)
     )

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundary_of, convex_pieces_of, corridor_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import limits_at, stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.threat_zones.of_scenario import zones
-from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class ObstacleRecord:
     padded : bool
         Whether the zone holds more than the shape.
     boundary : (n, p, m, 2) array
-        Points on the boundaries of the p convex pieces of its zone, in order, relative to the centre, m.
+        Points on the boundaries of the p convex pieces of its zones, in order, relative to the centre, m.
     clearance : (n,) array
         From the vehicle's disc to the zone, m, negative inside; NaN while there is none.
     truth : (n, 2) array or None
@@ -246,14 +246,14 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
     if unknown:
         raise ValueError(f"truth: there is no obstacle {unknown[0]!r} in the scenario {scenario.name!r}")
     position, heading, vehicle = plan.position(time), plan.heading(time), scenario.vehicle
-    discs, every_zone = discs_at(position, heading, vehicle.discs), zones(scenario)
-    clearances = [clearance_of(zone, time, discs, vehicle.radius) for zone in every_zone]
+    discs, every_zone = discs_at(position, heading, vehicle.discs), by_obstacle(zones(scenario))
+    clearances = {name: clearance_of(several, time, discs, vehicle.radius) for name, several in every_zone.items()}
     obstacles = tuple(
-        _record_obstacle(obstacle, zone, time, clearance, _true_centers(truth.get(obstacle.id), time))
-        for obstacle, zone, clearance in zip(scenario.obstacles, every_zone, clearances, strict=False)
+        _record_obstacle(one, every_zone[one.id], time, clearances[one.id], _true_centers(truth.get(one.id), time))
+        for one in scenario.obstacles
     )
     if len(every_zone) > len(obstacles):  # the corridor's comes last
-        obstacles += (record_outside(clearances[-1]),)
+        obstacles += (record_outside(list(clearances.values())[-1]),)
     bounds = scenario.bounds
     return Recording(
         name=scenario.name,
@@ -312,9 +312,9 @@ def profiles_of(
     )
 
 
-def clearance_of(zone: ThreatZone, time: Array, discs: Sequence[Array], radius: float) -> Array:
-    """Clearance of a vehicle to a zone, (n,) m, at times (n,) s with discs at (n, 2) m each."""
-    clearance: Array = np.min([zone.signed_distance(time, disc) for disc in discs], axis=0) - radius
+def clearance_of(several: Sequence[ThreatZone], time: Array, discs: Sequence[Array], radius: float) -> Array:
+    """Clearance of a vehicle to an obstacle's zones, (n,) m, at times (n,) s with discs at (n, 2) m each."""
+    clearance: Array = np.min([zone.signed_distance(time, disc) for zone in several for disc in discs], axis=0) - radius
     return clearance
 
 
@@ -335,19 +335,23 @@ def record_outside(clearance: Array) -> ObstacleRecord:
 
 
 def _record_obstacle(
-    obstacle: Obstacle, zone: ThreatZone, time: Array, clearance: Array, truth: Array | None
+    obstacle: Obstacle, several: Sequence[ThreatZone], time: Array, clearance: Array, truth: Array | None
 ) -> ObstacleRecord:
     body, turns = body_of(obstacle.shape)
-    velocity = zone.center(time + 1e-3) - zone.center(time - 1e-3)
+    zone = several[0]
+    ahead = zone.heading_vector(time)
     seen = obstacle.observations
     return ObstacleRecord(
         id=obstacle.id,
         center=zone.center(time),
-        heading=np.arctan2(velocity[:, 1], velocity[:, 0]),
+        heading=np.arctan2(ahead[:, 1], ahead[:, 0]),
         body=body,
         turns=turns,
-        padded=obstacle.motion is None or obstacle.margin > 0.0 or not isinstance(obstacle.shape, Disc),
-        boundary=np.stack([boundary_of(piece, time) for piece in convex_pieces_of(zone)], axis=1),
+        padded=obstacle.motion is None
+        or len(several) > 1
+        or obstacle.margin > 0.0
+        or not isinstance(obstacle.shape, Disc),
+        boundary=boundaries_of(several, time),
         clearance=clearance,
         truth=truth,
         observed=None if seen is None else np.array(seen.position),

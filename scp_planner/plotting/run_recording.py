@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundary_of, convex_pieces_of, corridor_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
@@ -21,6 +21,7 @@ from scp_planner.plotting.recording import (
 )
 from scp_planner.plotting.scales import length_text
 from scp_planner.scenario.shapes import Disc
+from scp_planner.threat_zones.zone import by_obstacle
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from scp_planner.threat_zones.zone import ThreatZone
 
 MOST_FRAMES = 1200
-STANDING = 1e-6
+STILL_SPEED = 1e-6
 """m/s. What is slower has no direction."""
 CREEPING = 0.01
 """Below this part of the greatest speed the curvature is not told: it is a quotient of two differences near 0."""
@@ -94,7 +95,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
 
 
 def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
-    zones = [{record.id: record.zone() for record in each.zones} for each in run.records]
+    zones = [by_obstacle(record.zone() for record in each.zones) for each in run.records]
     names = dict.fromkeys([*(name for each in zones for name in each), *run.obstacles])
     radius, limited = run.scenario.vehicle.radius, run.scenario.corridor is not None
     return tuple(
@@ -106,27 +107,27 @@ def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple
 
 
 def _obstacle(
-    name: str, run: Run, time: Array, cycle: Index, discs: list[Array], zones: list[dict[str, ThreatZone]]
+    name: str, run: Run, time: Array, cycle: Index, discs: list[Array], zones: list[dict[str, list[ThreatZone]]]
 ) -> ObstacleRecord:
     """Put together what the cycles knew of one obstacle."""
     count = len(time)
     center, heading = np.full((count, 2), np.nan), np.zeros(count)
-    parts = max([len(zone[name].outlines) or 1 for zone in zones if name in zone], default=1)
+    parts = max((sum(len(one.outlines) or 1 for one in several.get(name, ())) for several in zones), default=1)
     boundary, clearance = np.full((count, parts, BOUNDARY_POINTS, 2), np.nan), np.full(count, np.nan)
     radius = 0.0
     for number in np.unique(cycle):
-        zone = zones[number].get(name)
-        if zone is None:
+        several = zones[number].get(name)
+        if several is None:
             continue
+        zone = several[0]
         now = np.flatnonzero(cycle == number)
         center[now] = zone.center(time[now])
         velocity = zone.center(time[now] + 1e-3) - zone.center(time[now] - 1e-3)
         heading[now] = np.arctan2(velocity[:, 1], velocity[:, 0])
-        pieces = [boundary_of(piece, time[now], BOUNDARY_POINTS) for piece in convex_pieces_of(zone)]
-        for part in range(parts):
-            # Where a cycle knew of fewer pieces, the last is drawn again.
-            boundary[now, part] = pieces[min(part, len(pieces) - 1)]
-        clearance[now] = clearance_of(zone, time[now], [disc[now] for disc in discs], run.scenario.vehicle.radius)
+        pieces = boundaries_of(several, time[now], BOUNDARY_POINTS)
+        # Where a cycle knew of fewer pieces, the last is drawn again.
+        boundary[now] = pieces[:, np.minimum(np.arange(parts), pieces.shape[1] - 1)]
+        clearance[now] = clearance_of(several, time[now], [disc[now] for disc in discs], run.scenario.vehicle.radius)
         radius = zone.radius
     shapes = {**run.shapes, **{obstacle.id: obstacle.shape for obstacle in run.scenario.obstacles}}
     body, turns = body_of(shapes.get(name) or Disc(disc=max(radius, 1e-6)))
@@ -152,7 +153,7 @@ def _obstacle(
 def _directions(known: Array, centers: Array, time: Array) -> Array:
     """Directions of a true motion, (n,) rad: 0 where it stands, NaN where it is not there."""
     velocity = np.gradient(centers, known, axis=0)
-    angle = np.where(np.hypot(*velocity.T) < STANDING, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
+    angle = np.where(np.hypot(*velocity.T) < STILL_SPEED, 0.0, np.arctan2(velocity[:, 1], velocity[:, 0]))
     nearest: Array = angle[np.clip(np.searchsorted(known, time), 0, len(known) - 1)]
     return nearest
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,7 @@ from scp_planner.plotting.style import (
     time_label,
 )
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.zone import by_obstacle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -184,11 +186,11 @@ def _known_regions(run: Run, time: Array, points: Array, ahead: Array, far: floa
     for number in np.unique(cycle):
         now = np.flatnonzero(cycle == number)
         shape = (len(points), len(now))
-        for record in run.records[number].zones:
+        for name, several in by_obstacle(record.zone() for record in run.records[number].zones).items():
             places, directions = (np.broadcast_to(each[:, None], (*shape, 2)) for each in (points, ahead))
             moments = np.broadcast_to(time[now], shape)
-            clearance = _clearance(record.zone(), run.scenario.vehicle, moments, places, directions)
-            known = values.setdefault(record.id, np.full((len(points), len(time)), far))
+            clearance = _clearance(several, run.scenario.vehicle, moments, places, directions)
+            known = values.setdefault(name, np.full((len(points), len(time)), far))
             known[:, now] = clearance
     met = [(name, clearance) for name, clearance in values.items() if clearance.min() < 0.0]
     # The one that reaches into most of the way and time first: it is the one that was waited for.
@@ -230,20 +232,24 @@ def _regions(grids: _Grids, scenario: Scenario) -> list[_Region]:
     own_ahead = grids.across_ahead[0]
     regions = [
         _Region(
-            zone.id,
-            _clearance(zone, vehicle, every_time, grids.along, grids.along_ahead),
-            _clearance(zone, vehicle, every_time, grids.across, grids.across_ahead),
-            float(_clearance(zone, vehicle, grids.time, grids.position, own_ahead).min()),
+            name,
+            _clearance(several, vehicle, every_time, grids.along, grids.along_ahead),
+            _clearance(several, vehicle, every_time, grids.across, grids.across_ahead),
+            float(_clearance(several, vehicle, grids.time, grids.position, own_ahead).min()),
         )
-        for zone in zones(scenario)
+        for name, several in by_obstacle(zones(scenario)).items()
     ]
     met = [region for region in regions if min(region.along.min(), region.across.min()) < 0.0]
     return sorted(met, key=lambda region: region.least)
 
 
-def _clearance(zone: ThreatZone, vehicle: Vehicle, time: Array, place: Array, ahead: Array) -> Array:
-    """Clearance of a vehicle at places (..., 2) m that looks in directions (..., 2), at times (...) s, to a zone, m."""
-    distances = [zone.signed_distance(time, place + offset * ahead if offset else place) for offset in vehicle.discs]
+def _clearance(several: Sequence[ThreatZone], vehicle: Vehicle, time: Array, place: Array, ahead: Array) -> Array:
+    """Clearance of a vehicle at places (..., 2) m that looks in directions (..., 2), at times (...) s, to zones, m."""
+    distances = [
+        zone.signed_distance(time, place + offset * ahead if offset else place)
+        for zone in several
+        for offset in vehicle.discs
+    ]
     clearance: Array = np.min(distances, axis=0) - vehicle.radius
     return clearance
 

@@ -7,18 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import DECIMALS
-from scp_planner.problem.ends import EndConditions, _end_conditions
+from scp_planner.problem.ends import end_conditions
 from scp_planner.problem.guides import default_guide, path_spans
-from scp_planner.problem.limits.arrival import EarliestArrival
-from scp_planner.problem.limits.discs import DiscBox, DiscClearance
-from scp_planner.problem.limits.drive import PowerLimit, TotalAccelerationLimit, drive_times
-from scp_planner.problem.limits.limit import OptionalLimit
-from scp_planner.problem.limits.rates import CurvatureRateLimit, JerkLimit
-from scp_planner.problem.limits.speed import SpeedLimits
-from scp_planner.problem.problem import EACH_SHARE, Problem, _goal_limits
+from scp_planner.problem.limits.inputs import LimitInputs, kept_of_limits
+from scp_planner.problem.limits.registry import optional_limits
+from scp_planner.problem.problem import EACH_SHARE, Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
@@ -32,13 +27,11 @@ from scp_planner.trips.space import TripSpace
 REACTION = (
     0.1  # units of time, for which a given acceleration at the start is kept where accelerations are piecewise constant
 )
-OPTIONAL_MARGIN = 2.5e-4  # relative, of optional limits, besides the margin of all limits
 PROFILE_STEP = 0.02  # units of length, of the fastest drive along a guide with such limits
 MOST_PROFILE_STEPS = 200_000  # they are longer on trips that would need more
 SOON = 1e-3  # of the trip's time; equidistant breakpoints are not moved so near to its ends
 SAME_SWITCH = 1e-9  # of the trip's time
 SHARE_DECIMALS = 12  # of the trip's time, to which breakpoints are rounded
-EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to
 
 
 def build_problem(
@@ -77,37 +70,14 @@ def build_problem(
     shared = scenario.vehicle.max_total_acceleration is not None or scenario.vehicle.max_power is not None
     profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared else None
     if breakpoints is None:
-        time, switches = straight_travel_time(guide.length, start.speed, limits, goal.speed)
-        if profile is not None:
-            time, switches = float(profile.times[-1]), profile.switches
-        switches = _with_ramps(switches, scenario)
-        breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
-        if start.acceleration is not None and settings.acceleration_degree == 0:
-            breakpoints = tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
-    space = TripSpace(
-        guide,
-        start.speed,
-        settings.path_degree,
-        path_spans(guide, settings),
-        settings.acceleration_degree,
-        breakpoints,
-    )
-    inflation = scenario.vehicle.radius + settings.clearance_margin
-    ends = _end_conditions(scenario, frame, space, settings.max_offset)
-    batch = ZoneBatch.of(zones, frame, inflation).rounded()
+        breakpoints = _breakpoints(guide, profile, scenario, limits, settings)
+    spans = path_spans(guide, settings)
+    space = TripSpace(guide, start.speed, settings.path_degree, spans, settings.acceleration_degree, breakpoints)
+    ends = end_conditions(scenario, frame, space, settings.max_offset)
+    batch = ZoneBatch.of(zones, frame, scenario.vehicle.radius + settings.clearance_margin).rounded()
     box = Box.of(scenario, frame, settings.box_margin)
-    samples = space.time_table(
-        np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
-    )
-    optional = _optional_limits(
-        scenario, space, frame, ends, slow, samples.sigma[: settings.samples + 1], settings.limit_margin
-    )
-    for offset in scenario.vehicle.discs:
-        if offset != 0.0:
-            optional += (DiscClearance(offset, ends.free, samples, batch),)
-            if len(box.offsets):
-                step_size = ends.free.stop - ends.free.start + space.acceleration_size + 1
-                optional += (DiscBox(offset, ends.free, step_size, box.normals, box.offsets),)
+    times = np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
+    inputs = LimitInputs(scenario, settings, frame, space, ends, batch, box, space.time_table(times), slow)
     return Problem(
         scenario,
         settings,
@@ -117,16 +87,32 @@ def build_problem(
         limits,
         batch,
         box,
-        samples,
+        inputs.samples,
         settings.samples + 1,
-        optional,
+        optional_limits(inputs),
         profile=profile,
     )
 
 
+def _breakpoints(
+    guide: Guide, profile: SpeedProfile | None, scenario: Scenario, limits: Limits, settings: SceneSettings
+) -> tuple[float, ...]:
+    """Breakpoints of the acceleration: where the fastest drive along the guide switches, and at equal spans."""
+    start = scenario.start
+    if profile is None:
+        time, switches = straight_travel_time(guide.length, start.speed, limits, scenario.goal.speed)
+    else:
+        time, switches = float(profile.times[-1]), profile.switches
+    switches = _with_ramps(switches, scenario)
+    breakpoints = acceleration_breakpoints(settings.acceleration_spans, tuple(s / time for s in switches))
+    if start.acceleration is None or settings.acceleration_degree != 0:
+        return breakpoints
+    return tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
+
+
 def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
     """Return the speed limits by place in the planning frame, less the margins."""
-    keep = 1.0 - settings.limit_margin - OPTIONAL_MARGIN
+    keep = kept_of_limits(settings)
     return tuple(
         replace(
             part,
@@ -153,44 +139,6 @@ def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, 
         curvature = np.maximum(np.abs(guide.frame(stations).curvature), share / limits.speed**2)
         allowed = np.minimum(allowed, np.sqrt(share / curvature))
     return fastest_profile(stations, allowed, start, goal, rise, fall, power)
-
-
-def _optional_limits(
-    scenario: Scenario,
-    space: TripSpace,
-    frame: PlanningFrame,
-    ends: EndConditions,
-    slow: tuple[Stretch, ...],
-    samples: Array,
-    margin: float,
-) -> tuple[OptionalLimit, ...]:
-    """Return what a scenario asks for beyond what every trip keeps.
-
-    A latest arrival is none of it: the trip is to be as fast as it may be anyway.
-    """
-    found: list[OptionalLimit] = []
-    step_size = ends.free.stop - ends.free.start + space.acceleration_size + 1
-    earliest = scenario.goal.earliest_arrival
-    if earliest is not None and earliest > scenario.start.time:
-        found.append(EarliestArrival(earliest - scenario.start.time + EARLIEST_MARGIN, step_size))
-    found += _goal_limits(scenario, space, frame, ends, step_size)
-    if slow:
-        found.append(SpeedLimits(space, ends.free, slow))
-    vehicle, keep = scenario.vehicle, 1.0 - margin
-    if vehicle.max_jerk is not None:
-        free_size = step_size - space.acceleration_size - 1
-        found.append(JerkLimit(space, free_size, vehicle.max_jerk * (keep - OPTIONAL_MARGIN)))
-    if vehicle.max_curvature_rate is not None:
-        limit = vehicle.max_curvature_rate * (keep - OPTIONAL_MARGIN)
-        found.append(CurvatureRateLimit(space, ends.free, limit))
-    if vehicle.max_power is not None:
-        times = drive_times(space, np.zeros(0) if space.tables.constant else samples)
-        free_size = step_size - space.acceleration_size - 1
-        found.append(PowerLimit(space, free_size, vehicle.max_power * (keep - OPTIONAL_MARGIN), times))
-    if vehicle.max_total_acceleration is not None:
-        limit = vehicle.max_total_acceleration * (keep - OPTIONAL_MARGIN)
-        found.append(TotalAccelerationLimit(space, ends.free, limit, drive_times(space, samples)))
-    return tuple(found)
 
 
 def _with_ramps(switches: tuple[float, ...], scenario: Scenario) -> tuple[float, ...]:

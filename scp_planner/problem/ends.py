@@ -16,7 +16,9 @@ from scp_planner.trips.space import TripSpace
 
 STEEPEST_PATH = 1.4  # rad; largest angle between path and guide at the ends
 INSIDE = 1e-6  # units of length, from the border of the goal
-STANDING = 1e-5  # units of speed; a stop at the goal is planned with this: speeds below 0 are refused, however small
+LEAST_GOAL_SPEED = (
+    1e-5  # units of speed; a stop at the goal is planned with this: speeds below 0 are refused, however small
+)
 FOLD = 0.8  # of the guide's radius of curvature: largest offset to the inside
 FOLD_LOOKS = 16  # stations to a span at which the guide's curvature is looked at
 
@@ -48,7 +50,21 @@ class EndConditions:
     start_acceleration: float | None = None
 
 
-def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:
+def end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:
+    """Return what holds at the ends of a scenario's trips.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    frame : PlanningFrame
+    space : TripSpace
+    max_offset : float
+        m.
+
+    Returns
+    -------
+    EndConditions
+    """
     theta = np.zeros(space.path_size)
     first, last = 1, space.path_size - 1
     degree = space.path.coefficients.shape[1] - 1
@@ -70,7 +86,7 @@ def _end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, 
         last -= 1
     goal_speed = scenario.goal.speed
     if goal_speed is not None:
-        goal_speed = max(goal_speed, STANDING)
+        goal_speed = max(goal_speed, LEAST_GOAL_SPEED)
     return EndConditions(theta, slice(first, last), goal_speed, lower, upper, scenario.start.acceleration)
 
 

@@ -26,6 +26,8 @@ GOAL_SHARE = 0.95  # of the goal's radius: the guide ends before its centre, and
 STEEP = 1.3  # of path to 1 of a straight guide; a path with more of it anywhere, 40 degrees, bends better over another
 LEFT = 0.2  # spans of the offset; a path with larger offsets has left its guide
 AT_LIMIT = 1e-3  # units of length; a control point that is nearer to its bound is held by it
+MANY_SPANS = 200  # of a path over a curved guide; where there would be more, they get longer as far as bends allow:
+BEND_SPAN = 0.75  # of the radius of the guide's bends, as long as those of a usual scene are at least
 LEAST_RADIUS, RELATIVE_RADIUS = 1.0, 0.1  # units of length, and of the distance to the goal: where the vehicle has none
 
 
@@ -55,13 +57,12 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
         radius = ROOM_TO_TURN / limits.curvature
     else:
         radius = max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
-    piece = settings.path_span / CELLS_PER_SPAN
     short = round(GOAL_SHARE * goal.radius, DECIMALS)
     if scenario.guide is not None:
         # Offsets to the outside of a bend are easy, those to the inside are not: bends as wide as they may be driven.
         radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
         polyline = _shortened(np.round(frame.to_frame(np.array(scenario.guide)), DECIMALS), short)
-        return smooth_guide(polyline, radius, piece, CELLS_PER_SPAN)
+        return _smoothed(polyline, radius, settings)
     turns = [
         None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
         for heading in (start.heading, goal.heading)
@@ -70,11 +71,21 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
     if through:
         line = np.array([start.position, *through, goal.position])
         polyline = _shortened(np.round(frame.to_frame(line), DECIMALS), short)
-        return smooth_guide(polyline, radius, piece, CELLS_PER_SPAN)
+        return _smoothed(polyline, radius, settings)
     if all(turn is None or abs(turn) <= STEEPEST for turn in turns):
         return StraightGuide(distance - short)
     shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
-    return smooth_guide(_shortened(shortest, short), radius, piece, CELLS_PER_SPAN)
+    return _smoothed(_shortened(shortest, short), radius, settings)
+
+
+def _smoothed(polyline: Array, radius: float, settings: SceneSettings) -> Guide:
+    """The guide along a polyline, (n, 2) m, with bends of a radius, m: each span of a path over it is five pieces.
+
+    A vehicle that turns in wide bends only may have a long way to a goal that is near, by which spans are measured.
+    """
+    length = float(np.hypot(*np.diff(polyline, axis=0).T).sum())
+    span = max(settings.path_span, min(length / MANY_SPANS, BEND_SPAN * radius))
+    return smooth_guide(polyline, radius, span / CELLS_PER_SPAN, CELLS_PER_SPAN)
 
 
 def _shortened(points: Array, length: float) -> Array:
@@ -94,7 +105,12 @@ def _shortened(points: Array, length: float) -> Array:
 def guide_along(path: Path, given: Settings) -> CurvedGuide:
     """Return the guide that is a path over another guide."""
     settings = for_scene(given)
-    count = CELLS_PER_SPAN * _spans(path.arc_length, settings, straight=path.space.guide.straight)
+    space = path.space
+    spans = _spans(path.arc_length, settings, straight=space.guide.straight)
+    if spans > MANY_SPANS and not space.guide.straight:
+        # No finer than over the guide before, whose bends allowed for its spans.
+        spans = min(spans, max(MANY_SPANS, round(len(space.path.widths) * path.arc_length / space.length)))
+    count = CELLS_PER_SPAN * spans
     stations = path.parameter_at(np.linspace(0.0, path.arc_length, count + 1))
     direction = path.points(stations).direction
     headings = np.unwrap(np.arctan2(direction[:, 1], direction[:, 0]))

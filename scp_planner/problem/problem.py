@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import pi, remainder
 from typing import Protocol
 
 import numpy as np
@@ -13,12 +12,9 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import ANGLE_DECIMALS
 from scp_planner.problem.ends import EndConditions
-from scp_planner.problem.limits.goals import GoalHeading, GoalRegion, GoalSpeed
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.profile import SpeedProfile
-from scp_planner.scenario.goal_sides import GoalSides
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import AS_GIVEN, NaturalUnits
@@ -42,10 +38,7 @@ class Given(Protocol):
         ...
 
 
-REGION_MARGIN = 4e-4  # units of length, from the border of a region that only constraints of a step keep
 EACH_SHARE = 0.95  # of the total acceleration, that a first guess drives along the path, and across it
-HEADING_MARGIN = 1e-5  # rad, from the ends of a range of headings at the goal
-SPEED_MARGIN = 1e-5  # of the top speed, from the ends of a range of speeds at the goal
 
 
 @dataclass(frozen=True)
@@ -168,22 +161,3 @@ class Problem:
     def among(self, zones: ZoneBatch) -> Problem:
         """Return the same problem with other zones."""
         return replace(self, zones=zones, optional=tuple(limit.among(zones) for limit in self.optional))
-
-
-def _goal_limits(
-    scenario: Scenario, space: TripSpace, frame: PlanningFrame, ends: EndConditions, step_size: int
-) -> Iterator[OptionalLimit]:
-    """Give what a goal asks for that leaves something open; a region only where the bounds of the end do not do."""
-    goal, free = scenario.goal, ends.free
-    sides = GoalSides.of(scenario, frame, REGION_MARGIN)
-    if sides is not None and scenario.vehicle.centre != 0.0:
-        yield GoalRegion(scenario.vehicle.centre, free, step_size, sides.normals, sides.offsets)
-    if goal.heading_range is not None and goal.heading_range[1] - goal.heading_range[0] < 2.0 * pi:
-        low, high = goal.heading_range
-        half = max(0.5 * (high - low) - HEADING_MARGIN, 0.0)
-        middle = round(remainder(0.5 * (low + high) - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
-        yield GoalHeading(middle, half, free, step_size)
-    if goal.speed_range is not None:
-        low, high = goal.speed_range
-        margin = min(SPEED_MARGIN * scenario.vehicle.max_speed, 0.5 * (high - low))
-        yield GoalSpeed(space, low + margin, high - margin, free.stop - free.start)

@@ -6,10 +6,11 @@ A rule reads the fields that it needs; where one of them is faulty itself the ru
 
 from __future__ import annotations
 
+import functools
 import itertools
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from scp_planner.errors import MISSING
@@ -189,14 +190,18 @@ def guide_moves_on(scenario: Any) -> Iterator[Problem]:
 
 def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Problem]:
     """Each polygon of the corridor is simple and convex."""
-    for i, polygon in enumerate(scenario.corridor or ()):
+    yield from _not_convex("corridor", scenario.corridor or ())
+
+
+def _not_convex(key: str, polygons: Any) -> Iterator[Problem]:
+    for i, polygon in enumerate(polygons):
         faults = [
-            Problem(("corridor", i, *problem.location[1:]), problem.value, problem.message)
+            Problem((key, i, *problem.location[1:]), problem.value, problem.message)
             for problem in _polygon_faults(polygon)
         ]
         yield from faults
         if not faults and not planar.is_convex(polygon):
-            yield Problem(("corridor", i), polygon, "must be convex")
+            yield Problem((key, i), polygon, "must be convex")
 
 
 def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
@@ -250,14 +255,7 @@ def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
 
 def walls_are_convex(scenario: Any) -> Iterator[Problem]:
     """Each wall is a simple and convex polygon."""
-    for i, polygon in enumerate(scenario.walls):
-        faults = [
-            Problem(("walls", i, *problem.location[1:]), problem.value, problem.message)
-            for problem in _polygon_faults(polygon)
-        ]
-        yield from faults
-        if not faults and not planar.is_convex(polygon):
-            yield Problem(("walls", i), polygon, "must be convex")
+    yield from _not_convex("walls", scenario.walls)
 
 
 def start_is_clear_of_walls(scenario: Any) -> Iterator[Problem]:
@@ -325,10 +323,10 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
     discs = _disc_centres(start, scenario)
     for i, obstacle in enumerate(scenario.obstacles):
         motion, shape = _known(obstacle, "motion"), _known(obstacle, "shape")
-        if motion is None or shape is None or _known(motion, "covariance") is not None:
-            continue  # observed, or faulty, or a course that is not known exactly
+        if shape is None or not _is_exact(motion):
+            continue  # observed, or faulty, or a prediction
         try:
-            seen_from = _from_centre if _known(motion, "time") is None else _from_course
+            seen_from = _from_centre if _known(motion, "time") is None else _seen_from_course(shape)
             distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
         except Unknown:
             continue
@@ -337,6 +335,11 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
             which = f"obstacles[{i}]" if name is None else f"obstacles[{i}] ({name:.40})"
             text = f"must be at least {radius:g} m, the radius, from {which}; it is {distance:.6g} m"
             yield Problem(("start", "position"), start.position, text)
+
+
+def _is_exact(motion: Any) -> bool:
+    """Whether a motion is given that is known exactly."""
+    return motion is not None and all(_known(motion, key) is None for key in ("covariance", "futures"))
 
 
 def observations_are_past(scenario: Any) -> Iterator[Problem]:
@@ -449,8 +452,20 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
     return (x, y), math.atan2(vy, vx)
 
 
-def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.Point, float]:
-    """Express a point relative to the centre of an obstacle on a course, and give the obstacle's heading in rad."""
+def _seen_from_course(shape: Any) -> Callable[[planar.Point, Any, float], tuple[planar.Point, float]]:
+    """See points from the centre of a shape on a course."""
+    return functools.partial(_from_course, _length(shape))
+
+
+def _length(shape: Any) -> float:
+    """How long a shape is that heads along its motion, m; 0 for others."""
+    if hasattr(shape, "rectangle"):
+        return math.hypot(*shape.rectangle)
+    return 2.0 * max(shape.ellipse) if hasattr(shape, "ellipse") else 0.0
+
+
+def _from_course(length: float, point: planar.Point, course: Any, time: float) -> tuple[planar.Point, float]:
+    """Express a point relative to the centre of a shape of a length on a course, and give its heading in rad."""
     import numpy as np
 
     from scp_planner.mathematics.courses import course_polynomials
@@ -466,6 +481,8 @@ def _from_course(point: planar.Point, course: Any, time: float) -> tuple[planar.
 
         pointing = course_pointing(course.time, course.heading)
     else:
-        pointing = centre
+        from scp_planner.mathematics.headings import course_heading
+
+        pointing = course_heading(centre, length) or centre
     (x, y), (vx, vy) = centre.grid(now)[0, 0].tolist(), pointing.derivative.grid(now)[0, 0].tolist()
     return (point[0] - x, point[1] - y), math.atan2(vy, vx)

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -30,8 +30,10 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.scenario.commonroad_goals import GoalState, goal_states, polygons_of, seen_heading
+from scp_planner.scenario.commonroad_goals import GoalAim, GoalState, goal_states, seen_heading
+from scp_planner.scenario.commonroad_lines import Point, cut, entry, from_beside, point_ahead, rectangle
 from scp_planner.scenario.commonroad_models import VehicleModel, car_named, centre_of, default_car, vehicle_of
+from scp_planner.scenario.commonroad_obstacles import obstacle_of
 from scp_planner.scenario.commonroad_roads import (
     GUIDE_STEP,
     Route,
@@ -41,10 +43,7 @@ from scp_planner.scenario.commonroad_roads import (
     spaced,
     walls_around,
 )
-from scp_planner.scenario.goals import aim_at
 from scp_planner.scenario.models import Scenario, Vehicle
-
-Point = tuple[float, float]
 
 LENGTH, WIDTH = 4.5, 1.8
 """m, of the default vehicle."""
@@ -64,9 +63,6 @@ CAR = {
 
 SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
-
-STANDING = 0.2
-"""m of the file. What moves less than this in all of the recording stands."""
 
 MORE_DISCS = (5, 9, 17)
 """That cover a car of the benchmark: more where it stands so close to something that fewer touch it at the start."""
@@ -111,8 +107,7 @@ def load_commonroad(
     guide: bool = True,
     model: str | None = None,
     car: str | None = None,
-    goal_state: int = 0,
-    timed_way: float = 1.0,
+    aim: GoalAim | None = None,
     borders: bool = True,
 ) -> Scenario:
     """Read a CommonRoad file.
@@ -126,18 +121,15 @@ def load_commonroad(
     problem : int, optional
         Id of the planning problem; default: the first one.
     guide : bool
-        Whether the path is to be an offset of the centre line of the lanes from start to goal, if there are such lanes;
-        else of the straight line.
+        Whether the path is an offset of the centre line of the lanes to the goal, if there are any; else of a straight.
     model : str, optional
         PM, KS or KST: plan for this model of the benchmark, arriving on a step of the file, as
         `export_commonroad_solution` writes it.
     car : str, optional
         The benchmark's car for the model; default: the BMW 320i, for KST the truck.
-    goal_state : int
-        Which of the goal's states to plan for, 0 the first.
-    timed_way : float
-        Where a goal of time alone is planned to be: on the lane, as a ratio to the way that the speed of the start
-        leads until then.
+    aim : scp_planner.scenario.commonroad_goals.GoalAim, optional
+        Which of the goal's states to plan for, and where on the lane if it is one of time alone; default: the first,
+        as far as the speed of the start leads.
     borders : bool
         Whether the borders of the road are walls.
 
@@ -151,31 +143,34 @@ def load_commonroad(
         If the file is none of CommonRoad, or holds something that cannot be planned with.
     ValueError
         If there is no such model or car.
-    ImportError
-        If commonroad-io is not installed.
-    OSError
-        If the file cannot be read.
+    ImportError, OSError
+        If commonroad-io is not installed; if the file cannot be read.
     """
     if vehicle is not None and model is not None:
         raise ValueError("vehicle: a model has its own car; give the one or the other")
-    name = str(path)
+    aim, name = aim or GoalAim(), str(path)
     world, chosen = read_commonroad(path, problem)
     states = goal_states(chosen, float(world.dt), name)
-    if not 0 <= goal_state < len(states):
-        raise ScenarioError(name, [Fault("goalState", goal_state, f"must be less than {len(states)}")])
-    reader = _Reader(name, world, chosen, states[goal_state], guide, borders, timed_way)
+    if not 0 <= aim.state < len(states):
+        raise ScenarioError(name, [Fault("goalState", aim.state, f"must be less than {len(states)}")])
+    reader = _Reader(name, world, chosen, states[aim.state], guide, borders, aim.timed_way)
     if model is None:
         return reader.scenario(_default_vehicle(vehicle, chosen.initial_state), None, None)
-    moved = _model_named(model)
-    body = car_named(car or default_car(moved), moved)
-    refused = ScenarioError(name, [])
+    return _with_enough_discs(reader, _model_named(model), car)
+
+
+def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None) -> Scenario:
+    """The scenario of a car of the benchmark, covered by as many discs as it takes to touch nothing at the start."""
+    body = car_named(car or default_car(model), model)
+    step, start = float(reader.world.dt), reader.problem.initial_state
+    refused = ScenarioError(reader.name, [])
     for discs in MORE_DISCS:
-        fields = vehicle_of(body, moved, discs)
-        if moved is VehicleModel.PM:
-            fields |= _swerving(fields, float(world.dt), float(chosen.initial_state.velocity))
-        own = _Vehicle(fields, body.width, body.length, centre_of(body, moved))
+        fields = vehicle_of(body, model, discs)
+        if model is VehicleModel.PM:
+            fields |= _swerving(fields, step, float(start.velocity))
+        own = _Vehicle(fields, body.width, body.length, centre_of(body, model))
         try:
-            return reader.scenario(own, float(world.dt), moved)
+            return reader.scenario(own, step, model)
         except ScenarioError as error:
             refused = error
             if any(fault.path != "start.position" for fault in error.faults):
@@ -279,7 +274,7 @@ class _Reader:
     guided, bordered : bool
         Whether lanes make a guide, and borders walls.
     timed_way : float
-        As in `load_commonroad`.
+        As in `GoalAim`.
     """
 
     name: str
@@ -295,9 +290,9 @@ class _Reader:
         state, step = self.problem.initial_state, float(self.world.dt)
         middle: Point = (float(state.position[0]), float(state.position[1]))
         heading, speed = float(state.orientation), float(state.velocity)
-        start = _ahead(middle, heading, -vehicle.centre)
+        start = point_ahead(middle, heading, -vehicle.centre)
         line = self._line(middle, heading, speed)
-        goal, line = self._goal(_from_beside(line, middle, BLEND * speed), start, middle, vehicle)
+        goal, line = self._goal(from_beside(line, middle, BLEND * speed), start, middle, vehicle)
         walls = self._walls(line, middle, heading, vehicle) if self.bordered else []
         return Scenario(
             name=Path(self.name).stem,
@@ -325,8 +320,8 @@ class _Reader:
         route = route_ahead(network, start, heading, way)
         line = np.zeros((0, 2)) if route is None else route.line(start)
         if len(line) < 2:
-            return np.array([start, _ahead(start, heading, way)])
-        return _cut(line, way)
+            return np.array([start, point_ahead(start, heading, way)])
+        return cut(line, way)
 
     def _heading(self, model: VehicleModel | None, line: Array) -> dict[str, Any]:
         """The range of headings at the goal where a point mass is judged by another one than its own."""
@@ -362,16 +357,16 @@ class _Reader:
             end = line[-1] - line[-2]
             turn = math.atan2(end[1], end[0])
             at = (float(line[-1, 0]), float(line[-1, 1]))
-            region = _rectangle(at, turn, vehicle.length, 2.0 * vehicle.width)
+            region = rectangle(at, turn, vehicle.length, 2.0 * vehicle.width)
             return self._arriving(line, start, at, turn, ahead, region)
-        at, region, line = _entry(line, self.goal.places, middle, self._soonest())
+        at, region, line = entry(line, self.goal.places, middle, self._soonest())
         leg = np.subtract(at, line[-2] if len(line) > 1 else middle)
         return self._arriving(line, start, at, math.atan2(leg[1], leg[0]), ahead, region)
 
     def _arriving(
         self, line: Array, start: Point, at: Point, turn: float, ahead: float, region: Any
     ) -> tuple[dict[str, Any], Array]:
-        position = _ahead(at, turn, -ahead)
+        position = point_ahead(at, turn, -ahead)
         goal = {"position": position, "region": [(float(x), float(y)) for x, y in region.exterior.coords[:-1]]}
         ends = np.array([start, position])
         # Close to the ends the line would have to jump to them.
@@ -384,174 +379,6 @@ class _Reader:
             return []
         area = drivable(self.world.lanelet_network, line, REACH * vehicle.length, vehicle.width)
         # Discs reach beyond the rear of what they cover; the vehicle only moves away from there.
-        rear = _ahead(middle, heading, -0.5 * vehicle.length)
-        area = area.union(_rectangle(rear, heading, 2.0 * vehicle.width, REAR_WIDTH * vehicle.width))
-        return walls_around(area, _rectangle(middle, heading, vehicle.length, vehicle.width), vehicle.width)
-
-
-def _entry(line: Array, places: Sequence[Any], start: Point, soonest: float) -> tuple[Point, Any, Array]:
-    """Where a line first comes into one of some polygons, that polygon, and the line up to there.
-
-    If the vehicle may not arrive before it would have driven ``soonest`` metres at its speed, it is so far on the line,
-    as long as that is inside.
-    """
-    from shapely import LineString
-    from shapely import Point as ShapelyPoint
-
-    if len(line) > 1:
-        curve = LineString(line)
-        crossed = [(_stretch(curve, place), place) for place in places if curve.intersection(place).length > 0.0]
-        if crossed:
-            (first, last), place = min(crossed, key=lambda one: one[0])
-            margin = min(INSIDE * math.sqrt(place.area), 0.25 * (last - first))
-            at = curve.interpolate(min(max(first + margin, soonest), last - margin))
-            return (at.x, at.y), place, _cut(line, curve.project(at))
-    origin = start if len(line) < 2 else (float(line[-1, 0]), float(line[-1, 1]))
-    nearest = min(places, key=lambda place: place.distance(ShapelyPoint(origin)))
-    return aim_at(_ring(nearest), origin), nearest, line
-
-
-def _stretch(curve: Any, place: Any) -> tuple[float, float]:
-    """From where to where a line is in a polygon for the first time, m along the line."""
-    from shapely import Point as ShapelyPoint
-
-    inside = curve.intersection(place)
-    parts = [part for part in getattr(inside, "geoms", [inside]) if part.length > 0.0]
-    ends = [[curve.project(ShapelyPoint(part.coords[k])) for k in (0, -1)] for part in parts]
-    stretches = sorted((min(pair), max(pair)) for pair in ends)
-    return stretches[0]
-
-
-INSIDE = 0.01
-"""Of the size of a goal's region: how far inside its border the line ends."""
-
-
-def _ring(polygon: Any) -> list[Point]:
-    return [(float(x), float(y)) for x, y in polygon.exterior.coords[:-1]]
-
-
-def _from_beside(line: Array, start: Point, length: float) -> Array:
-    """A line that begins at the start, beside it, and comes to where it was on the first metres of its length."""
-    if len(line) < 2:
-        return line
-    line = spaced(line)
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    share = np.minimum(stations / max(length, 2.0 * GUIDE_STEP), 1.0)
-    away = 1.0 - share * share * (3.0 - 2.0 * share)
-    return line + away[:, None] * (np.asarray(start) - line[0])
-
-
-def _cut(line: Array, length: float) -> Array:
-    """A polyline up to a length, m."""
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    inner = line[(stations < length)]
-    end = [np.interp(min(length, stations[-1]), stations, line[:, axis]) for axis in (0, 1)]
-    return np.vstack([inner, [end]]) if len(inner) else np.array([line[0], end])
-
-
-def _ahead(point: Point, heading: float, distance: float) -> Point:
-    return (point[0] + distance * math.cos(heading), point[1] + distance * math.sin(heading))
-
-
-def _rectangle(middle: Point, heading: float, length: float, width: float) -> Any:
-    from shapely import Polygon
-
-    c, s = math.cos(heading), math.sin(heading)
-    corners = [(x * length / 2, y * width / 2) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    return Polygon([(middle[0] + c * x - s * y, middle[1] + s * x + c * y) for x, y in corners])
-
-
-# Obstacles
-
-
-def obstacle_of(obstacle: Any, step: float, name: str) -> dict[str, Any]:
-    """Read an obstacle.
-
-    Parameters
-    ----------
-    obstacle
-        Of commonroad-io.
-    step : float
-        s.
-    name : str
-        Of the file, for messages.
-
-    Returns
-    -------
-    dict
-        Fields of `scp_planner.Obstacle`.
-
-    Raises
-    ------
-    ScenarioError
-        If its places are not known exactly, or it is foretold by something else than a trajectory or sets.
-    """
-    initial = obstacle.initial_state
-    prediction = getattr(obstacle, "prediction", None)
-    identity = {"id": str(obstacle.obstacle_id)}
-    own = f"obstacle {obstacle.obstacle_id}"
-    states = [initial]
-    if prediction is not None and not hasattr(prediction, "trajectory"):
-        if not hasattr(prediction, "occupancy_set"):
-            text = "its prediction must be a trajectory or sets"
-            raise ScenarioError(name, [Fault(own, MISSING, text)])
-        return {**identity, **_foretold_by_sets(prediction.occupancy_set, step)}
-    if prediction is not None:
-        states += [state for state in prediction.trajectory.state_list if state.time_step > initial.time_step]
-    try:
-        places = np.array([state.position for state in states], dtype=float)
-    except (TypeError, ValueError):
-        raise ScenarioError(name, [Fault(own, MISSING, "its positions must be known exactly")]) from None
-    if np.ptp(places, axis=0).max() < STANDING:
-        still = {"position": tuple(places[0].tolist())}
-        return {**identity, "shape": _shape(obstacle, float(initial.orientation)), "motion": still}
-    course = {"time": [step * state.time_step for state in states], "position": places.tolist()}
-    headings = [getattr(state, "orientation", None) for state in states]
-    if all(heading is not None for heading in headings):
-        course["heading"] = np.unwrap(np.array(headings, dtype=float)).tolist()
-    return {**identity, "shape": _shape(obstacle, None), "motion": course}
-
-
-def _foretold_by_sets(sets: Sequence[Any], step: float) -> dict[str, Any]:
-    """A course of the middles of sets, and a shape that covers each of them."""
-    from shapely import MultiPoint, union_all
-    from shapely.affinity import translate
-
-    covers = [union_all(polygons_of(getattr(each, "shape", each))).convex_hull for each in sets]
-    middles = [cover.centroid for cover in covers]
-    whole = union_all(
-        [translate(cover, -middle.x, -middle.y) for cover, middle in zip(covers, middles, strict=True)]
-    ).convex_hull
-    shape = {"polygon": [list(corner) for corner in MultiPoint(whole.exterior.coords).convex_hull.exterior.coords[:-1]]}
-    times = [step * _middle_step(each.time_step) for each in sets]
-    places = [[middle.x, middle.y] for middle in middles]
-    if len(times) == 1:
-        return {"shape": shape, "motion": {"position": places[0]}}
-    return {"shape": shape, "motion": {"time": times, "position": places}}
-
-
-def _middle_step(value: Any) -> float:
-    return 0.5 * (float(getattr(value, "start", value)) + float(getattr(value, "end", value)))
-
-
-def _shape(obstacle: Any, heading: float | None) -> dict[str, Any]:
-    """Give a shape; its heading in rad, None: along its motion."""
-    shape = obstacle.obstacle_shape
-    length, width = getattr(shape, "length", None), getattr(shape, "width", None)
-    shift = float(getattr(shape, "origin_x_shift", 0.0) or 0.0)
-    if length is not None and width is not None:
-        # One whose origin is not in its middle is made longer, to cover it from there.
-        rectangle = {"rectangle": (float(length) + 2.0 * abs(shift), float(width))}
-        return rectangle if heading is None else {**rectangle, "heading": heading}
-    if getattr(shape, "radius", None) is not None:
-        return {"disc": float(shape.radius)}
-    from shapely import union_all
-
-    state = obstacle.initial_state
-    if hasattr(shape, "compute_occupancy_for_state"):
-        placed = shape.compute_occupancy_for_state(state)
-    else:  # commonroad-io of 2024
-        placed = shape.rotate_translate_local(np.asarray(state.position, dtype=float), float(state.orientation))
-    around = union_all(polygons_of(placed)).convex_hull
-    vertices = np.array(around.exterior.coords)[:-1] - np.asarray(state.position, dtype=float)
-    return {"polygon": vertices.tolist()}
+        rear = point_ahead(middle, heading, -0.5 * vehicle.length)
+        area = area.union(rectangle(rear, heading, 2.0 * vehicle.width, REAR_WIDTH * vehicle.width))
+        return walls_around(area, rectangle(middle, heading, vehicle.length, vehicle.width), vehicle.width)

@@ -21,6 +21,23 @@ ARC_SIDES = 16
 
 
 @dataclass(frozen=True)
+class GoalAim:
+    """What of a planning problem's goal to plan for.
+
+    Attributes
+    ----------
+    state : int
+        Which of the goal's states, 0 the first.
+    timed_way : float
+        Where a goal of time alone is planned to be: on the lane, as a ratio to the way that the speed of the start
+        leads until then.
+    """
+
+    state: int = 0
+    timed_way: float = 1.0
+
+
+@dataclass(frozen=True)
 class GoalState:
     """One of the states that end a problem.
 

@@ -7,24 +7,25 @@ has been checked when it exists: `scp_planner.scenario.validation` says how faul
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.scenario import checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
+from scp_planner.scenario.motions import Covariance, GivenMotion
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
-from scp_planner.scenario.validation import Part, Row, Rule, faults_of, variant
-from scp_planner.scenario.values import Matrix, NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
+from scp_planner.scenario.validation import Part, Row, Rule, faults_of
+from scp_planner.scenario.values import NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 MOST_OBSTACLES = 20_000
@@ -186,69 +187,6 @@ class Confidence(Part):
     level: ConfidenceLevel = ConfidenceLevel.JOINT
 
 
-def _covariance_case(data: Any) -> str:
-    """Tell one matrix from a list of matrices by what stands two brackets deep."""
-    try:
-        return variant("each" if isinstance(data[0][0], (list, tuple)) else "common")
-    except (TypeError, LookupError):
-        return variant("common")
-
-
-Covariance = Annotated[
-    Annotated[Matrix, Tag(variant("common"))] | Annotated[Row[Matrix], Tag(variant("each"))],
-    Discriminator(_covariance_case),
-]
-
-
-class Motion(Part):
-    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
-
-    position: Vector = Field(description="[x, y] at t = 0, m")
-    velocity: Rate = Field(default=(0.0, 0.0), description="[x, y] at t = 0, m/s")
-    acceleration: Rate = Field(default=(0.0, 0.0), description="[x, y], m/s2")
-
-
-class Course(Part):
-    """A motion given by positions at times, such as another program's prediction: a cubic spline through them.
-
-    After the last time it goes straight on at the speed that it then has, and before the first one too. With a
-    covariance the positions are those of a prediction: the obstacle keeps clear of at the level of confidence that is
-    asked for, its errors between two times in line with those there, and after the last time as large as then.
-    """
-
-    rules: ClassVar[tuple[Rule, ...]] = (
-        obstacle_checks.times_increase,
-        obstacle_checks.one_position_a_time,
-        obstacle_checks.covariance_is_one_or_each,
-        obstacle_checks.covariance_is_definite,
-        obstacle_checks.headings_turn_slowly,
-    )
-
-    time: Annotated[Row[Number], Field(min_length=2)] = Field(description="s, increasing")
-    position: Row[Vector] = Field(description="[[x, y], ...], m, one for each time")
-    covariance: Covariance | None = Field(
-        default=None,
-        description="of the positions [[xx, xy], [xy, yy]], or one matrix for each time, m2; null: known exactly",
-    )
-    heading: Row[Number] | None = Field(
-        default=None,
-        description="where the shape heads, rad, one for each time, each less than half a turn from the one before;"
-        " null: along the velocity",
-    )
-
-
-def _motion_case(data: Any) -> str:
-    """Tell a course from a motion by its times."""
-    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
-    return variant("course" if given else "motion")
-
-
-KnownMotion = Annotated[
-    Annotated[Motion, Tag(variant("motion"))] | Annotated[Course, Tag(variant("course"))],
-    Discriminator(_motion_case),
-]
-
-
 class Observations(Part):
     """Noisy positions of one obstacle."""
 
@@ -347,7 +285,9 @@ class Obstacle(Part):
 
     id: Text = Field(description="text, unique")
     shape: Shape = Field(description=f"{{one of {', '.join(SHAPE_KEYS)}: size}}")
-    motion: KnownMotion | None = Field(default=None, description="known exactly")
+    motion: GivenMotion | None = Field(
+        default=None, description="known exactly, or predicted; {futures: [...]}: several that are possible"
+    )
     observations: Observations | None = Field(default=None, description="from which the motion is estimated")
     estimate: Estimate | None = Field(
         default=None, description="what a tracker says, from which the motion is foretold"
@@ -450,6 +390,11 @@ class Scenario(Part):
     def _aimed(cls, data: Any) -> Any:
         """Fill in where a goal that is a region is aimed at; what is faulty is left to the checks."""
         return with_aim(data)
+
+    def __repr__(self) -> str:
+        away = math.dist(self.start.position, self.goal.position)
+        count = len(self.obstacles)
+        return f"Scenario({self.name!r}, {away:.4g} m, {count} obstacle{'' if count == 1 else 's'})"
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:

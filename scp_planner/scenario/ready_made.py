@@ -44,11 +44,11 @@ def ready_made(name: str) -> ProcessModel:
         return ProcessModel.load(path)
 
 
-def unknown(name: str) -> str:
-    """Say that there is no such model, and which there are."""
+def unknown(name: str, besides: str = "") -> str:
+    """Say that there is no such model, and which there are, besides something else that would do."""
     near = nearest(name, NAMES)
     hint = f"; did you mean {near!r}?" if near else ""
-    return f"must be one of {', '.join(NAMES)}{hint}"
+    return f"must be {besides}one of {', '.join(NAMES)}{hint}"
 
 
 def process_by_name(data: Any) -> Any:
@@ -56,7 +56,7 @@ def process_by_name(data: Any) -> Any:
     if not isinstance(data, str):
         return data
     if data not in NAMES:
-        raise PydanticCustomError("ready_made", "{message}", {"message": f"{unknown(data)}; or a mapping"})
+        raise PydanticCustomError("ready_made", "{message}", {"message": unknown(data, "a mapping or ")})
     return ready_made(data)
 
 

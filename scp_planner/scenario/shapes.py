@@ -29,7 +29,9 @@ class Rectangle(Part):
     """A rectangle about the obstacle's centre, its length along the obstacle's heading."""
 
     rectangle: tuple[Positive, Positive] = Field(description="[length, width], m")
-    heading: Number | None = Field(default=None, description="rad; null: along the velocity, 0 standing")
+    heading: Number | None = Field(
+        default=None, description="rad; null: along the velocity, standing as last known, or 0"
+    )
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
@@ -54,7 +56,9 @@ class Ellipse(Part):
     """An ellipse about the obstacle's centre, its first semi-axis along the obstacle's heading."""
 
     ellipse: tuple[Positive, Positive] = Field(description="semi-axes [along, across], m")
-    heading: Number | None = Field(default=None, description="rad; null: along the velocity, 0 standing")
+    heading: Number | None = Field(
+        default=None, description="rad; null: along the velocity, standing as last known, or 0"
+    )
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.estimates import Estimate
     from scp_planner.scenario.models import (
         Goal,
-        KnownMotion,
         Model,
-        Motion,
         Observations,
         Obstacle,
         Prior,
@@ -41,6 +39,7 @@ if TYPE_CHECKING:
         Start,
         Vehicle,
     )
+    from scp_planner.scenario.motions import Futures, GivenMotion, Motion
     from scp_planner.scenario.shapes import Shape
     from scp_planner.scenario.validation import Part
 
@@ -109,7 +108,7 @@ class NaturalUnits(Units):
         return changed(
             obstacle,
             shape=self.shape(obstacle.shape),
-            motion=None if obstacle.motion is None else self._motion(obstacle.motion),
+            motion=None if obstacle.motion is None else self.motion(obstacle.motion),
             observations=None if obstacle.observations is None else self._observations(obstacle.observations),
             estimate=None if obstacle.estimate is None else self.estimate(obstacle.estimate),
             model=self.model(obstacle.model),
@@ -227,7 +226,13 @@ class NaturalUnits(Units):
     def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None:
         return None if line is None else tuple(map(self.place, line))
 
-    def _motion(self, motion: KnownMotion) -> KnownMotion:
+    def motion(self, motion: GivenMotion) -> GivenMotion:
+        """Return what is given of a motion in these units."""
+        if "futures" in _names(motion):
+            several = cast("Futures", motion)
+            return changed(
+                several, futures=tuple(changed(one, motion=self.motion(one.motion)) for one in several.futures)
+            )
         if "time" in _names(motion):
             return self._seen(motion)
         since = self.clock

@@ -45,6 +45,7 @@ else:
 
 Location = tuple[int | str, ...]
 
+FEW = 4  # values of a row that are all shown
 _FAULT = "fault"  # the error type of what is already in our own words
 
 
@@ -77,6 +78,16 @@ class Salvage:
 Rule = Callable[[Any], Iterator[Problem]]
 
 
+class _Many:
+    """Shows the first of many values."""
+
+    def __init__(self, values: tuple[Any, ...]) -> None:
+        self.values = values
+
+    def __repr__(self) -> str:
+        return f"({self.values[0]!r}, ... {len(self.values)} in all)"
+
+
 class Part(BaseModel):
     """A frozen piece of a scenario; built from its fields, each a value, a model or a dictionary.
 
@@ -101,6 +112,10 @@ class Part(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise ScenarioError(type(self).__name__, faults_of(error)) from None
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        for name, value in super().__repr_args__():
+            yield name, _Many(value) if isinstance(value, tuple) and len(value) > FEW else value
 
     # pydantic calls an overridden __init__ for nested dictionaries too, and would lose the paths of their
     # faults. This mark, which its own RootModel carries, says that the override only passes on.

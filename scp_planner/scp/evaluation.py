@@ -174,10 +174,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
         _settle_minima(problem, bundle, points, owner, sample, zone, sigma)
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
-    violation = np.zeros((count, zones.size))
-    if zones.size:
-        np.maximum(-clearance.min(axis=1), 0.0, out=violation)
-        np.maximum.at(violation, (owner, zone), -contacts.distance)
+    violation = _entries(clearance, owner, zone, contacts)
     sites = bend_sites(problem, bundle, points)
     gaps = [box_gaps(problem, trip.path) for trip in trips]
     optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
@@ -207,6 +204,15 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
             )
         )
     return evaluations
+
+
+def _entries(clearance: Array, owner: Index, zone: Index, contacts: ZoneContacts) -> Array:
+    """Deepest entry of each trip into each zone, (trips, L) m, at the samples (trips, n, L) and refined minima."""
+    violation = np.zeros((len(clearance), clearance.shape[2]))
+    if violation.shape[1]:
+        np.maximum(-clearance.min(axis=1), 0.0, out=violation)
+        np.maximum.at(violation, (owner, zone), -contacts.distance)
+    return violation
 
 
 def local_minima(values: Array, below: float) -> tuple[Index, Index, Index]:

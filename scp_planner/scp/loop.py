@@ -21,6 +21,8 @@ from scp_planner.scp.together import RunInStep, evaluated, run_together
 from scp_planner.solvers.interface import QpSolver
 from scp_planner.trips.trajectory import Trajectory
 
+MOST_BYTES = 128_000_000  # of gradients of paths that are looked at together
+
 
 class ScpLoop:
     """Sequential convex programming on one problem.
@@ -119,7 +121,13 @@ class ScpLoop:
         setup, first = self._setup(), trust or self.parameters.first_trust
         limits = RunLimits(max_iterations, deadline, enough, self.hopeless_after)
         goal = Cutoff(cutoff, race, rival, self.parameters)
-        return run_together(self.problem, [_run_from(start, setup, first, limits, goal) for start in starts])
+        # Paths of many spans are not looked at all at once: each has a table of gradients.
+        at_once = max(1, MOST_BYTES // self.problem.space.gradient_bytes)
+        ended: list[LoopRun] = []
+        for begin in range(0, len(starts), at_once):
+            together = starts[begin : begin + at_once]
+            ended += run_together(self.problem, [_run_from(start, setup, first, limits, goal) for start in together])
+        return ended
 
     def moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
         """Return the trip after a step z, (n,); None if it would never arrive."""

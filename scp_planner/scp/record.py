@@ -12,7 +12,6 @@ from scp_planner.scp.merit import Penalties
 FEASIBILITY = (
     2e-4  # largest violation of a converged trip: units of length in a zone inflated by more, relative for limits
 )
-NEAR = 1.0  # units of length; obstacles nearer than this are looked at closely
 
 
 class LoopStatus(Enum):

@@ -25,6 +25,7 @@ PROXIMAL_OFFSET = 1e-2  # on steps of the offset's control points
 PROXIMAL_ACCELERATION = 1e-3  # on those of its accelerations
 PROXIMAL_TIME = 1e-3  # on the relative step of the travel time
 SLACK_CURVATURE = 1e-3
+MOST_SLACK = 1e6
 MULTIPLIER_SPEED = 0.3  # of the top speed: bounds the multiplier 1 / v of arrival
 
 
@@ -131,43 +132,17 @@ def build_subproblem(
     groups = np.flatnonzero(present)
     slack = (np.cumsum(present) - 1)[rows.group]
     hard, size = kinematics.count, kinematics.width
-    count = len(groups)
-    total = size + count
+    total = size + len(groups)
     matrix = np.zeros((hard + len(rows.gap), total))
     kinematics.write(trajectory, matrix[:hard, :size])
     matrix[hard:, :size] = rows.matrix
     matrix[np.arange(hard, len(matrix)), size + slack] = -1.0
-
-    hessian = np.zeros((total, total))
-    free = problem.ends.free
-    theta = free.stop - free.start
-    hessian[:theta, :theta] = _arc_length_hessian(problem, trajectory)[free, free]
-    diagonal = np.empty(total)
-    diagonal[:theta] = PROXIMAL_OFFSET
-    diagonal[theta : size - 1] = PROXIMAL_ACCELERATION / problem.agility**2
-    diagonal[size - 1] = PROXIMAL_TIME
-    diagonal[size:] = SLACK_CURVATURE
-    hessian.flat[:: total + 1] += diagonal
-    if last is not None:
-        last.teach(problem, rows, hessian[:size, :size], diagonal[:size])
-
     gradient = np.zeros(total)
     gradient[size - 1] = trajectory.travel_time
     gradient[size:] = weights[groups]
-
-    lower, upper = np.empty(total), np.empty(total)
-    offsets = trajectory.theta[free]
-    radius = trust.theta * problem.space.tables.leverage[free]
-    upper[:theta] = np.minimum(radius, problem.ends.upper[free] - offsets)
-    lower[:theta] = np.maximum(-radius, problem.ends.lower[free] - offsets)
-    upper[theta : size - 1] = trust.beta * problem.agility
-    lower[theta : size - 1] = -trust.beta * problem.agility
-    upper[size - 1] = trust.rho
-    lower[size - 1] = -trust.rho
-    upper[size:] = 1e6
-    lower[size:] = 0.0
+    lower, upper = _bounds(problem, trajectory, trust, total)
     program = QuadraticProgram(
-        hessian,
+        _hessian(problem, trajectory, rows, total, last),
         gradient,
         lower,
         upper,
@@ -178,6 +153,41 @@ def build_subproblem(
         None if problem.given is None else _origin(problem, trajectory),
     )
     return Subproblem(program, rows, size, groups, len(weights))
+
+
+def _hessian(problem: Problem, trajectory: Trajectory, rows: Rows, total: int, last: LastStep | None) -> Array:
+    """Second derivative of the Lagrangian, by step and slacks, (total, total)."""
+    hessian = np.zeros((total, total))
+    free, size = problem.ends.free, problem.step_size
+    theta = free.stop - free.start
+    hessian[:theta, :theta] = _arc_length_hessian(problem, trajectory)[free, free]
+    diagonal = np.empty(total)
+    diagonal[:theta] = PROXIMAL_OFFSET
+    diagonal[theta : size - 1] = PROXIMAL_ACCELERATION / problem.agility**2
+    diagonal[size - 1] = PROXIMAL_TIME
+    diagonal[size:] = SLACK_CURVATURE
+    hessian.flat[:: total + 1] += diagonal
+    if last is not None:
+        last.teach(problem, rows, hessian[:size, :size], diagonal[:size])
+    return hessian
+
+
+def _bounds(problem: Problem, trajectory: Trajectory, trust: TrustRegion, total: int) -> tuple[Array, Array]:
+    """Bounds of the step, by the trust region and those of the offsets, and of the slacks, (total,) each."""
+    lower, upper = np.empty(total), np.empty(total)
+    free, size = problem.ends.free, problem.step_size
+    theta = free.stop - free.start
+    offsets = trajectory.theta[free]
+    radius = trust.theta * problem.space.tables.leverage[free]
+    upper[:theta] = np.minimum(radius, problem.ends.upper[free] - offsets)
+    lower[:theta] = np.maximum(-radius, problem.ends.lower[free] - offsets)
+    upper[theta : size - 1] = trust.beta * problem.agility
+    lower[theta : size - 1] = -trust.beta * problem.agility
+    upper[size - 1] = trust.rho
+    lower[size - 1] = -trust.rho
+    upper[size:] = MOST_SLACK
+    lower[size:] = 0.0
+    return lower, upper
 
 
 def _origin(problem: Problem, trajectory: Trajectory) -> StepOrigin:

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trips
 from scp_planner.scp.linearisation import TrustRegion, linearise_trips
-from scp_planner.scp.record import NEAR, LoopRun
+from scp_planner.scp.record import LoopRun
 from scp_planner.scp.rows.base import Rows
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
 
 

@@ -29,7 +29,7 @@ Words = NDArray[np.uint64]
 
 DELAYS = 64
 """Bits of a word."""
-LOOKS = 2
+EACH_STATION = 2
 """Looks at the zones from one station to the next: halfway, and there."""
 
 
@@ -116,17 +116,17 @@ class Grid:
     @property
     def columns(self) -> int:
         """From one station to the next, so many times."""
-        return (len(self.lines) - 1) // LOOKS
+        return (len(self.lines) - 1) // EACH_STATION
 
     @property
     def stations(self) -> Array:
         """Stations, (n + 1,)."""
-        return self.lines[::LOOKS]
+        return self.lines[::EACH_STATION]
 
     @property
     def step(self) -> float:
         """Distance of stations."""
-        return float(self.lines[LOOKS] - self.lines[0])
+        return float(self.lines[EACH_STATION] - self.lines[0])
 
     @cached_property
     def offsets(self) -> Array:
@@ -149,7 +149,7 @@ class Grid:
     @cached_property
     def durations(self) -> Array:
         """What it takes from one station to the next with each class of speed and slope, (n, K, M)."""
-        least = np.diff(self.fastest[::LOOKS])
+        least = np.diff(self.fastest[::EACH_STATION])
         speed = np.minimum(self.speeds, (self.step / least)[:, None])
         found: Array = self.step * np.hypot(1.0, self.slopes) / speed[:, :, None]
         return np.maximum(found, least[:, None, None])
@@ -160,8 +160,10 @@ class Grid:
 
         Rounded so that the sum over equal halves is true to one delay.
         """
-        more = (self.durations - np.diff(self.fastest[::LOOKS])[:, None, None]) / (LOOKS * self.delay_step)
-        more = np.repeat(np.minimum(more, 2.0 * DELAYS), LOOKS, axis=0)
+        more = (self.durations - np.diff(self.fastest[::EACH_STATION])[:, None, None]) / (
+            EACH_STATION * self.delay_step
+        )
+        more = np.repeat(np.minimum(more, 2.0 * DELAYS), EACH_STATION, axis=0)
         number = np.arange(len(more))[:, None, None]
         shifts: Words = (np.floor((number + 1) * more + 0.5) - np.floor(number * more + 0.5)).astype(np.uint64)
         return shifts
@@ -177,7 +179,7 @@ class Grid:
             finest = LEAST_STEP * min(top * top / (2.0 * limits.deceleration), _turning_radius(limits, top))
             count = space.length / max(radius / fineness.stations, finest)
         count = round(min(max(count, FEWEST_STATIONS), MOST_STATIONS))
-        lines = np.linspace(0.0, space.length, LOOKS * count + 1)
+        lines = np.linspace(0.0, space.length, EACH_STATION * count + 1)
         step = space.length / count
         offset_step = fineness.slope_step * step
         middle = max(2, min(int(problem.settings.max_offset / offset_step), MOST_CELLS // count))

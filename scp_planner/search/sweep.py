@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Index
-from scp_planner.search.grid import DELAYS, LOOKS, Grid, Words
+from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
 ONE, ALL = np.uint64(1), np.uint64(2**DELAYS - 1)
 WAITS = tuple(np.uint64(2**power) for power in range(6))  # doubled, they reach all delays of a word
@@ -141,7 +141,7 @@ class Sweep:
             if first < last:
                 begin = first - side - before.offset
                 arriving[:, row, first - low : last - low] = left.words[:, row, begin : begin + last - first]
-        line = LOOKS * (i - 1) + 1
+        line = EACH_STATION * (i - 1) + 1
         some = (slice(left.speed, left.speed + speeds), slice(left.slope, left.slope + steep))
         words: Words = np.left_shift(arriving, grid.shifts[line - 1][some][:, :, None, None], out=arriving)
         words &= self._halfway(line, low, high)[some[1]]
@@ -208,7 +208,7 @@ class Sweep:
             k, m, o, d, _ = states[i].tolist()
             came = self._came(case, i, m, o, d) if k == len(grid.speeds) - 1 else d
             states[i, 4] = d - came
-            d = came - int(grid.shifts[LOOKS * i - 2, k, m] + grid.shifts[LOOKS * i - 1, k, m])
+            d = came - int(grid.shifts[EACH_STATION * i - 2, k, m] + grid.shifts[EACH_STATION * i - 1, k, m])
             states[i - 1, :4] = *self._before(case, i, m, k, o - int(grid.sidesteps[m]), d), d
         return States(states[:, 1], states[:, 0], states[:, 2], states[:, 3], states[1:, 4])
 
@@ -238,7 +238,7 @@ class Sweep:
     def _came(self, case: int, i: int, m: int, offset: int, delay: int) -> int:
         """The delay at which the slowest came to a station where they then waited until another."""
         grid = self.grid
-        line, k, mask = LOOKS * (i - 1) + 1, len(grid.speeds) - 1, int(ALL)
+        line, k, mask = EACH_STATION * (i - 1) + 1, len(grid.speeds) - 1, int(ALL)
         words = self._earlier(case, i, m, k, offset - int(grid.sidesteps[m])).words
         came = int(np.bitwise_or.reduce(words, axis=None)) << int(grid.shifts[line - 1, k, m]) & mask
         came &= int(self.free[line, 2 * offset - int(grid.sidesteps[m]), case])

@@ -18,7 +18,7 @@ from scp_planner.arrays import Array
 from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
-from scp_planner.search.grid import DELAYS, LOOKS, Fineness, Grid, Words
+from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
 from scp_planner.search.sweep import ALL, ONE, Ends, Sweep
 
 Closed = tuple[tuple[int, int], ...]
@@ -154,7 +154,7 @@ class WaySearch:
         ramp = (top * top - speed * speed) / (2.0 * acceleration)
         reached = np.sqrt(speed * speed + 2.0 * acceleration * np.minimum(far, ramp))
         least = (reached - speed) / acceleration + np.maximum(far - ramp, 0.0) / top
-        earliest: Array = least + grid.fastest[::LOOKS, None, None]
+        earliest: Array = least + grid.fastest[::EACH_STATION, None, None]
         return earliest
 
     def _in_time(self, within: float) -> Words:

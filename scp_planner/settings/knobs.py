@@ -161,7 +161,7 @@ class Knobs:
         With every unknown name and the nearest known one, and every value that is not allowed.
     """
 
-    def __new__(cls, *args: object, **values: object) -> Self:
+    def __new__(cls, *args: object, **values: object) -> Self:  # noqa: ARG004 - names alone are looked at
         """Refuse unknown names, which dataclasses do without a hint."""
         _raise(_unknown(cls, values))
         return object.__new__(cls)

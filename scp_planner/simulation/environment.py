@@ -79,7 +79,10 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         )
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 - Gymnasium calls with it
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin another episode.
 

@@ -17,7 +17,7 @@ from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.planning.outputs import output_named
+from scp_planner.planning.outputs import output_named, picture_or_text
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Obstacle, Scenario
 from scp_planner.scenario.shapes import Disc, Shape
@@ -91,6 +91,18 @@ class Run:
     def wall_times(self) -> Array:
         """What each replan took, (n,) s."""
         return np.array([record.wall_time for record in self.records])
+
+    def __repr__(self) -> str:
+        end = "arrived after" if self.arrived else "not arrived in"
+        touched = ", touched an obstacle" if self.contact else ""
+        return (
+            f"Run({self.scenario.name!r}, {end} {self.travel_time:.4g} s, {self.least_clearance:.4g} m clear{touched},"
+            f" {len(self.records)} replans)"
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what was driven, and where the obstacles were."""
+        return picture_or_text(self.plot, repr(self))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Run) and self.to_dict() == other.to_dict()

@@ -14,7 +14,7 @@ from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
 from scp_planner.simulation.sensors import Sensor
-from scp_planner.simulation.worlds import Script, World, as_course, drawn_course, motion_course
+from scp_planner.simulation.worlds import Script, World, as_course, drawn_course
 from scp_planner.solvers import QpSolver
 
 
@@ -135,14 +135,7 @@ def world_of(scenario: Scenario, world: World | Mapping[str, Any] | None, seed: 
     """
     if world is None:
         rng = np.random.default_rng([seed, 0])
-        return Script(
-            {
-                obstacle.id: motion_course(obstacle.motion)
-                if obstacle.motion is not None
-                else drawn_course(obstacle, rng)
-                for obstacle in scenario.obstacles
-            }
-        )
+        return Script({obstacle.id: drawn_course(obstacle, rng) for obstacle in scenario.obstacles})
     if isinstance(world, Script):
         return world
     if isinstance(world, Mapping):

@@ -17,7 +17,8 @@ from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.scenario.models import KnownMotion, Motion, Obstacle
+from scp_planner.scenario.models import Obstacle
+from scp_planner.scenario.motions import Futures, KnownMotion, Motion
 from scp_planner.threat_zones.of_scenario import motion_polynomials
 
 Course = Callable[[Array], Array]
@@ -101,10 +102,17 @@ def track_course(track: Track) -> Course:
 
 
 def drawn_course(obstacle: Obstacle, rng: np.random.Generator) -> Course:
-    """A course that an obstacle of which there are only observations may take: drawn from its estimate.
+    """A course that an obstacle may take.
 
-    For a motion with process noise it is the expected one.
+    That of its motion, and of several futures one of them, drawn by their weights. Where there are only observations,
+    it is drawn from the estimate; for a motion with process noise it is the expected one.
     """
+    if obstacle.motion is not None and not isinstance(obstacle.motion, Futures):
+        return motion_course(obstacle.motion)
+    if isinstance(obstacle.motion, Futures):
+        weights = np.array([future.weight for future in obstacle.motion.futures])
+        drawn_one = rng.choice(len(weights), p=weights / weights.sum())
+        return motion_course(obstacle.motion.futures[int(drawn_one)].motion)
     estimate = estimate_obstacle(obstacle)
     if not isinstance(estimate, PolynomialEstimate):
         return lambda times: estimate.position(np.maximum(times, estimate.reference_time))

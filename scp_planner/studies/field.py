@@ -30,8 +30,10 @@ from hashlib import sha256
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent import path_scaling
-from scp_planner.baseline.objective import Hinge, PenalisedObjective, Weights, soft_excess, zone_excess
+from scp_planner.baseline.coordinates import path_scaling
+from scp_planner.baseline.objective import PenalisedObjective
+from scp_planner.baseline.objective_parts import Hinge, Weights, soft_excess
+from scp_planner.baseline.objective_terms import zone_excess
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
@@ -299,14 +301,14 @@ class Study:
     @cached_property
     def sampled(self) -> tuple[Array, Array, Array]:
         """Times (P, N), positions (P, N, 2), and Q without its part from zones (P,), of the compact set."""
-        table, objective = self.truth.times.table, self.truth
+        table, objective = self.truth.pricing.times.table, self.truth
         times, positions, rest = [], [], []
         for omega in self.compact_set:
             points = objective.trajectory(omega).at(table)
             found = objective.evaluate(omega, gradient=False)
             times.append(points.time)
             positions.append(points.path.position)
-            rest.append(found.value - float(objective.weights.zones @ found.zones))
+            rest.append(found.value - float(objective.pricing.weights.zones @ found.zones))
         return np.array(times), np.array(positions), np.array(rest)
 
     def set_values(self, batch: ZoneBatch) -> Array:
@@ -316,7 +318,7 @@ class Study:
             batch, times.ravel(), positions.reshape(-1, 2), np.zeros(batch.size), self.settings.width
         )
         violation, _ = soft_excess(
-            excess.reshape(batch.size, *times.shape), self.truth.times.shares, self.settings.width
+            excess.reshape(batch.size, *times.shape), self.truth.pricing.times.shares, self.settings.width
         )
         values: Array = rest + self.settings.zone_price * violation.sum(axis=0)
         return values

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from scp_planner.baseline.comparison import Method, Trial
+    from scp_planner.baseline.comparison import Trial
+    from scp_planner.baseline.methods import Method
     from scp_planner.studies.consistency import ConsistencyResult
     from scp_planner.studies.field import BorderPoint, Metric, ZoneKind
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -98,6 +99,12 @@ class SortedZones(Sequence[ThreatZone]):
 
     discs: KnownDiscs
     others: tuple[int, ...]
+
+
+def known_until(zones: Sequence[ThreatZone]) -> float:
+    """Absolute time up to which all of the zones are known to hold their obstacles, s; inf where that is for ever."""
+    others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
+    return min((zones[k].until for k in others), default=inf)
 
 
 @dataclass(frozen=True, eq=False)

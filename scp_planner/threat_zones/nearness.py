@@ -14,6 +14,7 @@ from scp_planner.arrays import Array
 from scp_planner.threat_zones.batch import ZoneBatch
 
 FEW_ZONES = 8  # up to this many zones are all looked at
+NEAR = 1.0  # units of length; zones nearer than this to a trip are looked at closely
 LOOKS = (4, 32)  # intervals of time: few first, more only for the zones that are not far then
 
 

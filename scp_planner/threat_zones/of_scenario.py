@@ -3,7 +3,8 @@
 A zone at time t is the obstacle's estimated centre + the ellipse {z : z' C(t)^-1 z <= 1} + its shape. C(t) is the
 covariance of the estimate scaled by the quantile of the level (confidence.py), zero for a motion that is known.
 Centres and covariances are piecewise polynomials in time. A shape is a disc, or one convex outline, or several (a
-concave polygon). Rectangles and ellipses without a heading of their own turn with the direction of the velocity.
+concave polygon). Rectangles and ellipses without a heading of their own turn with the direction of the velocity; where
+that is estimated they are widened by what it may be off (widening.py).
 
 :class:`ThreatZone` is one zone in world coordinates, to look at. :class:`ZoneBatch` holds all zones of a plan, in the
 planning frame, for evaluation of many at once; inflated by the vehicle's radius its distances are those of the
@@ -12,32 +13,41 @@ vehicle's reference point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import atan2, hypot
-from typing import overload
+from typing import TYPE_CHECKING, cast, overload
 
 import numpy as np
 
+from scp_planner.arrays import Index
 from scp_planner.mathematics import corridor
 from scp_planner.mathematics.courses import course_covariances, course_pointing, course_polynomials
+from scp_planner.mathematics.headings import course_heading
 from scp_planner.mathematics.outlines import Outline, convex_pieces
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.scenario.models import Confidence, Course, KnownMotion, Model, Motion, Obstacle, Scenario
+from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
+from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import KnownDiscs, SortedZones
-from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
+
+if TYPE_CHECKING:
+    from scp_planner.estimation.motion_estimate import MotionEstimate
+
+logger = logging.getLogger(__name__)
 
 STRAIGHT = 1e-12  # relative: velocities and accelerations that differ less in direction are in line
-SLOWEST_HEADING = 0.1  # units of speed; shapes on courses that are anywhere slower are covered by discs
-SLOWNESS_LOOKS = 17  # at each piece of a course
 HORIZON = 120.0  # units of time; longest trip that estimated zones are made for
 
 
 def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
-    """Return the threat zone of every obstacle of a scenario, in order, and of what is outside its corridor.
+    """Return the threat zones of all obstacles of a scenario, in order, and of what is outside its corridor.
+
+    An obstacle has one, or one for each of the several futures that it may have, the most probable one first.
 
     Parameters
     ----------
@@ -54,7 +64,26 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
         If an obstacle's motion cannot be estimated, or its shape is not supported.
     """
     units = NaturalUnits.of(scenario)
-    return tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
+    made = tuple(zone.outside(units) for zone in ZonesOf(units.scenario(scenario)))
+    tell_of_discs(scenario.obstacles, by_obstacle(made))
+    return made
+
+
+def tell_of_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequence[ThreatZone]]) -> None:
+    """Say which shapes are taken for the discs that cover them.
+
+    Parameters
+    ----------
+    obstacles : sequence of Obstacle
+    several : mapping of str to sequence of ThreatZone
+        Of these but discs, by id.
+    """
+    for obstacle in obstacles:
+        # most are discs, whose zones need not be made for this
+        shape = obstacle.shape
+        if isinstance(shape, Rectangle | Ellipse) and is_taken_for_a_disc(shape, several[obstacle.id]):
+            kind, radius = type(shape).__name__.lower(), covering_radius(shape)
+            logger.info("%s: taken for a disc of %.3g m, the heading of its %s is not known", obstacle.id, radius, kind)
 
 
 class ZonesOf(SortedZones):
@@ -74,17 +103,25 @@ class ZonesOf(SortedZones):
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self.discs, others = _sorted_out(scenario.obstacles)
+        found, others = _sorted_out(scenario.obstacles)
         self._obstacles = scenario.obstacles
         self._confidence = scenario.confidence
-        uncertain = sum(is_uncertain(scenario.obstacles[k]) for k in others)
-        self._made = {k: _zone(scenario.obstacles[k], scenario, uncertain) for k in others}
+        uncertain = sum(is_uncertain(scenario.obstacles[k].motion) for k in others)
+        made = {k: _zones(scenario.obstacles[k], scenario, uncertain) for k in others}
+        first = _first_of_each(len(scenario.obstacles), made)
+        self.discs, self._disc_of = replace(found, index=first[found.index]), found.index
+        self._made = {int(first[k]) + part: zone for k, several in made.items() for part, zone in enumerate(several)}
         self.others = tuple(sorted(self._made))
         walls = corridor_zones(scenario)
-        for number, wall in enumerate(walls, start=len(scenario.obstacles)):
+        for number, wall in enumerate(walls, start=int(first[-1])):
             self._made[number] = wall
             self.others = (*self.others, number)
-        self._size = len(scenario.obstacles) + len(walls)
+        self._size = int(first[-1]) + len(walls)
+
+    @property
+    def of_others(self) -> dict[str, list[ThreatZone]]:
+        """Those that are not discs whose motion is a polynomial, by the ids of their obstacles."""
+        return by_obstacle(self._made[number] for number in self.others)
 
     def __len__(self) -> int:
         return self._size
@@ -102,12 +139,20 @@ class ZonesOf(SortedZones):
             raise IndexError(f"there are {self._size} zones, and none has the index {index}")
         index %= self._size
         if index not in self._made:
-            obstacle = self._obstacles[index]
+            obstacle = self._obstacles[self._disc_of[int(np.searchsorted(self.discs.index, index))]]
             assert obstacle.motion is not None
-            self._made[index] = known_zone(
+            (self._made[index],) = given_zones(
                 obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, self._confidence
             )
         return self._made[index]
+
+
+def _first_of_each(obstacles: int, made: Mapping[int, Sequence[ThreatZone]]) -> Index:
+    """Index of each obstacle's first zone, and how many there are in all: one each, but for some."""
+    counts = np.ones(obstacles + 1, dtype=np.intp)
+    for number, several in made.items():
+        counts[number] = len(several)
+    return np.cumsum(counts) - counts
 
 
 def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
@@ -148,75 +193,184 @@ def _walls(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
     return corridor.outside(polygons)
 
 
-def _zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
+def _zones(obstacle: Obstacle, scenario: Scenario, estimated: int) -> tuple[ThreatZone, ...]:
     if obstacle.motion is not None:
         confidence = scenario.confidence
-        return known_zone(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, confidence, estimated)
-    body = estimated_body(obstacle.shape, obstacle.model)
-    from scp_planner.estimation.confidence import region_scale
+        return given_zones(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, confidence, estimated)
+    return (_estimated_zone(obstacle, scenario, estimated),)
+
+
+def _estimated_zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
     from scp_planner.estimation.estimate import estimate_obstacle
 
     estimate = estimate_obstacle(obstacle)
     start = max(scenario.start.time, estimate.reference_time)  # which may be later by rounding
-    scale = region_scale(
-        str(scenario.confidence.level),
-        scenario.confidence.probability,
-        estimate,
-        obstacles=estimated,
-        start=start,
-        stop=start + HORIZON,
+    body = estimated_body(obstacle.shape, obstacle.model)
+    return estimated_zone(
+        Embodied(obstacle.id, obstacle.shape, body, obstacle.margin), estimate, scenario.confidence, estimated, start
     )
-    pieces = estimate.polynomials(start, start + HORIZON)
+
+
+@dataclass(frozen=True)
+class Embodied:
+    """An obstacle whose motion is estimated.
+
+    Attributes
+    ----------
+    id : str
+    shape : Shape
+    body : Body
+        Of the shape.
+    margin : float
+        Extra clearance, m.
+    """
+
+    id: str
+    shape: Shape
+    body: Body
+    margin: float
+
+
+def estimated_zone(
+    obstacle: Embodied, estimate: MotionEstimate, confidence: Confidence, estimated: int, start: float
+) -> ThreatZone:
+    """Return the zone of an obstacle whose motion is estimated.
+
+    Parameters
+    ----------
+    obstacle : Embodied
+    estimate : MotionEstimate
+    confidence : Confidence
+    estimated : int
+        How many obstacles are not known exactly.
+    start : float
+        From which on the zone holds for `HORIZON`, s.
+
+    Returns
+    -------
+    ThreatZone
+    """
+    from scp_planner.estimation.confidence import region_scale
+    from scp_planner.threat_zones.widening import Split, widened, widening_of
+
+    body, widening = obstacle.body, None
+    level, probability, sharing = str(confidence.level), confidence.probability, estimated
+    stop = start + HORIZON
+    if body.turning is not None:
+        split = Split.of(confidence, estimated)
+        widening = widening_of(body.turning, estimate, split.heading, start, HORIZON)
+        if widening is not None:
+            level, probability, sharing = split.level, split.position, 1
+            body = Body(0.0, shape_outlines(obstacle.shape, widening.heading))
+    scale = region_scale(level, probability, estimate, obstacles=sharing, start=start, stop=stop)
+    pieces = estimate.polynomials(start, stop)
+    covariances = PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None])
     return ThreatZone(
         obstacle.id,
         body.radius + obstacle.margin + pieces.center_error,
         PiecewisePolynomials(pieces.breakpoints[None], pieces.center[None]),
-        PiecewisePolynomials(pieces.breakpoints[None], scale * pieces.covariance[None]),
+        covariances if widening is None else widened(covariances, widening),
         body.outlines,
+        until=start + HORIZON,
     )
 
 
 @dataclass(frozen=True)
 class Body:
-    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone."""
+    """A shape as zones take it: the sum of a disc, m, and convex outlines, or of a disc alone.
+
+    A disc that covers a shape which turns with its motion has that in ``turning``.
+    """
 
     radius: float
     outlines: tuple[Outline, ...] = ()
+    turning: Outline | None = None
 
 
-def is_uncertain(obstacle: Obstacle) -> bool:
-    """Whether where an obstacle is is not known exactly: it has been observed, or foretold with a covariance."""
-    motion = obstacle.motion
-    return motion is None or (isinstance(motion, Course) and motion.covariance is not None)
-
-
-def known_zone(
-    name: str, shape: Shape, margin: float, motion: KnownMotion, confidence: Confidence, uncertain: int = 1
-) -> ThreatZone:
-    """Return the zone of an obstacle whose motion is given, with an extra margin in m.
+def given_zones(
+    name: str, shape: Shape, margin: float, motion: GivenMotion, confidence: Confidence, uncertain: int = 1
+) -> tuple[ThreatZone, ...]:
+    """Return the zones of an obstacle whose motion is given, with an extra margin in m.
 
     Parameters
     ----------
     name, shape, margin, motion
         Of the obstacle.
     confidence : Confidence
-        Of a course with a covariance.
+        Of what is predicted with a covariance.
     uncertain : int
         How many obstacles are not known exactly.
 
     Returns
     -------
-    ThreatZone
+    tuple of ThreatZone
+        One; of several futures one of each that is not left out, the most probable one first.
     """
-    centers = motion_polynomials(motion)
-    if isinstance(motion, Course) and motion.covariance is not None:
-        from scp_planner.estimation.confidence import marginal_scale
+    if not is_uncertain(motion):
+        futures = motion.futures if isinstance(motion, Futures) else ()
+        kept = [one.motion for one in _by_weight(futures) if one.weight > 0.0] or [cast(KnownMotion, motion)]
+        return tuple(_known_zone(name, shape, margin, one) for one in kept)
+    from scp_planner.estimation.confidence import alpha_of_one
 
-        scale = marginal_scale(str(confidence.level), confidence.probability, len(motion.time), uncertain)
-        given = np.broadcast_to(np.array(motion.covariance), (len(motion.time), 2, 2))
-        body = estimated_body(shape, Model())
-        covariances = course_covariances(motion.time, scale * given)
-        return ThreatZone(name, body.radius + margin, centers, covariances, body.outlines)
+    level = str(confidence.level)
+    alpha = alpha_of_one(level, confidence.probability, uncertain)
+    if isinstance(motion, Futures) and len(motion.futures) > 1:
+        from scp_planner.estimation.risk import alpha_of_mixture
+
+        return _future_zones(name, shape, margin, motion, level, alpha_of_mixture(level, alpha, uncertain))
+    single = motion.futures[0].motion if isinstance(motion, Futures) else motion
+    assert isinstance(single, Course)
+    return (_course_zone(name, shape, margin, single, level, alpha),)
+
+
+def _by_weight(futures: Sequence[Future]) -> list[Future]:
+    """Futures, the most probable one first."""
+    return sorted(futures, key=lambda future: -future.weight)
+
+
+def _future_zones(
+    name: str, shape: Shape, margin: float, motion: Futures, level: str, alpha: float
+) -> tuple[ThreatZone, ...]:
+    """Zones of several futures, of which all together miss the obstacle with a probability of at most alpha."""
+    from scp_planner.estimation.confidence import course_scale
+    from scp_planner.estimation.risk import shared_risk, sizes_of
+
+    futures = _by_weight(motion.futures)
+    weights = np.array([one.weight for one in futures])
+    scales = np.array([course_scale(level, alpha, len(getattr(one.motion, "time", (0.0,)))) for one in futures])
+    sizes = sizes_of(np.array([_spread(one.motion) for one in futures]), scales, covering_radius(shape) + margin)
+    zones = []
+    for one, risk in zip(futures, shared_risk(weights / weights.sum(), sizes, alpha).tolist(), strict=True):
+        if risk >= 1.0:
+            continue  # improbable enough
+        if isinstance(one.motion, Course) and one.motion.covariance is not None:
+            zones.append(_course_zone(name, shape, margin, one.motion, level, risk))
+        else:
+            zones.append(_known_zone(name, shape, margin, one.motion))
+    return tuple(zones)
+
+
+def _spread(motion: KnownMotion) -> float:
+    """Standard deviation of a motion, m, the mean over its times and directions; 0 where it is known exactly."""
+    if not isinstance(motion, Course) or motion.covariance is None:
+        return 0.0
+    return float(np.sqrt(np.mean(np.sqrt(np.linalg.det(np.array(motion.covariance))))))
+
+
+def _course_zone(name: str, shape: Shape, margin: float, course: Course, level: str, alpha: float) -> ThreatZone:
+    """Zone of a course with a covariance that misses it with a probability of at most alpha."""
+    from scp_planner.estimation.confidence import course_scale
+
+    scale = course_scale(level, alpha, len(course.time))
+    given = np.broadcast_to(np.array(course.covariance), (len(course.time), 2, 2))
+    body = estimated_body(shape, Model())
+    covariances = course_covariances(course.time, scale * given)
+    return ThreatZone(name, body.radius + margin, motion_polynomials(course), covariances, body.outlines)
+
+
+def _known_zone(name: str, shape: Shape, margin: float, motion: KnownMotion) -> ThreatZone:
+    """Zone of a motion that is known exactly."""
+    centers = motion_polynomials(motion)
     if isinstance(shape, Disc):
         return ThreatZone(name, shape.disc + margin, centers)
     if isinstance(motion, Course) and motion.heading is not None:
@@ -224,9 +378,12 @@ def known_zone(
         pointing = course_pointing(motion.time, motion.heading) if any(one.turning for one in outlines) else None
         return ThreatZone(name, margin, centers, None, outlines, pointing)
     outlines = shape_outlines(shape, _fixed_heading(centers))
-    if isinstance(motion, Course) and any(outline.turning for outline in outlines) and _turns_on_the_spot(centers):
-        return ThreatZone(name, covering_radius(shape) + margin, centers)
-    return ThreatZone(name, margin, centers, None, outlines)
+    pointing = None
+    if isinstance(motion, Course) and any(outline.turning for outline in outlines):
+        pointing = course_heading(centers, 2.0 * covering_radius(shape))
+        if pointing is None:
+            return ThreatZone(name, covering_radius(shape) + margin, centers)
+    return ThreatZone(name, margin, centers, None, outlines, None if pointing is centers else pointing)
 
 
 def estimated_body(shape: Shape, model: Model) -> Body:
@@ -236,8 +393,8 @@ def estimated_body(shape: Shape, model: Model) -> Body:
     standing = model.order == 0 and model.process is None
     outlines = shape_outlines(shape, 0.0 if standing else None)
     if any(outline.turning for outline in outlines):
-        # The direction of an estimated velocity may be wrong by any angle: all of them are covered.
-        return Body(covering_radius(shape))
+        # The direction of an estimated velocity may be wrong by any angle, as long as nobody bounds it.
+        return Body(covering_radius(shape), (), outlines[0])
     return Body(0.0, outlines)
 
 
@@ -284,13 +441,9 @@ def _fixed_heading(centers: PiecewisePolynomials) -> float | None:
     return atan2(largest[1], largest[0]) if np.all(across <= STRAIGHT * np.hypot(*vectors.T)) else None
 
 
-def _turns_on_the_spot(centers: PiecewisePolynomials) -> bool:
-    """Whether a course is anywhere so slow that its direction says nothing of its heading."""
-    breaks = centers.breakpoints[0]
-    ends = np.where(np.isfinite(breaks[1:]), breaks[1:], breaks[:-1] + 1.0)
-    times = (breaks[:-1] + np.linspace(0.0, 1.0, SLOWNESS_LOOKS)[:, None] * (ends - breaks[:-1])).ravel()
-    velocity = centers.derivative.at(np.zeros(len(times), dtype=np.intp), times)
-    return bool(np.hypot(velocity[:, 0], velocity[:, 1]).min() < SLOWEST_HEADING)
+def is_taken_for_a_disc(shape: Shape, several: Sequence[ThreatZone]) -> bool:
+    """Whether any zone of an obstacle is that of a disc that covers its shape, for want of a heading."""
+    return isinstance(shape, Rectangle | Ellipse) and not all(zone.outlines for zone in several)
 
 
 def covering_radius(shape: Shape) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
@@ -12,6 +14,14 @@ from scp_planner.mathematics.frames import covariance_turned_back, directions_of
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.units import NaturalUnits
+
+
+def by_obstacle(zones: Iterable[ThreatZone]) -> dict[str, list[ThreatZone]]:
+    """Return zones by the ids of their obstacles, in order: several of an obstacle of several futures."""
+    several: dict[str, list[ThreatZone]] = {}
+    for zone in zones:
+        several.setdefault(zone.id, []).append(zone)
+    return several
 
 
 @dataclass(frozen=True)
@@ -33,6 +43,8 @@ class ThreatZone:
     pointing : PiecewisePolynomials or None
         What moves in the direction that turning outlines head in, at about 1 m/s in whatever units, of absolute time;
         None: as the centre does.
+    until : float
+        Absolute time up to which the zone is known to hold the obstacle, s; inf where that is for ever.
     """
 
     id: str
@@ -41,6 +53,12 @@ class ThreatZone:
     covariances: PiecewisePolynomials | None = None
     outlines: tuple[Outline, ...] = ()
     pointing: PiecewisePolynomials | None = None
+    until: float = inf
+
+    def __repr__(self) -> str:
+        shape = f"disc of {self.radius:.4g} m" if not self.outlines else f"{len(self.outlines)} convex outlines"
+        grows = "known motion" if self.covariances is None else "uncertain motion"
+        return f"ThreatZone({self.id!r}, {shape}, {grows})"
 
     def inside(self, units: NaturalUnits) -> ThreatZone:
         """Return the zone in the units of its scene."""
@@ -53,7 +71,7 @@ class ThreatZone:
             covariances=None if self.covariances is None else self.covariances.shifted(units.clock),
             pointing=None if self.pointing is None else self.pointing.shifted(units.clock),
         )
-        return local._in_units(1.0 / units.length, 1.0 / units.time)
+        return replace(local._in_units(1.0 / units.length, 1.0 / units.time), until=units.instant(self.until))
 
     def outside(self, units: NaturalUnits) -> ThreatZone:
         """Return a zone in the units of its scene in SI units."""
@@ -65,6 +83,7 @@ class ThreatZone:
             centers=local.centers.plus(units.origin).shifted(-units.clock),
             covariances=None if local.covariances is None else local.covariances.shifted(-units.clock),
             pointing=None if local.pointing is None else local.pointing.shifted(-units.clock),
+            until=units.absolute(self.until),
         )
 
     def _in_units(self, length: float, time: float) -> ThreatZone:

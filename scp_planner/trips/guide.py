@@ -29,6 +29,7 @@ WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
 MOST_SAMPLES = 500_000  # of the average: windows get wider on guides that would need more
 MOST_AT_ONCE = 4_000_000  # numbers in an array on the way to it
+FEW_CHANGES = 64  # of direction, that are looked at together
 MOST_PIECES = 3400  # of the heading's spline: what the tables of paths over it have room for
 
 # Power coefficients of the quintic from value, first and second derivative at 0 and at 1
@@ -365,9 +366,10 @@ def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
     first, last = np.searchsorted(places, u - half), np.searchsorted(places, u + half)
     begin = 0
     while begin < len(u):
-        # As many as share few changes
-        widths = (last[begin:] - first[begin]) * np.arange(1, len(u) - begin + 1)
-        end = begin + max(1, int(np.searchsorted(widths, MOST_AT_ONCE)))
+        # As many as share most of their changes: others are looked at for nothing
+        shared = first[begin] + max(2 * (last[begin] - first[begin]), FEW_CHANGES)
+        most = max(1, MOST_AT_ONCE // (shared - first[begin]))
+        end = begin + min(max(1, int(np.searchsorted(last[begin:], shared, "right"))), most)
         near = slice(first[begin], last[end - 1])
         averaged[begin:end] = directions[near.start] + _shares(u[begin:end], places[near], half) @ changes[near]
         begin = end
@@ -376,8 +378,19 @@ def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
 
 def _shares(u: Array, places: Array, half: float) -> Array:
     """How much of the change at each place has come at each u, (m, n): 0 before the window, and 1 after it."""
-    share = np.clip((u[:, None] - places) / half, -1.0, 1.0)
-    shares: Array = 0.5 + 35.0 / 32.0 * (share - share**3 + 0.6 * share**5 - share**7 / 7.0)
+    share = u[:, None] - places
+    share /= half
+    np.clip(share, -1.0, 1.0, out=share)
+    square = share * share
+    # 1 / 2 + 35 / 32 (x - x^3 + 3 / 5 x^5 - x^7 / 7)
+    shares: Array = square * (-1.0 / 7.0)
+    for coefficient in (0.6, -1.0):
+        shares += coefficient
+        shares *= square
+    shares += 1.0
+    shares *= share
+    shares *= 35.0 / 32.0
+    shares += 0.5
     return shares
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +22,9 @@ def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[
     return [position + offset * ahead if offset else position for offset in offsets]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trip:
-    """A trip in world coordinates and absolute time.
+    """A trip in world coordinates and absolute time. Trips are equal if they are the same to the bit.
 
     Attributes
     ----------
@@ -45,6 +46,33 @@ class Trip:
         """
         if not 0.0 <= self.trajectory.travel_time < inf:
             raise ValueError(f"trajectory: the trip never arrives; its travel time is {self.trajectory.travel_time} s")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Trip) and self._identity == other._identity
+
+    def __hash__(self) -> int:
+        return hash(self._identity)
+
+    def __repr__(self) -> str:
+        begin, duration = self.frame.time, self.trajectory.travel_time
+        return f"Trip({self.trajectory.path.arc_length:.4g} m, t = {begin:g} ... {begin + duration:g} s)"
+
+    @property
+    def _identity(self) -> tuple[Any, ...]:
+        """All that it depends on."""
+        trajectory, space = self.trajectory, self.trajectory.space
+        guide = space.guide.to_dict().items()
+        return (
+            self.frame,
+            trajectory.travel_time,
+            trajectory.theta.tobytes(),
+            trajectory.beta.tobytes(),
+            tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in guide),
+            space.start_speed,
+            space.path.coefficients.shape,
+            space.acceleration.coefficients.shape,
+            space.acceleration.breakpoints.tobytes(),
+        )
 
     def inside(self, units: Units) -> Trip:
         """Return the trip in the units of its scene."""

@@ -13,7 +13,6 @@ from scenes import CROSSERS, disc, scene
 import scp_planner as sp
 from scp_planner.baseline.comparison import (
     Curve,
-    Method,
     Trial,
     compare,
     save_trials,
@@ -21,6 +20,7 @@ from scp_planner.baseline.comparison import (
     summary_table,
     trial_record,
 )
+from scp_planner.baseline.methods import Method
 from scp_planner.problem.build import build_problem
 from scp_planner.search.starts import starts
 from scp_planner.settings.planning import Settings

@@ -13,7 +13,8 @@ from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.arrays import Array
-from scp_planner.baseline.objective import (
+from scp_planner.baseline.objective import PenalisedObjective
+from scp_planner.baseline.objective_parts import (
     ACCELERATION,
     BOX,
     CURVATURE,
@@ -25,7 +26,6 @@ from scp_planner.baseline.objective import (
     SPEED,
     Hinge,
     Margins,
-    PenalisedObjective,
     SampleTimes,
     Weights,
     soft_excess,
@@ -211,12 +211,12 @@ def test_the_gradient_with_margins_and_more_samples() -> None:
     omega = random_trips(plain, 1, seed=3)[0]
     objective = PenalisedObjective(
         problem,
-        plain.weights,
-        plain.hinge,
+        plain.pricing.weights,
+        plain.pricing.hinge,
         SampleTimes.refined(problem, plain.trajectory(omega), 3.0),
         Margins(np.array([0.3, 0.2, 0.1]), np.full(len(OBJECTIVE_LIMITS), 0.05)),
     )
-    assert len(objective.times.shares) > len(problem.samples.sigma)
+    assert len(objective.pricing.times.shares) > len(problem.samples.sigma)
     assert objective.value(omega) > plain.value(omega)
     assert objective.gradient(omega) == pytest.approx(finite_differences(objective, omega), abs=1e-5)
 

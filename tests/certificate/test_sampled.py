@@ -10,6 +10,7 @@ from scenes import CROSSERS, disc, scene
 from scipy.interpolate import PPoly
 
 import scp_planner as sp
+from scp_planner.certificate.verdict import BEYOND_ZONES
 
 pytestmark = pytest.mark.numerics
 
@@ -391,3 +392,14 @@ def test_samples_of_observed_obstacles_keep_clear_of_their_zones() -> None:
     certificate = sp.certify(scenario, samples)
     assert certificate.holds is bool(least > 0.0)
     assert certificate.clearance.minimum == pytest.approx(least, abs=1.1e-3)
+
+
+@pytest.mark.parametrize(("seconds", "holds"), [(110.0, True), (130.0, False)])
+def test_samples_beyond_what_is_known_of_observed_obstacles_are_refused(seconds: float, holds: bool) -> None:
+    seen = {"time": [-0.2, -0.1, 0.0], "position": [[0.0, 900.0]] * 3, "covariance": [[0.01, 0.0], [0.0, 0.01]]}
+    far = {"id": "far", "shape": {"disc": 0.1}, "observations": seen, "model": {"order": 0}}
+    pace = 20.0 / seconds
+    scenario = scene(far, start={"speed": pace})
+    certificate = sp.certify(scenario, straight([0.0, seconds], [0.0, 20.0], [pace, pace]))
+    assert certificate.holds == holds
+    assert [violation.what for violation in certificate.violations] == ([] if holds else [BEYOND_ZONES])

@@ -15,7 +15,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.least_squares import MotionPrior
-from scp_planner.estimation.motion_estimate import PolynomialEstimate
+from scp_planner.estimation.motion_estimate import PolynomialEstimate, standardised_speed
 from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.scenario.models import Obstacle
 
@@ -581,3 +581,18 @@ def test_hotelling_regions_cover_each_axis_as_student_intervals_do() -> None:
     seen = estimate_motion(times, positions, None, 1)
     fit = stats.linregress(times, positions[:, 0])
     assert math.sqrt(seen.covariance(0.0)[0, 0]) == pytest.approx(fit.intercept_stderr)
+
+
+def test_the_standardised_speed_is_the_mean_over_directions() -> None:
+    rng = np.random.default_rng(5)
+    mixed = rng.normal(size=(20, 6, 4))
+    whole = np.einsum("nki,nkj->nij", mixed, mixed)
+    error, cross, rate = whole[:, :2, :2], whole[:, :2, 2:], whole[:, 2:, 2:]
+    found = standardised_speed(error, cross, rate)
+    angles = np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)
+    directions = np.stack([np.cos(angles), np.sin(angles)])
+    for k in range(20):
+        half = np.linalg.inv(np.linalg.cholesky(error[k]))
+        given = half @ (rate[k] - cross[k].T @ np.linalg.inv(error[k]) @ cross[k]) @ half.T
+        mean = np.sqrt(np.einsum("in,ij,jn->n", directions, given, directions)).mean()
+        assert found[k] == pytest.approx(mean, rel=1e-8)

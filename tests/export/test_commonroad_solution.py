@@ -24,7 +24,7 @@ pytest.importorskip("commonroad", reason="needs commonroad-io, which is not inst
 from scp_planner.export.commonroad_solution import export_commonroad_solution
 from scp_planner.planning.commonroad import plan_commonroad
 from scp_planner.scenario.commonroad import load_commonroad
-from scp_planner.scenario.commonroad_goals import seen_heading
+from scp_planner.scenario.commonroad_goals import GoalAim, seen_heading
 from scp_planner.scenario.commonroad_models import CARS, VehicleModel, car_named, vehicle_of
 
 LENGTH, LANE = 120.0, 3.5
@@ -221,7 +221,7 @@ def test_the_sooner_of_two_goals_counts(tmp_path: Path) -> None:
     file = tmp_path / "two.xml"
     file.write_text(road(both), encoding="utf-8")
     made = plan_commonroad(file, model="PM")
-    alone = sp.plan(load_commonroad(file, model="PM", goal_state=0))
+    alone = sp.plan(load_commonroad(file, model="PM", aim=GoalAim(0)))
     assert made.plan.certified
     assert made.plan.travel_time < alone.travel_time
     assert float(made.plan.position(made.plan.arrival_time)[0]) < 75.0

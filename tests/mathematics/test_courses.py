@@ -76,13 +76,18 @@ def sp_polygon(shape: dict[str, Any]) -> Any:
     return Polygon(shape["polygon"])
 
 
-def test_the_heading_on_a_course_that_stops_is_not_trusted() -> None:
+def test_on_a_course_that_stops_the_heading_of_before_serves() -> None:
+    """And turns into the next one with the way; what never moves is a disc."""
     halting = np.array([[10.0, -4.0], [10.0, -1.0], [10.0, -1.0], [11.0, -1.0], [12.0, 0.0]])
     times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     zone = sp.zones(scene(course({"rectangle": [3.0, 1.0]}, times, halting)))[0]
-    disc = sp.zones(scene(course({"disc": np.hypot(1.5, 0.5)}, times, halting)))[0]
-    place = np.random.default_rng(0).normal(size=(40, 2)) * 5.0
-    np.testing.assert_allclose(zone.signed_distance(3.0, place), disc.signed_distance(3.0, place))
+    assert len(zone.outlines) == 1
+    heading = zone.heading_vector(np.array([0.5, 8.0]))
+    np.testing.assert_allclose(np.abs(heading[0]), [0.0, 1.0], atol=0.05)
+    assert abs(heading[1, 0]) > 0.5
+    shaking = np.array([[10.0, -4.0], [10.01, -4.0], [10.0, -4.02], [10.0, -4.0], [9.99, -4.01]])
+    still = sp.zones(scene(course({"rectangle": [3.0, 1.0]}, times, shaking)))[0]
+    assert not still.outlines and still.radius == pytest.approx(np.hypot(1.5, 0.5))
 
 
 def test_faults_of_a_course_are_named() -> None:

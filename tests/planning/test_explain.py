@@ -53,6 +53,15 @@ def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool, monkey
     assert ("No trip at all" in plan.reason) is proved
 
 
+def test_an_obstacle_is_named_once_whichever_of_its_futures_is_in_the_way() -> None:
+    places = [(5.0, 30.0), (20.0, 0.3), (19.8, 0.1)]
+    weights = (0.25, 0.25, 0.5)
+    futures = [{"weight": one, "motion": {"position": place}} for one, place in zip(weights, places, strict=True)]
+    text = reason({"id": "crate", "shape": {"disc": 1.0}, "motion": {"futures": futures}})
+    assert text.startswith("clearance to crate -")
+    assert ": crate covers the goal" in text
+
+
 def test_a_wall_across_the_workspace_is_named_with_the_room_beside_it() -> None:
     text = reason(block("wall", (10.0, 0.1), (1.0, 5.4)), bounds=BOX)
     # 3.0 + 0.1 - 2.7 below it, less above; the vehicle is 0.6 m wide.
@@ -174,3 +183,13 @@ def test_the_same_fault_in_many_obstacles_is_told_once() -> None:
     text = hasty(*crowd(7, {"order": 2}, gap=0.5))
     assert text.count("clearance to person") == text.count("uncertain by up to") == text.count("set model") == 1
     assert "as of 6 more (person" in text and ", ...)" in text
+
+
+def test_a_rectangle_that_is_taken_for_a_disc_is_told() -> None:
+    times = np.linspace(-1.0, 0.0, 6).tolist()
+    noise = [[0.0001, 0.0], [0.0, 0.0001]]
+    seen = {"time": times, "position": [[20.0, 2.0]] * 6, "covariance": noise}
+    crate = {"id": "crate", "shape": {"rectangle": [6.0, 1.0]}, "observations": seen, "model": {"order": 1}}
+    assert "crate is taken for a disc of 3.04 m, as its heading is not known: give shape.heading" in hasty(crate)
+    known = {**crate, "shape": {"rectangle": [6.0, 5.0], "heading": 0.0}}
+    assert "taken for a disc" not in hasty(known)

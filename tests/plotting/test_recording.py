@@ -64,6 +64,25 @@ def test_boundaries_lie_on_the_zones(name: str) -> None:
         assert all(Polygon(outline).is_valid and Polygon(outline).exterior.is_ccw for outline in points)
 
 
+def test_an_obstacle_of_several_futures_is_one_with_the_zones_of_all() -> None:
+    seen = {"time": [0.0, 9.0], "position": [[9.0, -4.0], [14.0, 2.0]], "covariance": [[0.04, 0.0], [0.0, 0.01]]}
+    exact = {"position": [9.0, -4.0], "velocity": [0.0, 0.6]}
+    futures = [{"weight": 0.4, "motion": seen}, {"weight": 0.6, "motion": exact}]
+    fork = {"id": "fork", "shape": {"disc": 0.4}, "motion": {"futures": futures}}
+    scenario = scene(fork, disc("post", (5.0, 3.0)))
+    plan = sp.plan(scenario)
+    recording = record_plan(plan, scenario, 9)
+    assert [obstacle.id for obstacle in recording.obstacles] == ["fork", "post"]
+    record, zones = recording.obstacles[0], sp.zones(scenario)[:2]
+    assert record.boundary.shape[1] == 2
+    for k, t in enumerate(recording.time):
+        for zone, points in zip(zones, record.zone_at(k), strict=True):
+            assert zone.signed_distance(t, points) == pytest.approx(np.zeros(len(points)), abs=1e-6)
+    each = [zone.signed_distance(recording.time, recording.position) - 0.3 for zone in zones]
+    assert record.clearance == pytest.approx(np.min(each, axis=0))
+    assert record.center == pytest.approx(zones[0].center(recording.time))  # of the most probable one
+
+
 def test_clearance_is_from_disc_to_zone(plan: sp.Plan, scenario: sp.Scenario) -> None:
     recording = record_plan(plan, scenario, 9)
     for obstacle in recording.obstacles:

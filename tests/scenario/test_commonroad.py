@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import scp_planner as sp
 from scp_planner.cli import app
-from scp_planner.scenario.models import Course
+from scp_planner.scenario.motions import Course
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
 

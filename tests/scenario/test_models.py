@@ -23,7 +23,8 @@ import scp_planner as sp
 from scp_planner import builtin, files
 from scp_planner.errors import MISSING, ScenarioError
 from scp_planner.mathematics import planar
-from scp_planner.scenario.models import ConfidenceLevel, Goal, Motion, Observations, Obstacle, Scenario, Start, Vehicle
+from scp_planner.scenario.models import ConfidenceLevel, Goal, Observations, Obstacle, Scenario, Start, Vehicle
+from scp_planner.scenario.motions import Motion
 from scp_planner.scenario.shapes import Disc, Ellipse, PolygonShape, Rectangle
 
 SUFFIXES = (".yaml", ".yml", ".json")

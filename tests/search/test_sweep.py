@@ -10,7 +10,7 @@ import pytest
 from scenes import scene
 
 from scp_planner.problem.build import build_problem
-from scp_planner.search.grid import DELAYS, LOOKS, Fineness, Grid
+from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid
 from scp_planner.search.sweep import ALL, Ends, Sweep
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
@@ -51,11 +51,11 @@ def followers(grid: Grid, free: np.ndarray, case: int, i: int, state: State) -> 
                 continue
             half = 2 * o + sidesteps[slope]
             offset = o + sidesteps[slope]
-            delay = d + int(grid.shifts[LOOKS * i, speed, slope])
-            if not is_free(free, LOOKS * i + 1, half, delay, case):
+            delay = d + int(grid.shifts[EACH_STATION * i, speed, slope])
+            if not is_free(free, EACH_STATION * i + 1, half, delay, case):
                 continue
-            delay += int(grid.shifts[LOOKS * i + 1, speed, slope])
-            while is_free(free, LOOKS * i + 2, 2 * offset, delay, case):
+            delay += int(grid.shifts[EACH_STATION * i + 1, speed, slope])
+            while is_free(free, EACH_STATION * i + 2, 2 * offset, delay, case):
                 yield speed, slope, offset, delay
                 if speed < len(grid.speeds) - 1:
                     break
@@ -122,7 +122,7 @@ def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
         assert way[-1][3] == delay
         for i in range(grid.columns):
             assert way[i + 1] in set(followers(grid, free, case, i, way[i]))
-            driven = grid.shifts[LOOKS * i : LOOKS * i + 2, way[i + 1][0], way[i + 1][1]].sum()
+            driven = grid.shifts[EACH_STATION * i : EACH_STATION * i + 2, way[i + 1][0], way[i + 1][1]].sum()
             assert way[i + 1][3] - way[i][3] == driven + states.waited[i]
 
 
@@ -130,7 +130,7 @@ def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:
     """A wall that opens late: the way stands before it, and leaves when it opens."""
     grid = small_grid()
     free = np.full((len(grid.lines), len(grid.half_offsets), 1), ALL)
-    wall, opens = 5 * LOOKS, 40
+    wall, opens = 5 * EACH_STATION, 40
     free[wall] = ALL << np.uint64(opens)
     ends = ends_of(grid)
     sweep = Sweep(grid, free, ends, always(grid))
@@ -145,8 +145,8 @@ def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:
 
 def test_rounding_of_shifts_does_not_add_up() -> None:
     grid = small_grid(Fineness())
-    exact = np.cumsum(grid.durations - np.diff(grid.fastest[::LOOKS])[:, None, None], axis=0) / grid.delay_step
-    rounded = np.cumsum(grid.shifts.astype(float), axis=0)[1::LOOKS]
+    exact = np.cumsum(grid.durations - np.diff(grid.fastest[::EACH_STATION])[:, None, None], axis=0) / grid.delay_step
+    rounded = np.cumsum(grid.shifts.astype(float), axis=0)[1::EACH_STATION]
     cruising = slice(grid.columns // 2, None)  # where the fastest drive has the same speed everywhere
     error = np.diff(rounded[cruising] - exact[cruising], axis=0).cumsum(axis=0)
     few = exact[-1] - exact[grid.columns // 2] < DELAYS

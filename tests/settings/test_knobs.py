@@ -19,7 +19,8 @@ from scenes import CROSSERS, VEHICLE, scene
 import scp_planner
 import scp_planner as sp
 from scp_planner.baseline import comparison
-from scp_planner.baseline.descent import DescentSettings, Variant
+from scp_planner.baseline.descent_settings import DescentSettings, Variant
+from scp_planner.baseline.methods import Method
 from scp_planner.batch import jobs
 from scp_planner.errors import SettingsError
 from scp_planner.estimation.least_squares import Noise
@@ -185,7 +186,7 @@ TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Steering: ("steering", lambda word: sp.Vehicle(**VEHICLE, steering=word).steering),
     ConfidenceLevel: ("level", lambda word: sp.Confidence(level=word).level),
     Variant: ("variant", lambda word: DescentSettings(variant=word).variant),
-    comparison.Method: ("methods", lambda word: _method_compared(word)),
+    Method: ("methods", lambda word: _method_compared(word)),
     jobs.Method: ("method", lambda word: jobs.Options(method=word).method),
     View: ("view", lambda word: _view_drawn(word)),
 }
@@ -197,14 +198,13 @@ NOT_GIVEN = {
     "scp_planner.cli.application.ExitCode",
     "scp_planner.scp.merit.Limit",
     "scp_planner.scp.record.LoopStatus",
-    "scp_planner.baseline.descent.DescentStatus",
+    "scp_planner.baseline.descent_run.DescentStatus",
     "scp_planner.planning.plan.PlanStatus",
     "scp_planner.online.plan.Outcome",
     "scp_planner.batch.executor.Fate",
     "scp_planner.solvers.interface.SolverStatus",
     "scp_planner.studies.consistency.Fit",
     "scp_planner.studies.field.ZoneKind",
-    "scp_planner.cli.many.Compared",  # the parser of the command line refuses what it does not know
     "scp_planner.cli.pictures.View",
     "scp_planner.cli.commonroad.Model",
     "scp_planner.cli.commonroad.Cost",
@@ -221,7 +221,7 @@ def _noise_taken(word: Any) -> Noise:
     return Noise.ISOTROPIC if sigma[0, 0] == pytest.approx(sigma[1, 1]) else Noise.GENERAL
 
 
-def _method_compared(word: Any) -> comparison.Method:
+def _method_compared(word: Any) -> Method:
     quick = sp.Settings(path_span=4.0, acceleration_spans=4, samples=40)
     (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
     return trial.method

@@ -336,12 +336,13 @@ def test_shortest_paths_join_their_ends_and_are_shorter_than_others(radius: floa
 
 def test_the_best_path_becomes_the_guide_where_the_guide_limits_it() -> None:
     """Corners of a polyline without room for wide bends: what is planned over it alone is slower."""
-    from scp_planner.planning.offline import _Planning
+    from scp_planner.planning.runs import CheckedRuns, Task
+    from scp_planner.planning.ways_round import WaysRound
     from scp_planner.threat_zones.of_scenario import zones
 
     scenario = scene(goal={"position": [-12.0, 1.0]})
-    search = _Planning(scenario, zones(scenario), Settings(), np.inf)
-    alone = search.best()[0].evaluation.trajectory.travel_time
+    runs = CheckedRuns(Task(scenario, zones(scenario), Settings(), np.inf))
+    alone = WaysRound(runs).best().travel_time
     plan = sp.plan(scenario)
     assert plan.certified, plan.reason
     assert plan.travel_time < 0.99 * alone

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 import tracemalloc
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,15 +14,25 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound, no_trip_within
+from scp_planner.certificate.verdict import BEYOND_ZONES
 from scp_planner.errors import TooLargeError
 from scp_planner.mathematics import splines
-from scp_planner.planning.offline import _Planning
+from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.guides import guide_along
+from scp_planner.problem.problem import Problem
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scp import loop
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import LoopRun
+from scp_planner.scp.together import RunInStep, run_together
+from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
+from scp_planner.solvers.interface import solver_named
 from scp_planner.trips import guide
 from scp_planner.trips.guide import StraightGuide, check_pieces, smooth_guide
+from scp_planner.trips.path import Path
 from scp_planner.trips.space import MOST_BYTES, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -120,9 +131,11 @@ def test_a_bound_that_would_take_too_much_is_the_kinematic_one(monkeypatch: pyte
 def test_a_proof_about_an_endless_horizon_is_not_begun() -> None:
     wall = {"id": "wall", "shape": {"rectangle": [1.0, 30.0], "heading": 0.0}, "motion": {"position": [10.0, 0.0]}}
     scenario = scene(wall, bounds={"min": [-5.0, -5.0], "max": [25.0, 5.0]})
+    zones = sp.zones(scenario)
+    no_trip_within(scenario, 10.0, zones)  # what is loaded once is no part of it
     tracemalloc.start()
     try:
-        assert not no_trip_within(scenario, 1e9, sp.zones(scenario))
+        assert not no_trip_within(scenario, 1e9, zones)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -132,10 +145,10 @@ def test_a_proof_about_an_endless_horizon_is_not_begun() -> None:
 def test_the_run_along_a_new_guide_starts_with_a_trip_that_arrives() -> None:
     """The accelerations of the last trip may end just before a guide that has become a little longer."""
     scenario = scene(start={"heading": 0.3, "speed": 2.0})
-    search = _Planning(scenario, sp.zones(scenario), Settings(), np.inf)
-    beta = np.full(search.problem.space.acceleration_size, -0.11)  # stands after 18 m
-    assert search.problem.space.travel_time(20.0, beta) == np.inf
-    attempt = search.along_the_guide(beta, 8.0, np.inf)
+    runs = CheckedRuns(Task(scenario, sp.zones(scenario), Settings(), np.inf))
+    beta = np.full(runs.problem.space.acceleration_size, -0.11)  # stands after 18 m
+    assert runs.problem.space.travel_time(20.0, beta) == np.inf
+    attempt = runs.along_the_guide(beta, 8.0, np.inf)
     assert attempt.holds
     assert attempt.travel_time < 8.0
 
@@ -148,16 +161,56 @@ def test_a_trip_that_takes_no_time_is_not_certified() -> None:
     assert [violation.what for violation in certificate.violations] == ["travel time"]
 
 
-@pytest.mark.parametrize(("earliest", "told"), [(130.0, True), (None, False)])
-def test_a_trip_beyond_the_horizon_of_estimated_zones_is_told_of(
-    earliest: float | None, told: bool, caplog: pytest.LogCaptureFixture
-) -> None:
+@pytest.mark.parametrize(("earliest", "certified"), [(130.0, False), (110.0, True), (None, True)])
+def test_a_trip_beyond_the_horizon_of_estimated_zones_is_not_certified(earliest: float | None, certified: bool) -> None:
     seen = {"time": [-0.2, -0.1, 0.0], "position": [[0.0, 900.0]] * 3, "covariance": [[0.01, 0.0], [0.0, 0.01]]}
     far = {"id": "far", "shape": {"disc": 0.1}, "observations": seen, "model": {"order": 0}}
     scenario = scene(far, goal={"earliest_arrival": earliest})
     plan = sp.plan(scenario)
-    assert plan.certified
-    assert ("observed obstacles" in caplog.text) == told
-    caplog.clear()
-    sp.certify(scenario, plan)
-    assert ("observed obstacles" in caplog.text) == told
+    assert plan.certified == certified
+    certificate = sp.certify(scenario, plan)
+    assert certificate.holds == certified
+    if certified:
+        return
+    assert [violation.what for violation in certificate.violations] == [BEYOND_ZONES]
+    assert certificate.violations[0].allowed == pytest.approx(120.0)  # in a scene whose units are metres and seconds
+    assert plan.reason is not None
+    assert "nothing is known of observed obstacles" in plan.reason
+    # With the same obstacle where it is known to be, there is no such end.
+    there = {"id": "far", "shape": {"disc": 0.1}, "motion": {"position": [0.0, 900.0]}}
+    assert sp.certify(scene(there, goal={"earliest_arrival": earliest}), plan).holds
+
+
+def test_a_vehicle_that_turns_in_wide_bends_to_a_goal_nearby_has_not_more_spans_than_its_bends_need() -> None:
+    scenario = scene(
+        start={"heading": 2.0}, goal={"position": [3.0, 0.0], "heading": -2.0}, vehicle={"max_curvature": 0.02}
+    )
+    units = NaturalUnits.of(scenario)
+    problem = build_problem(units.scenario(scenario), (), for_scene(Settings(), units))
+    space = problem.space
+    assert 150 <= len(space.path.widths) <= 250
+    assert space.length / len(space.path.widths) < 100.0 / units.length  # m: its bends have a radius of 100 m
+    assert space.gradient_bytes < 100 * MEGABYTE
+    again = guide_along(Path(space, np.zeros(space.path_size)), Settings())
+    assert again.pieces <= 5 * 250
+
+
+def test_trips_of_many_spans_are_looked_at_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(disc("in the way", (10.0, 0.2)))
+    problem = build_problem(scenario, sp.zones(scenario), for_scene(Settings()))
+    starts = list(bows(problem))
+    assert len(starts) > 1
+    looked: list[int] = []
+
+    def counted(problem: Problem, runs: Sequence[RunInStep]) -> list[LoopRun]:
+        looked.append(len(runs))
+        return run_together(problem, runs)
+
+    monkeypatch.setattr(loop, "run_together", counted)
+    monkeypatch.setattr(loop, "MOST_BYTES", problem.space.gradient_bytes)
+    runs = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
+    assert looked == [1] * len(starts)
+    monkeypatch.setattr(loop, "MOST_BYTES", 10**12)
+    together = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
+    for one, other in zip(runs, together, strict=True):
+        assert one.evaluation.trajectory.travel_time == pytest.approx(other.evaluation.trajectory.travel_time, rel=1e-6)

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser import BROWSER_VARIABLE, Browser, find_browser
 
 import scp_planner as sp
 
@@ -232,19 +233,43 @@ def test_the_reference_of_the_plan_file_has_every_key(tmp_path: Path) -> None:
     assert (set(data) | inner) - words == set()
 
 
-def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site's folder."""
     if importlib.util.find_spec("mkdocs") is None:
         locked = "\nmkdocs-material==" in (ROOT / "requirements-lock.txt").read_text()
         assert not (locked and os.environ.get("CI") == "true"), "the lock pins MkDocs, which is not installed"
         pytest.skip("needs MkDocs: pip install '.[docs]'")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    site = tmp_path_factory.mktemp("docs") / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "WARNING" not in done.stderr + done.stdout
-    page = (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
-    reference = "".join(page.read_text(encoding="utf-8") for page in (tmp_path / "site" / "reference").glob("*.html"))
+    return site
+
+
+def test_the_site_is_whole_and_fetches_nothing(built: Path) -> None:
+    page = (built / "index.html").read_text(encoding="utf-8")
+    reference = "".join(page.read_text(encoding="utf-8") for page in (built / "reference").glob("*.html"))
     public = [(name, getattr(sp, name)) for name in sp.__all__ if name != "__version__"]
     assert [name for name, value in public if f'id="{value.__module__}.{name}"' not in reference] == []
     # Nothing is fetched from elsewhere.
     assert re.findall(r"<(?:script|link|img)[^>]*(?:src|href)=\"?https?://[^\s>]*", page) == []
+
+
+@pytest.mark.parametrize("place", ["index.html", "howto/tuning.html"])
+def test_the_search_works_from_files(place: str, built: Path, tmp_path: Path) -> None:
+    executable = find_browser()
+    if executable is None:
+        pytest.skip(f"needs a Chromium or Chrome: on the path, or named by {BROWSER_VARIABLE}")
+    with Browser(executable, tmp_path) as opened:
+        opened.open((built / place).as_uri())
+        opened.evaluate("document.querySelector('[data-md-component=search-query]').focus()")
+        for letter in "grazes":
+            opened.press(letter)
+        opened.wait_for("document.querySelectorAll('.md-search-result__item').length > 0")
+        found = opened.evaluate("[...document.querySelectorAll('.md-search-result__link')].map(link => link.href)")
+        assert any("limits.html" in link for link in found)
+        assert [url for url in opened.requests if not url.startswith(("file:", "data:", "about:"))] == []
+        assert opened.faults == []

@@ -72,9 +72,12 @@ def check(errors: dict[str, list[str]]) -> None:
         assert bool(lines) is name.startswith("wrong_"), (name, lines)
 
 
-def test_mypy_takes_what_users_write(folder: Path) -> None:
+def test_mypy_takes_what_users_write(folder: Path, pytestconfig: pytest.Config) -> None:
+    """Most of its time is for NumPy and the package: what it found out of them is kept from run to run."""
     pytest.importorskip("mypy")
-    check(told_of([sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir=.cache"], folder))
+    cache = getattr(pytestconfig, "cache", None)
+    kept = folder / ".cache" if cache is None else cache.mkdir("mypy-of-users")
+    check(told_of([sys.executable, "-m", "mypy", "--strict", "--config-file=", f"--cache-dir={kept}"], folder))
 
 
 def test_pyright_takes_what_users_write(folder: Path) -> None:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import re
 import statistics
 import subprocess
 import sys
+import tarfile
+import tomllib
 import venv
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
+
+import scp_planner
 
 ROOT = Path(__file__).resolve().parents[2]
 IMPORT_LIMIT = 0.35
@@ -73,6 +79,68 @@ def test_the_wheel_has_the_package_and_its_data_and_nothing_else(wheel: Path) ->
     assert "scp-planner = scp_planner.__main__:main" in entry_points
     core = {line.split()[1] for line in metadata.splitlines() if re.match(r"Requires-Dist: [^;]*$", line)}
     assert not {re.split(r"\W", name)[0].lower() for name in core} & {name.lower() for name in NOT_CORE}
+
+
+def test_the_page_of_the_package_has_no_link_that_leads_only_in_the_repository(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(name for name in archive.namelist() if name.endswith("/METADATA"))
+        metadata = archive.read(name).decode()
+    assert "Description-Content-Type: text/markdown" in metadata
+    page = metadata.partition("\n\n")[2]
+    assert "## Quick start" in page and "The tutorial goes from installing" in page
+    links = re.findall(r"\]\(([^)]*)\)", re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL))
+    assert [link for link in links if not link.startswith(("https://", "#"))] == []
+    assert "<!--" not in page
+
+
+def test_where_there_is_a_place_for_sources_links_lead_there() -> None:
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    readme = (
+        "# It\n\n![A plan](docs/demo.png)\n\nSee [the page](docs/page.md) and [that](https://example.org) [up](#it).\n"
+    )
+    assert module.page_of(readme, None) == "# It\n\nSee the page and [that](https://example.org) [up](#it).\n"
+    there = module.page_of(readme, "https://example.org/it/")
+    assert "![A plan](https://example.org/it/docs/demo.png)" in there
+    assert "[the page](https://example.org/it/docs/page.md) and [that](https://example.org) [up](#it)" in there
+
+
+def test_the_source_distribution_has_all_that_the_tests_read(tmp_path: Path) -> None:
+    """Whatever of the repository is not in it is named here."""
+    command = [sys.executable, "-m", "hatchling", "build", "--target", "sdist", "--directory", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (source,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(source) as archive:
+        inside = {Path(*Path(name).parts[1:]).as_posix() for name in archive.getnames()}
+    folders = ("scp_planner", "tests", "verification", "benchmarks", "docs", "examples", "tools")
+    wanted = {
+        path.relative_to(ROOT).as_posix()
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    wanted |= {path.name for path in ROOT.glob("*.md")}
+    wanted |= {
+        "CITATION.cff",
+        "LICENSE",
+        "Makefile",
+        "hatch_build.py",
+        "mkdocs.yml",
+        "pyproject.toml",
+        "requirements-lock.txt",
+    }
+    assert wanted <= inside
+    assert inside - wanted <= {"PKG-INFO", ".gitignore"}
+
+
+def test_the_citation_is_of_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert citation["version"] == scp_planner.__version__
+    assert (citation["license"], citation["abstract"]) == (project["license"], project["description"])
+    assert citation["references"][0]["title"] in " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
 
 
 def test_importing_it_needs_and_loads_nothing_but_the_standard_library(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.trips.trajectory import Trajectory
+
+EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to
 
 
 @dataclass(frozen=True)
@@ -39,3 +43,10 @@ class EarliestArrival(OptionalLimit):
         gradient = np.zeros((len(index), self.step_size))
         gradient[:, -1] = -trajectory.travel_time
         return gradient
+
+
+def earliest_arrival(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make the limit of a goal that is not to be reached too early."""
+    earliest, start = inputs.scenario.goal.earliest_arrival, inputs.scenario.start.time
+    if earliest is not None and earliest > start:
+        yield EarliestArrival(earliest - start + EARLIEST_MARGIN, inputs.step_size)

@@ -8,19 +8,21 @@ normal, k its curvature, p = 1 - k f, N the path's normal and kappa its curvatur
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
 
-NEAR = 1.0  # units of length; zones further away are not looked at closely
 STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
 
 
@@ -28,6 +30,13 @@ def disc_positions(path: PathPoints, offset: float) -> Array:
     """Centres of a disc that is so far ahead of points of a path on the vehicle's axis, (n, 2) m."""
     positions: Array = path.position + (offset / path.speed)[:, None] * path.direction
     return positions
+
+
+def of_offsets_alone(theta: Array, step_size: int) -> Array:
+    """Gradients with respect to a step, (n, step), of what only the free offsets move, (n, free)."""
+    gradient = np.zeros((len(theta), step_size))
+    gradient[:, : theta.shape[1]] = theta
+    return gradient
 
 
 @dataclass(frozen=True)
@@ -190,7 +199,15 @@ class DiscBox(OptionalLimit):
         station, side = np.divmod(index, len(self.offsets))
         path = trajectory.path
         points = path.points(trajectory.space.tables.station_parameters[station])
-        gradient = np.zeros((len(index), self.step_size))
         theta = Swing.of(path, points).rows(path, points, self.normals[side], self.offset)[:, self.free]
-        gradient[:, : theta.shape[1]] = theta
-        return gradient
+        return of_offsets_alone(theta, self.step_size)
+
+
+def disc_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make what keeps the further discs of a long vehicle clear of zones, and inside the box."""
+    box = inputs.box
+    for offset in inputs.vehicle.discs:
+        if offset != 0.0:
+            yield DiscClearance(offset, inputs.free, inputs.samples, inputs.zones)
+            if len(box.offsets):
+                yield DiscBox(offset, inputs.free, inputs.step_size, box.normals, box.offsets)

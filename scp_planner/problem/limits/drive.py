@@ -12,12 +12,14 @@ Both are looked at at fixed normalised times, before and after each jump of the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.speed import BESIDE
 from scp_planner.trips.space import TimeTable, TripSpace
@@ -45,17 +47,29 @@ def drive_times(space: TripSpace, samples: Array) -> TimeTable:
 
 
 @dataclass(frozen=True)
-class PowerLimit(OptionalLimit):
+class _DriveLimit(OptionalLimit):
+    """An upper limit of something, at given times."""
+
+    limit: float
+    times: TimeTable
+
+    def tightened(self, more: float) -> Self:
+        """Return a lower limit."""
+        return replace(self, limit=self.limit * (1.0 - more))
+
+
+@dataclass(frozen=True)
+class PowerLimit(_DriveLimit):
     """Excess a v / limit - 1 at given times.
 
     Attributes
     ----------
-    space : TripSpace
-    free_size : int
-        Number of free control points of the offset.
     limit : float
         m^2/s^3.
     times : TimeTable
+    space : TripSpace
+    free_size : int
+        Number of free control points of the offset.
     """
 
     name: ClassVar[str] = "power"
@@ -63,12 +77,6 @@ class PowerLimit(OptionalLimit):
 
     space: TripSpace
     free_size: int
-    limit: float
-    times: TimeTable
-
-    def tightened(self, more: float) -> Self:
-        """Return a lower limit."""
-        return type(self)(self.space, self.free_size, self.limit * (1.0 - more), self.times)
 
     def excess(self, trajectory: Trajectory) -> Array:
         """Return a v / limit - 1."""
@@ -92,17 +100,17 @@ class PowerLimit(OptionalLimit):
 
 
 @dataclass(frozen=True)
-class TotalAccelerationLimit(OptionalLimit):
+class TotalAccelerationLimit(_DriveLimit):
     """Excess sqrt(a^2 + (v^2 k)^2) / limit - 1 at given times.
 
     Attributes
     ----------
-    space : TripSpace
-    free : slice
-        The free control points of the offset.
     limit : float
         m/s^2.
     times : TimeTable
+    space : TripSpace
+    free : slice
+        The free control points of the offset.
     """
 
     name: ClassVar[str] = "total_acceleration"
@@ -110,12 +118,6 @@ class TotalAccelerationLimit(OptionalLimit):
 
     space: TripSpace
     free: slice
-    limit: float
-    times: TimeTable
-
-    def tightened(self, more: float) -> Self:
-        """Return a lower limit."""
-        return type(self)(self.space, self.free, self.limit * (1.0 - more), self.times)
 
     def excess(self, trajectory: Trajectory) -> Array:
         """Return sqrt(a^2 + (v^2 k)^2) / limit - 1."""
@@ -153,3 +155,19 @@ class TotalAccelerationLimit(OptionalLimit):
         v0 = self.space.start_speed
         rho = driven * (v0 * tau) * table.sigma - faster * (v - v0)
         return np.concatenate([theta[:, self.free], beta, rho[:, None]], axis=1)
+
+
+def power_limit(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make the limit of a vehicle's motor."""
+    limit, space = inputs.vehicle.max_power, inputs.space
+    if limit is not None:
+        # With constant accelerations a v is largest next to their breakpoints.
+        times = drive_times(space, np.zeros(0) if space.tables.constant else inputs.equidistant)
+        yield PowerLimit(limit * inputs.kept, times, space, inputs.free_size)
+
+
+def total_acceleration_limit(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make the limit of a vehicle's tyres."""
+    limit, space = inputs.vehicle.max_total_acceleration, inputs.space
+    if limit is not None:
+        yield TotalAccelerationLimit(limit * inputs.kept, drive_times(space, inputs.equidistant), space, inputs.free)

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import pi
+from math import pi, remainder
 from typing import ClassVar, Self
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.problem.limits.discs import Swing, disc_positions
+from scp_planner.mathematics.rounding import ANGLE_DECIMALS
+from scp_planner.problem.limits.discs import Swing, disc_positions, of_offsets_alone
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.scenario.goal_sides import GoalSides
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
+REGION_MARGIN = 4e-4  # units of length, from the border of a region that only constraints of a step keep
+HEADING_MARGIN = 1e-5  # rad, from the ends of a range of headings at the goal
+SPEED_MARGIN = 1e-5  # of the top speed, from the ends of a range of speeds at the goal
 _END = np.ones(1)
 
 
@@ -56,9 +63,7 @@ class GoalRegion(OptionalLimit):
         path = trajectory.path
         points = path.points(np.ones(len(index)))
         theta = Swing.of(path, points).rows(path, points, self.normals[index], self.ahead)[:, self.free]
-        gradient = np.zeros((len(index), self.step_size))
-        gradient[:, : theta.shape[1]] = theta
-        return gradient
+        return of_offsets_alone(theta, self.step_size)
 
 
 @dataclass(frozen=True)
@@ -99,9 +104,7 @@ class GoalHeading(OptionalLimit):
         path = trajectory.path
         points = path.points(_END)
         turn = Swing.of(path, points).turn_rows(path, points)[0, self.free]
-        gradient = np.zeros((len(index), self.step_size))
-        gradient[:, : len(turn)] = np.where(index == 0, 1.0, -1.0)[:, None] * turn
-        return gradient
+        return of_offsets_alone(np.where(index == 0, 1.0, -1.0)[:, None] * turn, self.step_size)
 
 
 @dataclass(frozen=True)
@@ -140,3 +143,21 @@ class GoalSpeed(OptionalLimit):
         speed = np.concatenate([np.zeros(self.free_size), rise, [self.space.start_speed - trajectory.final_speed]])
         signed: Array = np.where(index == 0, 1.0, -1.0)[:, None] * speed
         return signed
+
+
+def goal_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make what a goal asks for that leaves something open; a region only where the bounds of the end do not do."""
+    scenario, frame, free = inputs.scenario, inputs.frame, inputs.free
+    goal = scenario.goal
+    sides = GoalSides.of(scenario, frame, REGION_MARGIN)
+    if sides is not None and scenario.vehicle.centre != 0.0:
+        yield GoalRegion(scenario.vehicle.centre, free, inputs.step_size, sides.normals, sides.offsets)
+    if goal.heading_range is not None and goal.heading_range[1] - goal.heading_range[0] < 2.0 * pi:
+        low, high = goal.heading_range
+        half = max(0.5 * (high - low) - HEADING_MARGIN, 0.0)
+        middle = round(remainder(0.5 * (low + high) - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
+        yield GoalHeading(middle, half, free, inputs.step_size)
+    if goal.speed_range is not None:
+        low, high = goal.speed_range
+        margin = min(SPEED_MARGIN * scenario.vehicle.max_speed, 0.5 * (high - low))
+        yield GoalSpeed(inputs.space, low + margin, high - margin, inputs.free_size)

@@ -9,6 +9,7 @@ it jumps: so it is looked at on both sides of them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.splines import clamped_knots
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.limits.speed import squared_speed_gradient
 from scp_planner.trips.path import Path, curvature_rate_from
@@ -189,3 +191,17 @@ def rate_partials(path: Path, parameters: Array) -> list[Array]:
         there = replace(points, offset=f, slope=q, stretch=stretch, speed=speed)
         found.append((curvature_rate_from(path.space, there, bend, third) / speed).imag / IMAGINARY)
     return found
+
+
+def jerk_limit(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make the limit of a vehicle's jerk."""
+    limit = inputs.vehicle.max_jerk
+    if limit is not None:
+        yield JerkLimit(inputs.space, inputs.free_size, limit * inputs.kept)
+
+
+def curvature_rate_limit(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make the limit of how fast a vehicle steers."""
+    limit = inputs.vehicle.max_curvature_rate
+    if limit is not None:
+        yield CurvatureRateLimit(inputs.space, inputs.free, limit * inputs.kept)

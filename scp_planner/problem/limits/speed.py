@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.scenario.places import Line, Stretch, limits_at
 from scp_planner.trips.path import Path
@@ -194,3 +196,9 @@ def _crossing(path: Path, line: Line, stations: Array, along: Array, border: flo
         first = int(np.argmax(np.append(beyond, True)))
         low, high = trials[first], trials[first + 1]
     return float(high)
+
+
+def speed_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+    """Make the limits of stretches, if there are any."""
+    if inputs.slow:
+        yield SpeedLimits(inputs.space, inputs.free, inputs.slow)

@@ -13,8 +13,9 @@ from shapely.geometry import LineString, Point
 
 import scp_planner as sp
 from scp_planner.arrays import Array
-from scp_planner.baseline.descent import DescentSettings
-from scp_planner.baseline.objective import OPTIONAL, Hinge, PenalisedObjective, Weights
+from scp_planner.baseline.descent_settings import DescentSettings
+from scp_planner.baseline.objective import PenalisedObjective
+from scp_planner.baseline.objective_parts import OPTIONAL, Hinge, Weights
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.limits.rates import rate_partials
 from scp_planner.problem.problem import Problem

@@ -1,0 +1,205 @@
+"""Runs of the loop on one problem, each checked by the certificate."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.verdict import Certificate
+from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.guides import guide_along
+from scp_planner.problem.problem import Problem
+from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.settings.planning import Settings
+from scp_planner.solvers import QpSolver, solver_named
+from scp_planner.threat_zones.zone import ThreatZone
+from scp_planner.trips.guide import Guide
+from scp_planner.trips.path import Path
+from scp_planner.trips.trajectory import Trajectory, arriving
+from scp_planner.trips.trip import Trip
+
+if TYPE_CHECKING:
+    from scp_planner.scp.given import UserConstraints
+
+logger = logging.getLogger(__name__)
+
+CONTINUATIONS = 4  # how often a run that is at its limit of iterations goes on
+HOPELESS_AFTER = 8  # iterations, after which a run from a way that is far from feasible makes room for other ways
+
+ScpAttempt: TypeAlias = Attempt[LoopRun]
+
+
+@dataclass(frozen=True)
+class Given:
+    """A user's own constraints, and the units of the scene, in which they are not written."""
+
+    constraints: UserConstraints
+    units: NaturalUnits
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one call of :func:`scp_planner.plan` is to do, in the units of the scene.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    threat_zones : sequence of ThreatZone
+    settings : Settings
+    deadline : float
+        Value of :func:`time.perf_counter` at which it ends.
+    own_solver : QpSolver, optional
+    given : Given, optional
+    tally : Tally
+        What has been done.
+    """
+
+    scenario: Scenario
+    threat_zones: Sequence[ThreatZone]
+    settings: Settings
+    deadline: float
+    own_solver: QpSolver | None = None
+    given: Given | None = None
+    tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the deadline has passed."""
+        return perf_counter() > self.deadline
+
+    def solvers(self) -> tuple[QpSolver, str | None]:
+        """Return the solver, and the name of the one to fall back to; a user's own solver or constraints allow none."""
+        if self.own_solver is not None:
+            return self.own_solver, None
+        name = self.settings.solver
+        if self.given is not None:
+            return solver_named(name), None
+        return solver_named(name), "clarabel" if name != "clarabel" else "daqp"
+
+
+class CheckedRuns:
+    """Runs of the loop on a task's problem over one guide, each with its certificate.
+
+    Parameters
+    ----------
+    task : Task
+    guide : Guide, optional
+    breakpoints : tuple of float, optional
+        Of the acceleration, in normalised time.
+    """
+
+    def __init__(self, task: Task, guide: Guide | None = None, breakpoints: tuple[float, ...] | None = None) -> None:
+        self.task = task
+        with task.tally.timed("build"):
+            everything = build_problem(task.scenario, task.threat_zones, task.settings, breakpoints, guide)
+            self.solver, fallback = task.solvers()
+            if task.given is not None:
+                everything, self.solver = _with_given(everything, task.given, self.solver)
+            ready = ReadyProblem.of(everything)
+            self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
+            self.loop = ScpLoop(self.problem, self.solver, fallback, HOPELESS_AFTER)
+            self.patient_loop = ScpLoop(self.problem, self.solver, fallback)
+
+    @classmethod
+    def along(cls, task: Task, path: Path) -> CheckedRuns:
+        """Return the same over a path that becomes the guide."""
+        with task.tally.timed("build"):
+            guide = guide_along(path, task.settings)
+        return cls(task, guide, tuple(path.space.acceleration.breakpoints.tolist()))
+
+    def trip(self, attempt: ScpAttempt) -> Trip:
+        """Return the trip that an attempt ended with."""
+        return Trip(self.problem.frame, attempt.trajectory.settled())
+
+    def judged(self, run: LoopRun, scenario: Scenario | None = None) -> ScpAttempt:
+        """Return a run with what a certificate, for the task's scenario or another, and a user's constraints say."""
+        with self.task.tally.timed("certificate"):
+            trip = Trip(self.problem.frame, run.evaluation.trajectory.settled())
+            certificate = certify_trip(scenario or self.task.scenario, trip, self.task.threat_zones)
+            if self.problem.given is not None:
+                certificate = self.problem.given.judged(certificate, run.evaluation.trajectory)
+        return Attempt(run, certificate)
+
+    def along_the_guide(self, beta: Array, near: float, cutoff: float) -> ScpAttempt:
+        """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""
+        # The new guide may be a little longer than the path that it is: the same accelerations may end before it does.
+        problem = self.problem
+        start = arriving(problem.space, problem.ends.theta, beta, problem.limits.acceleration, near)
+        return self.attempt(start, cutoff, loop=self.patient_loop)
+
+    def attempt(
+        self,
+        start: Trajectory,
+        cutoff: float = np.inf,
+        rival: ScpAttempt | None = None,
+        loop: ScpLoop | None = None,
+    ) -> ScpAttempt:
+        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
+        loop, problem = loop or self.loop, self.problem
+        for repeat in range(TIGHTENINGS + 1):
+            with self.task.tally.timed("scp"):
+                run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation)
+            slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
+            if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower):
+                return Attempt(run, None)
+            attempt = self.judged(run)
+            certificate = attempt.verdict
+            if certificate.holds or not run.feasible or certificate.late:
+                break
+            # What the samples missed: ask for a little more of it, and go on from here.
+            problem = self._asking_for_more(problem, certificate, URGENCY**repeat)
+            loop = ScpLoop(problem, self.solver, loop.fallback)
+            start = run.evaluation.trajectory
+        return attempt
+
+    def _asking_for_more(self, problem: Problem, certificate: Certificate, urgency: float) -> Problem:
+        if met_what_was_left_out(problem, certificate):
+            return self.everything
+        return tightened(problem, certificate, urgency)
+
+    def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> LoopRun:
+        """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
+        most, task = self.task.settings.max_iterations, self.task
+        run = loop.run(start, most, cutoff, task.deadline, rival=rival)
+        task.tally.iterations += len(run.record)
+        for _ in range(CONTINUATIONS):
+            if run.status is not LoopStatus.ITERATION_LIMIT or task.out_of_time:
+                break
+            logger.info("at the limit of %d iterations after %.4f units; going on", most, promise(run)[1])
+            further = loop.run(run.evaluation.trajectory, most, cutoff, task.deadline, rival=rival)
+            task.tally.iterations += len(further.record)
+            if not promise(further) < promise(run):
+                break
+            run = further
+        return run
+
+
+def promise(run: LoopRun) -> tuple[bool, float]:
+    """Return what makes a run better than others: to keep all constraints, and be fast; else to miss them by little."""
+    evaluation = run.evaluation
+    return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
+
+
+def _with_given(problem: Problem, given: Given, solver: QpSolver) -> tuple[Problem, QpSolver]:
+    """A problem with a user's own constraints, and the solver that keeps them."""
+    # CVXPY takes a second to load, and hardly anyone needs it.
+    from scp_planner.scp.given import GivenConstraints
+    from scp_planner.solvers.cvxpy_solver import CvxpySolver
+
+    if not isinstance(solver, CvxpySolver):
+        raise ValueError(f"solver: {solver.name!r} cannot take constraints of one's own; cvxpy can")
+    kept = GivenConstraints(problem, given.constraints, given.units)
+    return replace(problem, given=kept), solver.keeping(kept.on)

@@ -1,0 +1,171 @@
+"""The search of ways round: runs from one way after the other, then from bows where that does not do."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from math import log2
+
+import numpy as np
+
+from scp_planner.planning.attempts import Attempt, OuterSearch
+from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
+from scp_planner.problem.limits.discs import DiscClearance
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
+from scp_planner.search.grid import Fineness
+from scp_planner.search.starts import COARSENESSES
+from scp_planner.search.ways import WaySearch, WayTree
+from scp_planner.trips.trajectory import Trajectory
+
+logger = logging.getLogger(__name__)
+
+TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
+SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
+ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate
+FAR_FROM_BOUND = 1.1  # times the lower bound: trips above that are compared with bows
+HARDLY = 0.15  # largest violation of a run that is worth another one, closer to the way
+FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
+FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
+
+
+@dataclass
+class Branch:
+    """Starts, given how smooth, with the estimate of their travel time, and what the trip from one touched."""
+
+    estimate: float
+    start: Callable[[float], Trajectory]
+    touched: tuple[tuple[int, int], ...] = ()
+
+
+class WaysRound(OuterSearch[Branch, LoopRun]):
+    """Tries ways round, the fastest estimate first.
+
+    Other ways than the one just tried differ in the side on which some obstacle is passed. Only obstacles that the
+    trip touches can hold it up, so only their sides are closed in turn.
+
+    Parameters
+    ----------
+    runs : CheckedRuns
+    """
+
+    def __init__(self, runs: CheckedRuns) -> None:
+        self.runs, self.problem = runs, runs.problem
+        self.settings, self.tally = runs.task.settings, runs.task.tally
+        super().__init__(runs.lower_bound, self.settings.effort, runs.task.deadline)
+        self._failed: list[Branch] = []
+
+    def best(self) -> ScpAttempt:
+        """Return the best attempt from any way, or from bows."""
+        best = self.try_all(self._branches())
+        broken = best is not None and best.run.status is LoopStatus.SOLVER_FAILED
+        if best is None or not (best.holds or broken or self.out_of_time):
+            for attempt in self._second_thoughts():
+                best = attempt if attempt.better_than(best) else best
+                if attempt.holds or self.out_of_time:
+                    break
+        elif best.holds and self._may_be_poor(best):
+            attempt = self._from_bows(best)
+            best = attempt if attempt.better_than(best) else best
+        assert best is not None, "the first start is never cut off"
+        return best
+
+    def tried(self, start: Branch) -> ScpAttempt:
+        """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""
+        rival = self.incumbent if self.certified else None
+        cutoff = np.inf if rival is None else rival.travel_time
+        self.tally.tried += 1
+        attempt = self.runs.attempt(start.start(SMOOTHING), cutoff, rival)
+        run = attempt.run
+        if run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY:
+            self.tally.tried += 1
+            again = self.runs.attempt(start.start(CLOSE_SMOOTHING), cutoff, rival)
+            attempt = again if again.better_than(attempt) else attempt
+        start.touched = _touched(self.problem, attempt.run)
+        if not (attempt.run.feasible or self.certified or attempt.holds):
+            self._failed.append(start)
+        logger.debug("a way of about %.4f s led to %.4f s", start.estimate, attempt.travel_time)
+        return attempt
+
+    def _second_thoughts(self) -> Iterator[ScpAttempt]:
+        """Runs from starts that keep closer to the ways, then from bows: where nothing is certified yet."""
+        for branch in self._failed[:SECOND_THOUGHTS]:
+            self.tally.tried += 1
+            yield self.runs.attempt(branch.start(CLOSE_SMOOTHING), loop=self.runs.patient_loop)
+        if self.tally.tried < self.settings.max_runs:
+            yield self._from_bows()
+
+    def _from_bows(self, rival: ScpAttempt | None = None) -> ScpAttempt:
+        """Run the loop from bows, in a race, where the search finds no way, or leads to none that is fast."""
+        logger.info("starting from bows")
+        cutoff = np.inf if rival is None else rival.travel_time
+        with self.tally.timed("scp"):
+            starts, most = list(bows(self.problem)), self.settings.max_iterations
+            runs = self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True)
+        self.tally.iterations += sum(len(run.record) for run in runs)
+        self.tally.tried += len(runs)
+        best = min(runs, key=promise)
+        if rival is not None and promise(best) >= promise(rival.run):
+            return Attempt(best, None)
+        # Once more from where it ended, with what the samples missed
+        return self.runs.attempt(best.evaluation.trajectory, cutoff)
+
+    def _may_be_poor(self, best: ScpAttempt) -> bool:
+        """Whether bows are worth a trial, with more effort than usual: the search itself hardly ever needs them."""
+        far = best.travel_time > FAR_FROM_BOUND * self.runs.lower_bound
+        return far and self.settings.effort >= FINER_EFFORT and not self.out_of_time
+
+    def _within(self, search: WaySearch) -> float:
+        """Estimates above this, s, are of ways that hardly lead to a faster trip."""
+        if self.incumbent is None or not self.incumbent.holds:
+            return np.inf
+        error = ESTIMATE_ERROR * search.grid.delay_step * (1.0 + log2(max(self.settings.effort, 1.0)))
+        return self.incumbent.travel_time + error
+
+    def _branches(self) -> Iterator[Branch]:
+        """Ways round with starts for the loop."""
+        for coarseness in COARSENESSES:
+            count = 0
+            for branch in self._branches_on(WaySearch(self.problem, coarseness)):
+                count += 1
+                yield branch
+            if count:
+                break
+        if self.settings.effort >= FINER_EFFORT:
+            for fineness in FINER_GRIDS:
+                yield from self._branches_on(WaySearch(self.problem, fineness=fineness))
+
+    def _branches_on(self, search: WaySearch) -> Iterator[Branch]:
+        """Ways round on one grid."""
+        effort, timed = self.settings.effort, self.tally.timed
+        most = max(1, round(self.settings.max_runs * effort))
+        with timed("search"):
+            tree = WayTree(search, max(1, round(self.settings.searches * effort)), self._within(search))
+            way = tree.next()
+        for left in range(most, 0, -1):
+            if way is None or way.travel_time > self._within(search):
+                return
+            branch = Branch(way.travel_time, partial(trip_along, self.problem, way))
+            yield branch
+            if left > 1:
+                with timed("search"):
+                    tree.branch(branch.touched, self._within(search))
+                    way = tree.next()
+
+
+def _touched(problem: Problem, run: LoopRun) -> tuple[tuple[int, int], ...]:
+    """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
+    evaluation = run.evaluation
+    contacts = evaluation.minima_contacts
+    near = np.flatnonzero(contacts.distance < TOUCHING)
+    order = near[np.argsort(contacts.distance[near], kind="stable")]
+    normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
+    side = np.einsum("ij,ij->i", contacts.normal, normal)
+    found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
+    for limit, depth in zip(problem.optional, evaluation.optional, strict=True):
+        if isinstance(limit, DiscClearance):
+            found.update(limit.touched(evaluation.trajectory, depth, TOUCHING))
+    return tuple(reversed(found.items()))

@@ -1,0 +1,232 @@
+"""Rectangles and ellipses whose heading is estimated: at the expected heading, widened by what that may be off.
+
+A shape turned by an angle a about its centre lies in the unturned one + a disc of radius 2 r sin(a / 2), r its reach:
+no point of it moves farther. And whatever the angle, it lies in the unturned one + the ellipse of semi-axes r - l along
+and r - m across, l and m its own half length and width: for a direction (c, s) the support of the three is
+l c + m s + ((r - l)^2 c^2 + (r - m)^2 s^2)^1/2 >= l c + m s + (r - l) c^2 + (r - m) s^2 >= r, as c^2 <= c and s^2 <= s.
+For an ellipse (l^2 c^2 + m^2 s^2)^1/2 >= l c^2 + m s^2 takes the place of l c + m s. So the shape at the expected
+heading, widened by the one as long as that is small and by the other then, holds the true one.
+
+The velocity is v(t) + an error, of which |error| <= b(t) holds at all times with a probability of its own, split off
+that of the position. Then the heading is off by no more than the turn of v(t) since the beginning + asin(b / |v|).
+
+The uncertainty ellipse C of the position and the ellipse E of the widening together lie in an ellipse again:
+(1 + A) C + (1 + 1 / A) E for any A > 0. E and A are linear between leads here, and for 1 / A stands its chord, which is
+never less; so it is a polynomial of time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.estimation.confidence import region_scale, shared_alpha, uniform_scale
+from scp_planner.estimation.dynamics import RandomWalk
+from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.estimation.motion_filter import ProcessEstimate
+from scp_planner.mathematics.outlines import Outline
+from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
+from scp_planner.scenario.models import Confidence, ConfidenceLevel
+
+HEADING_SHARE = 0.1
+"""Of the probability that a zone does not hold its obstacle: that the heading is off by more than it is widened for."""
+WORTH_IT = 0.5
+"""Of the widening that holds for every heading: a heading that is uncertain by more at once says nothing."""
+LEADS = 12
+"""At which the widening is computed, between a share of the horizon and all of it, besides the beginning."""
+LEAST_RATIO = 1e-3
+"""Of the size of a widening and that of an uncertainty: less is taken for that."""
+FIRST_LEAD = 1e-3
+"""That share."""
+EARLY = 6
+"""The first stretches between leads, in which the heading of a velocity that does a random walk is bounded, each with
+an equal part of the probability; later its position is so uncertain that its heading does not matter."""
+
+
+_SHARES = np.concatenate([[0.0], np.geomspace(FIRST_LEAD, 1.0, LEADS)])
+
+
+@dataclass(frozen=True)
+class Split:
+    """How the probability of one obstacle is split between its position and its heading.
+
+    Attributes
+    ----------
+    level : str
+        Of the position.
+    position, heading : float
+        Probabilities that each holds; of the heading at all times.
+    """
+
+    level: str
+    position: float
+    heading: float
+
+    @classmethod
+    def of(cls, confidence: Confidence, obstacles: int) -> Split:
+        """Split what a confidence leaves to each of the obstacles that are not known exactly."""
+        alpha, level = 1.0 - confidence.probability, confidence.level
+        if level is ConfidenceLevel.JOINT:
+            alpha, level = shared_alpha(alpha, obstacles), ConfidenceLevel.PER_OBSTACLE
+        return cls(str(level), 1.0 - (1.0 - HEADING_SHARE) * alpha, 1.0 - HEADING_SHARE * alpha)
+
+
+@dataclass(frozen=True)
+class Widening:
+    """How far a shape at a fixed heading has to be widened, from a time on.
+
+    Attributes
+    ----------
+    heading : float
+        rad.
+    leads : (L,) array
+        After that time, s, the first 0.
+    squares : (L, 2) array
+        Of the semi-axes along the heading and across it, m^2; linear between leads, at least what is needed there.
+    """
+
+    heading: float
+    leads: Array
+    squares: Array
+
+
+def widening_of(
+    outline: Outline, estimate: MotionEstimate, probability: float, start: float, span: float
+) -> Widening | None:
+    """Find how far a shape that heads along its motion has to be widened.
+
+    Parameters
+    ----------
+    outline : Outline
+        Of the shape, its x axis the heading.
+    estimate : MotionEstimate
+    probability : float
+        That the heading is nowhere off by more, over the whole span.
+    start, span : float
+        s.
+
+    Returns
+    -------
+    Widening or None
+        None where nothing is known of the heading, or too little for a shape that turns to be better than a disc.
+    """
+    leads = span * _SHARES
+    errors = _speed_errors(estimate, probability, start + leads)
+    if errors is None:
+        return None
+    velocity = _velocity(estimate, start + leads)
+    beginning = math.atan2(velocity[0, 1], velocity[0, 0])
+    turn = _turns(velocity)
+    slowest = _distance_of_origin(velocity[:-1], velocity[1:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.arcsin(np.minimum(errors / slowest, 1.0))
+    off = np.where((slowest > errors) & (slowest > 0.0), np.maximum(turn[:-1], turn[1:]) + off, np.pi)
+    reach, half = outline.reach, _half_sides(outline)
+    moved = np.maximum.accumulate(2.0 * reach * np.sin(0.5 * np.minimum(off, np.pi)))
+    every = reach - half
+    if moved[0] > WORTH_IT * every[1]:
+        return None
+    known = int(np.searchsorted(moved, WORTH_IT * every[1], "right"))
+    # at a lead what is needed from the one before to the next one, which grows until the heading is not known any more
+    squares = np.empty((len(leads), 2))
+    squares[:known] = moved[:known, None] ** 2
+    squares[known:] = every**2
+    if known < len(leads):
+        squares[known, 0] = max(moved[known - 1], every[0]) ** 2
+    return Widening(beginning, leads, squares)
+
+
+def _speed_errors(estimate: MotionEstimate, probability: float, times: Array) -> Array | None:
+    """Bounds of the size of the velocity's error between times (L,), (L - 1,) m/s; None if none is known."""
+    if isinstance(estimate, PolynomialEstimate) and estimate.order > 0:
+        velocity = _derivative(estimate)
+        if velocity.regressors is None:
+            scale = region_scale("per_obstacle", probability, velocity, start=float(times[0]), stop=float(times[-1]))
+        else:  # for all regressors, those of times too: a little more than is needed, and the same for all obstacles
+            scale = uniform_scale(1.0 - probability, math.inf, velocity.errors, velocity.regressors)
+        # largest variances are convex functions of time, largest at ends
+        size = np.sqrt(scale * np.linalg.eigvalsh(velocity.covariance(times))[:, -1])
+        return np.maximum(size[:-1], size[1:])
+    if isinstance(estimate, ProcessEstimate) and isinstance(estimate.dynamics, RandomWalk):
+        # Lévy: a sum of independent symmetric terms was once beyond a size with at most twice the chance that it is now
+        chance = 0.5 * (1.0 - probability) / EARLY
+        scale = estimate.errors.pointwise_scale(chance)
+        leads = times[1:] - estimate.reference_time
+        variance = np.linalg.eigvalsh(estimate.state_covariance[2:, 2:])[-1] + estimate.dynamics.diffusion * leads
+        tails = estimate.tails
+        inflation = 1.0 if tails is None else max(tails.inflation)
+        size = np.sqrt(scale * inflation * variance)
+        size[EARLY:] = np.inf
+        return np.asarray(size)
+    return None
+
+
+def _derivative(estimate: PolynomialEstimate) -> PolynomialEstimate:
+    """The velocity of a polynomial motion, as a polynomial motion."""
+    factors = np.arange(1, estimate.order + 1) / estimate.time_scale
+    return replace(
+        estimate,
+        order=estimate.order - 1,
+        regressors=None if estimate.regressors is None else estimate.regressors - 1,
+        coefficients=factors[:, None] * estimate.coefficients[1:],
+        coefficient_covariance=factors[:, None, None, None]
+        * factors[:, None]
+        * estimate.coefficient_covariance[1:, :, 1:],
+    )
+
+
+def _velocity(estimate: MotionEstimate, times: Array) -> Array:
+    """Expected velocities (L, 2) m/s."""
+    if isinstance(estimate, PolynomialEstimate):
+        return _derivative(estimate).position(times)
+    return np.broadcast_to(estimate.velocity, (len(times), 2))  # a random walk keeps it
+
+
+def _turns(velocity: Array) -> Array:
+    """By how much velocities (L, 2), which change straight from one to the next, have turned since the first, rad."""
+    before, after = velocity[:-1], velocity[1:]
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    turns = np.arctan2(cross, np.einsum("na,na->n", before, after))
+    return np.asarray(np.abs(np.concatenate([[0.0], np.cumsum(turns)])))
+
+
+def _distance_of_origin(first: Array, last: Array) -> Array:
+    """Least size of vectors on segments from one (n, 2) to another."""
+    way = last - first
+    square = np.einsum("na,na->n", way, way)
+    share = np.divide(-np.einsum("na,na->n", first, way), square, out=np.zeros_like(square), where=square > 0.0)
+    nearest = first + np.clip(share, 0.0, 1.0)[:, None] * way
+    return np.asarray(np.hypot(nearest[:, 0], nearest[:, 1]))
+
+
+def _half_sides(outline: Outline) -> Array:
+    """Half length and half width of a rectangle or an ellipse along its axes, m."""
+    return outline.support(np.eye(2))
+
+
+def widened(covariances: PiecewisePolynomials, widening: Widening) -> PiecewisePolynomials:
+    """Add a widening to the scaled covariances of one zone, from their beginning on; see the head of this module."""
+    breaks, whole = covariances.breakpoints[0], covariances.coefficients[0]
+    leads = widening.leads[breaks[0] + widening.leads < breaks[-1]]
+    edges = np.unique(np.concatenate([breaks, breaks[0] + leads]))
+    squares = np.stack([np.interp(edges - breaks[0], widening.leads, each) for each in widening.squares.T], axis=1)
+    packed = covariances.at(np.zeros(len(edges), dtype=np.intp), edges)
+    ratio = np.maximum(np.sqrt(squares.sum(axis=1) / (packed[:, 0] + packed[:, 2])), LEAST_RATIO)
+    begins, steps = edges[:-1], np.diff(edges)
+    piece = np.clip(np.searchsorted(breaks, begins, "right") - 1, 0, len(whole) - 1)
+    powers = whole.shape[1]
+    shifted = shift_matrices(powers, begins - breaks[piece]) @ whole[piece]
+    product = np.zeros((len(begins), max(powers + 1, 3), 3))
+    product[:, :powers] = (1.0 + ratio[:-1, None, None]) * shifted
+    product[:, 1 : powers + 1] += (np.diff(ratio) / steps)[:, None, None] * shifted
+    c, s = math.cos(widening.heading), math.sin(widening.heading)
+    own = squares @ np.array([[c * c, c * s, s * s], [s * s, -c * s, c * c]])
+    slopes, factor = np.diff(own, axis=0) / steps[:, None], 1.0 + 1.0 / ratio
+    growth = (np.diff(factor) / steps)[:, None]
+    product[:, 0] += factor[:-1, None] * own[:-1]
+    product[:, 1] += factor[:-1, None] * slopes + growth * own[:-1]
+    product[:, 2] += growth * slopes
+    return PiecewisePolynomials(edges[None], product[None])
