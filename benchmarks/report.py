@@ -488,9 +488,9 @@ def _environment(path: Path) -> str:
     return ", ".join(f"{row['what']} {row['value']}" for row in common.read_csv(path))
 
 
-def _part(name: str, title: str, rows: list[Row], results: Path, figures: Figures) -> list[str]:
+def _part(name: str, rows: list[Row], results: Path, figures: Figures) -> list[str]:
     """The sections that are made of one file of results."""
-    from benchmarks.crowds import protocols, recorded  # which take their marks from here
+    from benchmarks.crowds import protocols, recorded
 
     match name:
         case "planning":
@@ -502,9 +502,9 @@ def _part(name: str, title: str, rows: list[Row], results: Path, figures: Figure
         case "sizes":
             return sizes_part(rows, figures)
         case "crowds":
-            return protocols.section(rows, title)
+            return protocols.section(rows, SECTIONS[name][0])
         case "crowds-recorded":
-            return recorded.section(rows, title)
+            return recorded.section(rows, SECTIONS[name][0])
         case "peers":
             return peers_part(rows, common.read_csv(results / "peers-starts.csv"), figures)
         case _:
@@ -519,7 +519,6 @@ def page(results: Path, figures: Figures) -> str:
     FileNotFoundError
         If it holds nothing.
     """
-
     sections: list[str] = []
     made_by = []
     for name, (title, command) in SECTIONS.items():
@@ -528,7 +527,7 @@ def page(results: Path, figures: Figures) -> str:
         if not rows:
             continue
         made_by.append(f"[{title}](#{title.replace(',', '').replace(' ', '-')}) by `{command}`")
-        sections += online_part(name, title, rows) if online else _part(name, title, rows, results, figures)
+        sections += online_part(name, title, rows) if online else _part(name, rows, results, figures)
     if not sections:
         raise FileNotFoundError(
             f"{results} holds no results: run benchmarks.planning, benchmarks.sizes, benchmarks.peers or "

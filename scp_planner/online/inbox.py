@@ -73,7 +73,7 @@ class Inbox:
         return bool(self._queue)
 
     def put(self, one: Sighting | Update | Forecast) -> None:
-        """Take an observation, or what a tracker says; a replan that is at work takes it in itself."""
+        """Take an observation, or what a tracker or a predictor says; a replan that is at work takes it in itself."""
         self._queue.append(one)
         if self.work.acquire(blocking=False):
             try:
@@ -85,8 +85,11 @@ class Inbox:
         """Let the obstacles take in what has been observed."""
         while self._queue:
             one = self._queue.popleft()
+            if isinstance(one, Forecast):
+                one.taken_in(self.obstacles)
+                continue
             fault = one.taken_in(self.obstacles)
-            if fault is not None and not isinstance(one, Forecast):
+            if fault is not None:
                 self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 
     def forget(self, time: float) -> None:

@@ -129,7 +129,7 @@ def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
     """
     rng = np.random.default_rng([seed, 0])
 
-    def draw() -> tuple[Array, Array]:
+    def draw(_: int) -> tuple[Array, Array]:
         start = _on_circle(rng, CIRCLE) + JITTER * rng.uniform(-0.5, 0.5, 2)
         return start, -start
 
@@ -158,7 +158,7 @@ def square_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> E
     """
     rng = np.random.default_rng([seed, 1])
 
-    def draw() -> tuple[Array, Array]:
+    def draw(_: int) -> tuple[Array, Array]:
         side = -1.0 if rng.random() < 0.5 else 1.0
         (x0, y0), (x1, y1) = rng.uniform([0.0, -0.5], [0.5, 0.5], (2, 2)) * SQUARE
         return np.array([side * x0, y0]), np.array([-side * x1, y1])
@@ -212,10 +212,10 @@ def restless_arena(seed: int, people: int = 20, sees_vehicle: bool = False) -> E
     return Episode(scenario, crowd, _shapes(crowd), STEP, time_limit=50.0, view=5.0)
 
 
-def _crossing(name: str, draw: Callable[[], tuple[Array, Array]], people: int, sees_vehicle: bool) -> Episode:
+def _crossing(name: str, draw: Callable[[int], tuple[Array, Array]], people: int, sees_vehicle: bool) -> Episode:
     start, goal = np.array([0.0, -CIRCLE]), np.array([0.0, CIRCLE])
     radii = np.full(people, 0.3)
-    places, goals = _placed(lambda _: draw(), radii, (start, goal), GAP)
+    places, goals = _placed(draw, radii, (start, goal), GAP)
     crowd = OrcaPeople(places, goals, TOP_SPEED, radii, Manner(STEP), sees_vehicle)
     return Episode(_task(name, start, goal), crowd, _shapes(crowd), STEP, time_limit=25.0, view=math.inf)
 

@@ -82,7 +82,7 @@ class CrowdEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self,
         *,
         seed: int | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002 - Gymnasium's
+        options: dict[str, Any] | None = None,  # noqa: ARG002 - Gymnasium calls with it
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin another episode.
 
