@@ -87,7 +87,9 @@ class Assumptions:
             some = old.slot[first] >= 0
             turned = before.frame.rotation.T @ (moved[some] / np.maximum(apart[some], NOTHING)[:, None]).T
             inverse = np.linalg.inv(_matrices(old.covariances.grid(elapsed)[0, old.slot[first[some]]]))
-            allowed[some] += 1.0 / np.sqrt(np.einsum("in,nij,jn->n", turned, inverse, turned))
+            # Where it is just as foretold it has moved in no direction, and there is nothing to reach
+            along = np.einsum("in,nij,jn->n", turned, inverse, turned)
+            allowed[some] += 1.0 / np.sqrt(np.maximum(along, NOTHING**2))
         return {
             new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
             for k in np.flatnonzero(apart > allowed)
