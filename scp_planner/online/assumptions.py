@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.frames import directions_of
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.vetting import NOTHING, TINY, Moment
 from scp_planner.scenario.units import NaturalUnits
@@ -85,7 +86,7 @@ class Assumptions:
         if old.covariances is not None:
             # In the direction in which it moved: the ellipse reaches so far
             some = old.slot[first] >= 0
-            turned = before.frame.rotation.T @ (moved[some] / np.maximum(apart[some], NOTHING)[:, None]).T
+            turned = before.frame.rotation.T @ (directions_of(moved[some])).T
             inverse = np.linalg.inv(_matrices(old.covariances.grid(elapsed)[0, old.slot[first[some]]]))
             # Where it is just as foretold it has moved in no direction, and there is nothing to reach
             along = np.einsum("in,nij,jn->n", turned, inverse, turned)
