@@ -568,6 +568,7 @@ class TestObstacles:
         with pytest.raises(EstimationError, match=r"obstacle 'b': it has no observations"):
             estimate_obstacle(moving)
         still = SimpleNamespace(id="c", observations=SimpleNamespace(time=[0], position=[[0, 0]], covariance=None))
+        still.estimate = None
         still.model = SimpleNamespace(order=2, prior=None, process=None)
         with pytest.raises(EstimationError, match="obstacle 'c': observations: 1 are too few"):
             estimate_obstacle(still)  # type: ignore[arg-type]

@@ -281,14 +281,14 @@ def test_contact_of_a_standing_vehicle_counts_apart() -> None:
 
 
 class Pacer:
-    """Somebody who walks beside the vehicle, and remembers what it was told."""
+    """Somebody who walks beside the vehicle, far enough for it to drive on, and remembers what it was told."""
 
     def __init__(self) -> None:
         self.told: list[tuple[float, VehicleState]] = []
 
     def step(self, dt: float, vehicle: VehicleState) -> Mapping[str, Any]:
         self.told.append((dt, vehicle))
-        return {"pacer": vehicle.position + np.array([0.0, 2.5])}
+        return {"pacer": vehicle.position + np.array([0.0, 3.5])}
 
 
 def test_world_is_told_of_the_vehicle() -> None:

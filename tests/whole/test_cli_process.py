@@ -14,10 +14,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer.main
 from typer.testing import CliRunner
 
+import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.cli import app
 from scp_planner.cli.application import COMMANDS
@@ -245,11 +247,21 @@ def test_every_example_is_understood(example: str, tmp_path: Path, monkeypatch: 
     assert not context.args
 
 
+def _write_samples(plan: sp.Plan, *names: str) -> None:
+    """Write a plan as any planner might write its trip."""
+    times = np.union1d(np.linspace(0.0, plan.arrival_time, 401), plan.knot_times)
+    rows = np.column_stack([times, plan.position(times), plan.heading(times), plan.speed(times)])
+    for name in names:
+        np.savetxt(name, rows, delimiter=",", header="t,x,y,heading,speed", comments="")
+
+
 def test_examples_of_one_scenario_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     builtin.load("crossing").save("crossing.yaml")
     for name in ("plan", "check", "settings", "schema"):
         for example in EXAMPLES[name]:
+            if name == "check":
+                _write_samples(sp.Plan.load("plan.json"), "mine.csv", "theirs.csv")
             done = CliRunner().invoke(app, shlex.split(example.partition(">")[0])[1:])
             assert done.exit_code == 0, done.output
     assert {path.name for path in tmp_path.iterdir()} >= {"crossing.yaml", "plan.json", "plan.html"}
