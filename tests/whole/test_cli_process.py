@@ -249,7 +249,7 @@ def test_every_example_is_understood(example: str, tmp_path: Path, monkeypatch: 
 
 def _write_samples(plan: sp.Plan, *names: str) -> None:
     """Write a plan as any planner might write its trip."""
-    times = np.union1d(np.linspace(0.0, plan.arrival_time, 401), plan.knot_times)
+    times = np.unique(np.round(np.concatenate([np.linspace(0.0, plan.arrival_time, 401), plan.knot_times]), 9))
     rows = np.column_stack([times, plan.position(times), plan.heading(times), plan.speed(times)])
     for name in names:
         np.savetxt(name, rows, delimiter=",", header="t,x,y,heading,speed", comments="")
