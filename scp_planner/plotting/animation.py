@@ -166,7 +166,7 @@ class Film:
         from matplotlib.patches import Circle
 
         recording = self._recording
-        lay_out(axes, recording)
+        lay_out(axes, recording, *recording.extent())
         draw_tracks(axes, recording)
         key_to_symbols(recording).set_above(axes, "right")
         self._title = axes.set_title(" ", loc="left", fontweight="bold")

@@ -161,6 +161,11 @@ def _borders(piece: Array, own: int, pieces: Sequence[Array], size: float) -> Ar
     return bits[~seam]
 
 
+def walls_of(scenario: Scenario) -> tuple[Array, ...]:
+    """Give the polygons of a scenario's walls, anticlockwise, (k, 2) m each; none without any."""
+    return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.walls)
+
+
 def corridor_of(scenario: Scenario) -> tuple[Array, ...]:
     """Give the polygons of a scenario's corridor, anticlockwise, (k, 2) m each; none without one."""
     return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ())

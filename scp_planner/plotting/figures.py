@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
+from scp_planner.plotting.drawn import map_extent
 from scp_planner.plotting.maps import draw_map
 from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
@@ -160,7 +161,7 @@ def _shown(times: ArrayLike | None, start: float, end: float) -> Array:
 def _plot_recording(recording: Recording, shown: Array, path: str | PathLike[str] | None) -> Figure:
     indices = nearest_indices(recording.time, shown)
     with style():
-        figure, map_part, profile_part, narrow = _parts(recording)
+        figure, map_part, profile_part, narrow = _parts(map_extent(recording, indices))
         panels = profile_part.subplots(6, 1) if narrow else profile_part.subplots(2, 3)
         draw_map(map_part.subplots(), recording, indices, narrow=narrow)
         draw_profiles(list(panels.ravel()), recording, indices, stacked=narrow)
@@ -184,11 +185,11 @@ def _plot_profiles(recording: Recording, path: str | PathLike[str] | None) -> Fi
     return figure
 
 
-def _parts(recording: Recording) -> tuple[Figure, SubFigure, SubFigure, bool]:
+def _parts(extent: tuple[Array, Array]) -> tuple[Figure, SubFigure, SubFigure, bool]:
     """Make a figure with a part for the map and one, below or beside it, for the profiles."""
     from matplotlib.figure import Figure
 
-    low, high = recording.extent()
+    low, high = extent
     aspect = float((high[1] - low[1]) / (high[0] - low[0]))
     narrow = aspect > NARROW
     parts: Any

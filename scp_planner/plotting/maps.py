@@ -10,8 +10,11 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.borders import borders_of
+from scp_planner.plotting.drawn import CROWD, is_near, is_shown, map_extent, nearest, stands
+from scp_planner.plotting.ground import FORBIDDEN_LOOK, GUIDE_LOOK, SLOW_LOOK, draw_ground, has_forbidden, path_of
 from scp_planner.plotting.recording import ObstacleRecord, Recording
-from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, time_text
+from scp_planner.plotting.scales import unit_of
+from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, label_lengths, time_text
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
@@ -19,17 +22,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.path import Path
 
-CLOSE_BY = 0.12
-"""Zones no farther from the vehicle than this part of the trip's extent are filled."""
-CROWD = 12
-"""With more obstacles than this only those near the vehicle are drawn."""
-LARGE, UNSURE = 0.24, 1.5
-"""Outlines of zones that are far away are left out if they are larger than this part of the trip's extent, and so
-many times as large as the obstacle: so little is known that they would only hide what matters."""
-STILL = 1e-3
-"""What moves and grows by less than this part of the trip's extent stands."""
 NAME_HEIGHT = 0.03
 """Room that a name takes, as a part of the map's longer side."""
+SEEN = 0.007
+"""A vehicle whose radius is less than this part of the map's longer side has a mark, or nobody would see it."""
+ROW = 11
+"""No more entries of a legend than these stand in one row above a map."""
 NAMED = 8
 """With no more obstacles than this they are named on the map."""
 
@@ -48,14 +46,14 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
     narrow : bool
         Whether the legend needs several rows.
     """
-    lay_out(axes, recording)
+    lay_out(axes, recording, *map_extent(recording, indices))
     draw_tracks(axes, recording)
-    standing = [_stands(recording, obstacle) for obstacle in recording.bodies]
+    standing = [stands(recording, obstacle) for obstacle in recording.bodies]
     for obstacle in compress(recording.bodies, standing):
-        _draw_obstacle(axes, recording, obstacle, _nearest(obstacle), GREY)
+        _draw_obstacle(axes, recording, obstacle, nearest(obstacle), GREY)
     for index, colour in zip(indices, COLOURS, strict=False):
-        for obstacle, stands in zip(recording.bodies, standing, strict=True):
-            if not stands:
+        for obstacle, still in zip(recording.bodies, standing, strict=True):
+            if not still:
                 _draw_obstacle(axes, recording, obstacle, int(index), colour)
     if len(recording.paths) > 1:
         _draw_plans(axes, recording, indices)
@@ -67,49 +65,35 @@ def draw_map(axes: Axes, recording: Recording, indices: Index, *, narrow: bool) 
         for obstacle in recording.bodies:
             _name(axes, recording, obstacle, indices, places)
     draw_ends(axes, recording)
-    times, symbols = _key_to_times(recording, indices), key_to_symbols(recording)
+    _set_key(axes, _key_to_times(recording, indices), key_to_symbols(recording), narrow=narrow)
+
+
+def _set_key(axes: Axes, times: Key, symbols: Key, *, narrow: bool) -> None:
+    """Set the legend above the map, in as many rows as it needs."""
+    part, key = axes.get_figure(root=False), times + symbols
+    assert part is not None
     if narrow:
-        part, key = axes.get_figure(root=False), times + symbols
-        assert part is not None
         part.legend(key.handles, key.labels, loc="outside upper center", ncols=4, **_KEY_SPACING)
+        return
+    times.set_above(axes, "left")
+    if len(key.labels) > ROW:
+        part.legend(symbols.handles, symbols.labels, loc="outside upper right", ncols=ROW, **_KEY_SPACING)
     else:
-        times.set_above(axes, "left")
         symbols.set_above(axes, "right")
 
 
-def lay_out(axes: Axes, recording: Recording) -> None:
-    """Set the axes to the extent of a recording, and draw the workspace."""
-    from matplotlib.patches import Rectangle
-
-    low, high = recording.extent()
+def lay_out(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
+    """Set the axes to a box with corners (2,) and (2,) m, in a unit that fits it, and draw the ground."""
+    unit = unit_of(float((high - low).max()))
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
+    label_lengths(axes.xaxis, "x", unit)
+    label_lengths(axes.yaxis, "y", unit)
     axes.locator_params(axis="both", steps=[1, 2, 5, 10])
     axes.locator_params(axis="y", nbins=6 if high[1] - low[1] < high[0] - low[0] else 9)
     axes.locator_params(axis="x", nbins=9 if high[1] - low[1] < high[0] - low[0] else 5)
-    if recording.bounds is not None:
-        corner, opposite = recording.bounds
-        sides = opposite[0] - corner[0], opposite[1] - corner[1]
-        axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor=GREY, linewidth=1.4, zorder=1))
-    if recording.corridor:
-        _draw_corridor(axes, recording)
-
-
-def _draw_corridor(axes: Axes, recording: Recording) -> None:
-    """Shade what lies outside the corridor."""
-    from matplotlib.patches import PathPatch, Polygon, Rectangle
-
-    low, high = recording.extent()
-    # Below the grid, which has 0.5.
-    corner, (width, height) = (float(low[0]), float(low[1])), high - low
-    axes.add_patch(Rectangle(corner, width, height, facecolor=(GREY, 0.22), edgecolor="none", zorder=0.1))
-    for polygon in recording.corridor:
-        axes.add_patch(Polygon(polygon, facecolor="white", edgecolor="none", zorder=0.2))
-    border = _path_of(borders_of(list(recording.corridor)))
-    axes.add_patch(PathPatch(border, facecolor="none", edgecolor=GREY, linewidth=1.4, zorder=1))
+    draw_ground(axes, recording, low, high)
 
 
 def draw_tracks(axes: Axes, recording: Recording) -> None:
@@ -138,14 +122,7 @@ def border_of(obstacle: ObstacleRecord, index: int) -> Path:
     """Give the border of an obstacle's zone at a time, without the seams between its convex pieces."""
     if len(obstacle.boundary[index]) == 1:
         return outline_of(obstacle, index)
-    return _path_of(borders_of(list(obstacle.zone_at(index))))
-
-
-def _path_of(bits: Array) -> Path:
-    """Give a path of bits of a border, (n, 2, 2) m."""
-    from matplotlib.path import Path
-
-    return Path(bits.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(bits)))
+    return path_of(borders_of(list(obstacle.zone_at(index))))
 
 
 def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
@@ -195,6 +172,12 @@ def key_to_symbols(recording: Recording) -> Key:
     key = Key([start, goal], ["start", "goal"])
     if recording.bodies:
         key += Key([Patch(facecolor=(GREY, 0.22), edgecolor=GREY)], ["zone"])
+    if has_forbidden(recording):
+        key += Key([Patch(**FORBIDDEN_LOOK)], ["forbidden"])
+    if recording.stretches:
+        key += Key([Patch(**SLOW_LOOK)], ["slow"])
+    if recording.guide is not None:
+        key += Key([Line2D([], [], **GUIDE_LOOK)], ["guide"])
     if any(obstacle.observed is not None for obstacle in recording.obstacles):
         key += Key([Line2D([], [], linestyle="none", marker=".", markersize=4, color=GREY)], ["seen"])
     if any(obstacle.truth is not None for obstacle in recording.obstacles):
@@ -219,15 +202,10 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     """
     from matplotlib.patches import PathPatch, Polygon
 
-    length = float(np.ptp(recording.position, axis=0).max())
-    near = obstacle.clearance[index] < CLOSE_BY * length
-    size, own = (
-        float(np.ptp(points, axis=0).max()) for points in (obstacle.zone_at(index).reshape(-1, 2), obstacle.body)
-    )
-    large = size > LARGE * length and size > UNSURE * own
-    if not near and len(recording.bodies) > CROWD:
+    near, shown = is_near(recording, obstacle, index), is_shown(recording, obstacle, index)
+    if not shown and len(recording.bodies) > CROWD:
         return
-    if near or not large:
+    if shown:
         edge = (colour, 0.9 if near else 0.35)
         fill: Any = (colour, 0.22) if near else "none"
         if len(obstacle.boundary[index]) == 1:
@@ -244,20 +222,6 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     elif obstacle.padded and near:
         body = obstacle.body_at(index)
         axes.add_patch(Polygon(body, facecolor=(colour, 0.35), edgecolor="none", zorder=2.1))
-
-
-def _stands(recording: Recording, obstacle: ObstacleRecord) -> bool:
-    """Whether an obstacle and its zone are the same all the time."""
-    length = float(np.ptp(recording.position, axis=0).max())
-    # Of what really was it is known whether it stood, whatever its zones did.
-    courses = [obstacle.center, obstacle.boundary] if obstacle.truth is None else [obstacle.truth]
-    # What is not known of at some time is NaN, and no less than anything.
-    return all(np.ptp(course, axis=0).max() < STILL * length for course in courses)
-
-
-def _nearest(obstacle: ObstacleRecord) -> int:
-    """Index of the time at which an obstacle's zone is nearest to the vehicle."""
-    return int(np.where(np.isnan(obstacle.clearance), np.inf, obstacle.clearance).argmin())
 
 
 def _draw_plans(axes: Axes, recording: Recording, indices: Index) -> None:
@@ -287,6 +251,8 @@ def _draw_speed(axes: Axes, recording: Recording) -> None:
 def _draw_vehicle(axes: Axes, recording: Recording, index: int, colour: str) -> None:
     from matplotlib.patches import Circle
 
+    if recording.radius < SEEN * float(np.ptp([axes.get_xlim(), axes.get_ylim()], axis=1).max()):
+        axes.plot(*recording.position[index], "o", markersize=6, color=colour, markeredgecolor="white", zorder=3.9)
     for disc in discs_at(recording.position, recording.heading, recording.discs):
         x, y = disc[index]
         axes.add_patch(Circle((x, y), recording.radius, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=4))
@@ -299,7 +265,8 @@ def _name(axes: Axes, recording: Recording, obstacle: ObstacleRecord, indices: I
     """
     from matplotlib.patheffects import withStroke
 
-    low, high = recording.extent()
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    low, high = np.array([left, bottom]), np.array([right, top])
     clearance = obstacle.clearance[indices]
     index = int(indices[np.where(np.isnan(clearance), np.inf, clearance).argmin()])
     zone = obstacle.zone_at(index)

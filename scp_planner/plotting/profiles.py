@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.plotting.drawn import length_of
 from scp_planner.plotting.recording import Profile, Recording
-from scp_planner.plotting.style import COLOURS, FAINT, GREY, INK, WARNING, limit_times, time_label
+from scp_planner.plotting.scales import unit_of
+from scp_planner.plotting.style import COLOURS, FAINT, GREY, INK, WARNING, limit_times, tick_lengths, time_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +79,9 @@ def draw_clearance(axes: Axes, recording: Recording, indices: Index) -> None:
         bottom, top = -0.06, 1.0
         axes.text(0.5, 0.5, "no obstacles", transform=axes.transAxes, ha="center", va="center", color=GREY)
     _forbid(axes, 0.0, bottom)
-    _finish(axes, recording, "clearance to zones (m)", bottom, top)
+    unit = unit_of(length_of(recording))
+    _finish(axes, recording, unit.label("clearance to zones"), bottom, top)
+    tick_lengths(axes.yaxis, unit)
 
 
 def write_facts(axes: Axes, recording: Recording, width: int) -> None:

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, walls_of
 from scp_planner.plotting.scales import clock_of, length_text
-from scp_planner.scenario.places import limits_at, stretches
+from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import ThreatZone, by_obstacle
@@ -82,7 +82,8 @@ class ObstacleRecord:
     observed : (j, 2) array or None
         Positions from which its motion was estimated, m.
     outside : bool
-        Whether it is what lies outside the corridor: it has a clearance, but neither body nor boundary.
+        Whether it is ground, what lies outside the corridor or the walls: it has a clearance, but neither body nor
+        boundary.
     """
 
     id: str
@@ -151,6 +152,12 @@ class Recording:
         Polygons that the vehicle stays in, m.
     discs : sequence of float
         Where the vehicle's discs are on its axis, m ahead of the position.
+    walls : tuple of (k, 2) arrays
+        Polygons that no disc of the vehicle enters, m.
+    guide : (k, 2) array or None
+        The lane that the path is an offset of, m; None: straight.
+    stretches : tuple of Stretch
+        Where the vehicle may not be as fast as elsewhere.
     """
 
     name: str
@@ -170,6 +177,9 @@ class Recording:
     obstacles: tuple[ObstacleRecord, ...]
     corridor: tuple[Array, ...] = ()
     discs: Sequence[float] = (0.0,)
+    walls: tuple[Array, ...] = ()
+    guide: Array | None = None
+    stretches: tuple[Stretch, ...] = ()
 
     @property
     def epoch(self) -> float:
@@ -178,7 +188,7 @@ class Recording:
 
     @property
     def bodies(self) -> tuple[ObstacleRecord, ...]:
-        """The obstacles without what lies outside the corridor."""
+        """The obstacles without the ground: what lies outside the corridor, and walls."""
         return tuple(obstacle for obstacle in self.obstacles if not obstacle.outside)
 
     @property
@@ -252,8 +262,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         _record_obstacle(one, every_zone[one.id], time, clearances[one.id], _true_centers(truth.get(one.id), time))
         for one in scenario.obstacles
     )
-    if len(every_zone) > len(obstacles):  # the corridor's comes last
-        obstacles += (record_outside(list(clearances.values())[-1]),)
+    obstacles += tuple(record_outside(name, clearances[name]) for name in ground_of(scenario))
     bounds = scenario.bounds
     return Recording(
         name=scenario.name,
@@ -275,7 +284,21 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         obstacles=obstacles,
         corridor=corridor_of(scenario),
         discs=vehicle.discs,
+        walls=walls_of(scenario),
+        guide=guide_of(scenario),
+        stretches=stretches(scenario),
     )
+
+
+def ground_of(scenario: Scenario) -> tuple[str, ...]:
+    """Names that the ground of a scenario has among its zones: of what lies outside the corridor, and of walls."""
+    corridor_name = () if scenario.corridor is None else (corridor.NAME,)
+    return (*corridor_name, *((corridor.WALLS,) if scenario.walls else ()))
+
+
+def guide_of(scenario: Scenario) -> Array | None:
+    """Give the guide of a scenario, (k, 2) m; None if it is straight."""
+    return None if scenario.guide is None else np.array(scenario.guide)
 
 
 def speed_limit_at(scenario: Scenario, position: Array) -> Array | None:
@@ -318,11 +341,11 @@ def clearance_of(several: Sequence[ThreatZone], time: Array, discs: Sequence[Arr
     return clearance
 
 
-def record_outside(clearance: Array) -> ObstacleRecord:
-    """Record what lies outside the corridor by the clearance (n,) to it, m."""
+def record_outside(name: str, clearance: Array) -> ObstacleRecord:
+    """Record ground, what lies outside the corridor or walls, by the clearance (n,) to it, m."""
     count = len(clearance)
     return ObstacleRecord(
-        id=corridor.NAME,
+        id=name,
         center=np.zeros((count, 2)),
         heading=np.zeros(count),
         body=np.zeros((1, 2)),

@@ -9,17 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, walls_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
     clearance_of,
+    ground_of,
+    guide_of,
     profiles_of,
     record_outside,
     speed_limit_at,
 )
 from scp_planner.plotting.scales import length_text
+from scp_planner.scenario.places import stretches
 from scp_planner.scenario.shapes import Disc
 from scp_planner.threat_zones.zone import by_obstacle
 from scp_planner.trips.trip import discs_at
@@ -91,16 +93,19 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
         obstacles=_obstacles(run, time, cycle, discs_at(position, own_heading, vehicle.discs)),
         corridor=corridor_of(run.scenario),
         discs=vehicle.discs,
+        walls=walls_of(run.scenario),
+        guide=guide_of(run.scenario),
+        stretches=stretches(run.scenario),
     )
 
 
 def _obstacles(run: Run, time: Array, cycle: Index, discs: list[Array]) -> tuple[ObstacleRecord, ...]:
     zones = [by_obstacle(record.zone() for record in each.zones) for each in run.records]
     names = dict.fromkeys([*(name for each in zones for name in each), *run.obstacles])
-    radius, limited = run.scenario.vehicle.radius, run.scenario.corridor is not None
+    radius, ground = run.scenario.vehicle.radius, ground_of(run.scenario)
     return tuple(
-        record_outside(clearance_of(zones[0][name], time, discs, radius))
-        if limited and name == corridor.NAME
+        record_outside(name, clearance_of(zones[0][name], time, discs, radius))
+        if name in ground
         else _obstacle(name, run, time, cycle, discs, zones)
         for name in names
     )

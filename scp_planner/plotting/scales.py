@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +24,34 @@ def length_text(metres: float) -> str:
         if abs(metres) < 999.5 * size and abs(metres) < 0.1:
             return f"{metres / size:.3g} {unit}"
     return f"{metres:.2f} m"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of lengths: its name, and its size in m."""
+
+    name: str
+    size: float
+
+    def label(self, quantity: str) -> str:
+        """Label of an axis of a quantity."""
+        return f"{quantity} ({self.name})"
+
+    def text(self, metres: float) -> str:
+        """Write a length, given in m, in this unit, as it stands at an axis."""
+        return f"{metres / self.size:.10g}".replace("-", "\N{MINUS SIGN}")
+
+
+METRES = Unit("m", 1.0)
+UNITS = (Unit("km", 1e3), METRES, Unit("mm", 1e-3))
+"""From the largest on."""
+LEAST_SHOWN = 2.0
+"""An axis is in the largest unit of which it shows at least this many."""
+
+
+def unit_of(span: float) -> Unit:
+    """Unit for axes that show a span, m."""
+    return next((unit for unit in UNITS if span >= LEAST_SHOWN * unit.size), UNITS[-1])
 
 
 def nice_times(start: float, end: float, most: int = 6) -> Array:

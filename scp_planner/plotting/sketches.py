@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scp_planner.plotting.style import GREY, INK, settle, style
+from scp_planner.plotting.scales import unit_of
+from scp_planner.plotting.style import GREY, INK, label_lengths, settle, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,8 +50,9 @@ def sketch_plan(plan: Plan) -> Figure:
         places.set_aspect("equal", adjustable="datalim")
         places.margins(0.08)
         places.autoscale_view()
-        places.set_xlabel("x (m)")
-        places.set_ylabel("y (m)")
+        unit = unit_of(float(np.ptp(position, axis=0).max()))
+        label_lengths(places.xaxis, "x", unit)
+        label_lengths(places.yaxis, "y", unit)
         figure.colorbar(line, ax=places, label="speed (m/s)", shrink=0.9)
         speeds.plot(time, speed, color=INK, linewidth=1.3)
         speeds.set_xlim(time[0], time[-1])

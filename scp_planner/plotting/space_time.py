@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.plotting.scales import clock_of
+from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
     COLOURS,
     FIGURE_SUFFIXES,
     GREY,
     INK,
     check_suffix,
+    label_lengths,
     save,
     settle,
     style,
@@ -169,7 +170,8 @@ def plot_run_space_time(run: Run, path: str | PathLike[str] | None = None) -> Fi
             axes.plot(later - epoch, gone + ahead - ahead[0], color=GREY, linewidth=0.7, alpha=0.7)
         axes.plot(run.time - epoch, driven, color=INK, linewidth=2.0)
         axes.set(xlim=(time[0] - epoch, time[-1] - epoch), ylim=(0.0, stations[-1]))
-        axes.set(xlabel=time_label(epoch), ylabel="distance along the driven path (m)")
+        axes.set_xlabel(time_label(epoch))
+        label_lengths(axes.yaxis, "distance along the driven path", unit_of(float(np.ptp(axes.get_ylim()))))
         axes.set_title(f"{run.scenario.name}: when which part of the way was taken", loc="left", fontweight="bold")
         _draw_key(figure, [name for name, _ in regions], planned=True)
         settle(figure)
@@ -282,8 +284,10 @@ def _draw_vehicle(above: Axes, below: Axes, grids: _Grids) -> None:
     above.set_ylim(0.0, grids.stations[-1])
     below.set_ylim(grids.offsets[0], grids.offsets[-1])
     below.set_xlim(time[0], time[-1])
-    above.set_ylabel("distance along the path (m)")
-    below.set_ylabel("offset from the guide (m)")
+    # Both in the same unit, or a small offset looks as large as the whole way.
+    unit = unit_of(float(grids.stations[-1]))
+    label_lengths(above.yaxis, "distance along the path", unit)
+    label_lengths(below.yaxis, "offset from the guide", unit)
     below.set_xlabel(time_label(epoch))
 
 

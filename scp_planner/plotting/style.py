@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scp_planner.files import replacing
+from scp_planner.plotting.scales import METRES, Unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
     from scp_planner.plotting.recording import Recording
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8C6D00")
 """Okabe and Ito's, neighbours apart in lightness too; but for their yellow, which is too light on white."""
 INK, GREY, FAINT, WARNING = "#222222", "#777777", "#C8C8C8", "#B2182B"
+FORBIDDEN, SLOW, SLOW_TEXT = "#DCDCDC", "#E8C547", "#6B5500"
+"""Of ground: where the vehicle may not be, and where it may not be fast."""
 DOTTED = (0, (1, 1.2))
 
 FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
@@ -119,6 +123,20 @@ def save(figure: Figure, path: str | PathLike[str]) -> None:
 def limit_times(axes: Axes, recording: Recording) -> None:
     """Let a time axis span a recording."""
     axes.set_xlim(recording.time[0] - recording.epoch, recording.time[-1] - recording.epoch)
+
+
+def label_lengths(axis: Axis, quantity: str, unit: Unit) -> None:
+    """Label an axis of lengths in m, and its ticks, in a unit."""
+    axis.set_label_text(unit.label(quantity))
+    tick_lengths(axis, unit)
+
+
+def tick_lengths(axis: Axis, unit: Unit) -> None:
+    """Write the ticks of an axis of lengths in m in a unit."""
+    from matplotlib.ticker import FuncFormatter
+
+    if unit != METRES:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: unit.text(value)))
 
 
 def time_label(epoch: float) -> str:

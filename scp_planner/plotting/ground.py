@@ -1,0 +1,156 @@
+"""The ground of a map: where the vehicle may not be, where it may not be fast, and the guide."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scp_planner.arrays import Array, Mask
+from scp_planner.plotting.borders import borders_of
+from scp_planner.plotting.recording import Recording
+from scp_planner.plotting.style import FORBIDDEN, GREY, SLOW, SLOW_TEXT
+from scp_planner.scenario.places import limits_at
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.path import Path
+
+CELLS = 320
+"""Slow places are told from others at so many points along the longer side of a map."""
+LABEL_EDGE = 0.06
+"""Speed limits are written no nearer to the edge of a map than this part of its longer side."""
+
+FORBIDDEN_LOOK: dict[str, Any] = {"facecolor": FORBIDDEN, "edgecolor": GREY, "hatch": "////"}
+SLOW_LOOK: dict[str, Any] = {"facecolor": (SLOW, 0.30), "edgecolor": SLOW, "hatch": "..", "linewidth": 0.0}
+GUIDE_LOOK: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (6, 2, 1, 2))}
+
+
+def draw_ground(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
+    """Draw what stands: bounds, corridor, walls, slow places and guide; what is forbidden is hatched.
+
+    Parameters
+    ----------
+    axes : Axes
+    recording : Recording
+    low, high : (2,) arrays
+        Corners of the map, m.
+    """
+    from matplotlib.patches import PathPatch, Polygon, Rectangle
+
+    # All below the grid, which has 0.5.
+    if recording.corridor:
+        _forbid_box(axes, low, high, 0.1)
+        for polygon in recording.corridor:
+            axes.add_patch(Polygon(polygon, facecolor="white", edgecolor="none", zorder=0.15))
+    _draw_slow(axes, recording, low, high)
+    if recording.bounds is not None:
+        corner, opposite = (np.asarray(each, dtype=float) for each in recording.bounds)
+        left, right = np.clip([corner[0], opposite[0]], low[0], high[0])
+        _forbid_box(axes, low, np.array([left, high[1]]), 0.3)
+        _forbid_box(axes, np.array([right, low[1]]), high, 0.3)
+        _forbid_box(axes, np.array([left, low[1]]), np.array([right, corner[1]]), 0.3)
+        _forbid_box(axes, np.array([left, opposite[1]]), np.array([right, high[1]]), 0.3)
+        sides = opposite - corner
+        axes.add_patch(
+            Rectangle((float(corner[0]), float(corner[1])), *sides, fill=False, edgecolor=GREY, linewidth=1.4, zorder=1)
+        )
+    if recording.corridor:
+        border = path_of(borders_of(list(recording.corridor)))
+        axes.add_patch(PathPatch(border, facecolor="none", edgecolor=GREY, linewidth=1.4, zorder=1))
+    for wall in recording.walls:
+        axes.add_patch(Polygon(wall, **FORBIDDEN_LOOK, linewidth=1.0, zorder=1))
+    if recording.guide is not None:
+        axes.plot(*recording.guide.T, **GUIDE_LOOK, zorder=1.2)
+
+
+def has_forbidden(recording: Recording) -> bool:
+    """Whether there is ground that the vehicle may not be on."""
+    return bool(recording.corridor or recording.walls or recording.bounds is not None)
+
+
+def slow_cells(recording: Recording, x: Array, y: Array) -> Array:
+    """Speed limits by place at the points of a grid, (len(y), len(x)) m/s; inf where there is none.
+
+    What is forbidden has none: outside the corridor nobody drives slowly.
+    """
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    limits = limits_at(recording.stretches, points)
+    if recording.corridor:
+        limits[~np.any([_inside(points, polygon) for polygon in recording.corridor], axis=0)] = np.inf
+    if recording.bounds is not None:
+        corner, opposite = recording.bounds
+        limits[((points < corner) | (points > opposite)).any(axis=1)] = np.inf
+    return limits.reshape(len(y), len(x))
+
+
+def path_of(bits: Array) -> Path:
+    """Give a path of bits of a border, (n, 2, 2) m."""
+    from matplotlib.path import Path
+
+    return Path(bits.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(bits)))
+
+
+def _inside(points: Array, polygon: Array) -> Mask:
+    """Whether points (n, 2) lie in a convex polygon, anticlockwise, (n,)."""
+    sides = np.roll(polygon, -1, axis=0) - polygon
+    offset = points[:, None] - polygon
+    leftward = sides[:, 0] * offset[..., 1] - sides[:, 1] * offset[..., 0]
+    inside: Mask = np.all(leftward >= 0.0, axis=1)
+    return inside
+
+
+def _forbid_box(axes: Axes, low: Array, high: Array, zorder: float) -> None:
+    from matplotlib.patches import Rectangle
+
+    if (high > low).all():
+        corner, (width, height) = (float(low[0]), float(low[1])), high - low
+        axes.add_patch(Rectangle(corner, width, height, **FORBIDDEN_LOOK, linewidth=0.0, zorder=zorder))
+
+
+def _draw_slow(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
+    """Fill where the speed is limited, and write there how fast the vehicle may be."""
+    if not recording.stretches:
+        return
+    cell = float((high - low).max()) / CELLS
+    x, y = (np.arange(start, end + cell, cell) for start, end in zip(low, high, strict=True))
+    limits = slow_cells(recording, x, y)
+    for speed in sorted(set(limits[np.isfinite(limits)].tolist())):
+        here = limits == speed
+        region = axes.contourf(
+            x, y, here.astype(float), levels=[0.5, 1.5], zorder=0.2, colors=[(SLOW, 0.30)], hatches=[".."]
+        )
+        region.set_edgecolor((SLOW, 1.0))
+        region.set_linewidth(0.0)
+        _write_limit(
+            axes, recording, np.stack(np.meshgrid(x, y), axis=-1)[here], f"\N{LESS-THAN OR EQUAL TO}{speed:.3g} m/s"
+        )
+
+
+def _write_limit(axes: Axes, recording: Recording, places: Array, text: str) -> None:
+    """Write a limit where it holds, as far from the trip as there is room."""
+    from matplotlib.patheffects import withStroke
+
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    room = LABEL_EDGE * max(right - left, top - bottom)
+    x, y = places.T
+    fits = (x > left + room) & (x < right - room) & (y > bottom + 0.5 * room) & (y < top - 0.5 * room)
+    if not fits.any():
+        return
+    places = places[fits]
+    # Equally far ones: the middle of them.
+    away = np.min(
+        np.linalg.norm(places[:, None] - recording.position[:: max(1, len(recording.position) // 40)], axis=2), axis=1
+    )
+    far = places[away > 0.98 * away.max()]
+    x, y = far[np.argmin(np.linalg.norm(far - far.mean(axis=0), axis=1))]
+    axes.annotate(
+        text,
+        (x, y),
+        ha="center",
+        va="center",
+        fontsize=7.5,
+        color=SLOW_TEXT,
+        zorder=1.9,
+        path_effects=[withStroke(linewidth=2.0, foreground="white")],
+    )
