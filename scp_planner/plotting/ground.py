@@ -84,6 +84,39 @@ def slow_cells(recording: Recording, x: Array, y: Array) -> Array:
     return limits.reshape(len(y), len(x))
 
 
+def slow_boxes(recording: Recording, low: Array, high: Array) -> dict[float, list[Array]]:
+    """Cover slow places with boxes that do not overlap.
+
+    Parameters
+    ----------
+    recording : Recording
+    low, high : (2,) arrays
+        Corners of what is looked at, m.
+
+    Returns
+    -------
+    dict
+        By speed limit, m/s: boxes, (2, 2) m each, lower left and upper right corner; in steps of the cells.
+    """
+    if not recording.stretches:
+        return {}
+    cell = float((high - low).max()) / CELLS
+    x, y = (np.arange(start + 0.5 * cell, end, cell) for start, end in zip(low, high, strict=True))
+    limits = slow_cells(recording, x, y)
+    found: dict[float, list[Array]] = {}
+    for speed in sorted(set(limits[np.isfinite(limits)].tolist())):
+        slow = np.pad(limits == speed, ((0, 1), (1, 1)))
+        below, since = slow[-1], 0
+        for row, here in enumerate(slow):
+            if (here != below).any():
+                edges = np.flatnonzero(np.diff(below.astype(int))).reshape(-1, 2)
+                found.setdefault(speed, []).extend(
+                    low + cell * np.array([[left, since], [right, row]]) for left, right in edges
+                )
+                below, since = here, row
+    return found
+
+
 def path_of(bits: Array) -> Path:
     """Give a path of bits of a border, (n, 2, 2) m."""
     from matplotlib.path import Path

@@ -118,6 +118,16 @@ class ObstacleRecord:
 
 
 @dataclass(frozen=True)
+class ReplanRecord:
+    """What a replan came to: absolute time in s, outcome, whether that is safe, and why."""
+
+    time: float
+    outcome: str
+    safe: bool
+    reason: str
+
+
+@dataclass(frozen=True)
 class Recording:
     """A trip and the obstacles around it at n increasing times.
 
@@ -158,6 +168,8 @@ class Recording:
         The lane that the path is an offset of, m; None: straight.
     stretches : tuple of Stretch
         Where the vehicle may not be as fast as elsewhere.
+    replans : tuple of ReplanRecord
+        Of a closed loop, in order.
     """
 
     name: str
@@ -180,6 +192,7 @@ class Recording:
     walls: tuple[Array, ...] = ()
     guide: Array | None = None
     stretches: tuple[Stretch, ...] = ()
+    replans: tuple[ReplanRecord, ...] = ()
 
     @property
     def epoch(self) -> float:

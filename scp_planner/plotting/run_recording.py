@@ -13,6 +13,7 @@ from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, wa
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
+    ReplanRecord,
     clearance_of,
     ground_of,
     guide_of,
@@ -96,6 +97,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
         walls=walls_of(run.scenario),
         guide=guide_of(run.scenario),
         stretches=stretches(run.scenario),
+        replans=tuple(ReplanRecord(each.time, each.outcome, each.safe, each.reason) for each in run.records),
     )
 
 

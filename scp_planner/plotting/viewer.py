@@ -18,7 +18,9 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
 from scp_planner.plotting.borders import borders_of
+from scp_planner.plotting.ground import slow_boxes
 from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
+from scp_planner.plotting.scales import unit_of
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -93,7 +95,7 @@ def _data_of(recording: Recording) -> dict[str, Any]:
     # About 1e-5 of the picture: far less than a pixel.
     digits = max(0, 5 - math.floor(math.log10(float((high - low).max()))))
     rounding = _Rounding(digits)
-    bounds = recording.bounds
+    bounds, unit = recording.bounds, unit_of(float((high - low).max()))
     clearance = recording.clearance
     return {
         "name": recording.name,
@@ -111,6 +113,14 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "bounds": None if bounds is None else rounding.of(np.asarray(bounds) - origin),
         "corridor": [rounding.of(polygon - origin) for polygon in recording.corridor],
         "corridorBorder": rounding.of(borders_of(recording.corridor) - origin) if recording.corridor else [],
+        "walls": [rounding.of(wall - origin) for wall in recording.walls],
+        "guide": None if recording.guide is None else rounding.of(recording.guide - origin),
+        "slow": _slow_data(recording, origin, rounding),
+        "unit": {"name": unit.name, "size": unit.size},
+        "replans": [
+            {"time": each.time - recording.epoch, "outcome": each.outcome, "safe": each.safe, "reason": each.reason}
+            for each in recording.replans
+        ],
         "extent": rounding.of(np.stack([low, high]) - origin),
         "paths": [rounding.of(path - origin) for path in recording.paths],
         "pathIndex": recording.path_index.tolist(),
@@ -128,6 +138,16 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "clearance": rounding.of_known(clearance) if recording.obstacles else None,
         "obstacles": [_obstacle_data(obstacle, origin, rounding) for obstacle in recording.obstacles],
     }
+
+
+def _slow_data(recording: Recording, origin: Array, rounding: _Rounding) -> list[dict[str, Any]]:
+    """Give slow places as far as somebody may look who moves the map by half of it."""
+    low, high = recording.extent()
+    beyond = 0.5 * (high - low)
+    return [
+        {"speed": speed, "boxes": rounding.of(np.array(boxes) - origin)}
+        for speed, boxes in slow_boxes(recording, low - beyond, high + beyond).items()
+    ]
 
 
 def _obstacle_data(obstacle: ObstacleRecord, origin: Array, rounding: _Rounding) -> dict[str, Any]:

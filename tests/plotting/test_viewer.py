@@ -70,7 +70,29 @@ def test_file_asks_for_nothing_from_elsewhere(page: Path) -> None:
     assert "default-src 'none'" in text
     addresses = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+[^\s\"'<]*", text))
     assert addresses == {"http://www.w3.org/2000/svg"}  # the name of the SVG language, not a place
-    assert not re.search(r"<(?:link|img|iframe)\b|\bsrc=|@import|url\(", text)
+    assert not re.search(
+        r"<(?:link|img|iframe)\b|\bsrc=|@import|url\((?!#)", text
+    )  # url(#...) is a part of the page itself
+
+
+def test_ground_and_units_stand_in_the_file(plan: sp.Plan) -> None:
+    wall = [[4.0, 1.2], [8.0, 1.2], [8.0, 3.0], [4.0, 3.0]]
+    limits = [{"from": 5.0, "to": 9.0, "speed": 1.5, "line": [[0.0, 0.0], [20.0, 0.0]]}]
+    yard = scene(walls=[wall], speed_limits=limits, guide=[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]])
+    recording = record_plan(plan, yard, 10)
+    text = to_html(recording)
+    found = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
+    assert found
+    data = json.loads(found[1])
+    origin = np.array(data["origin"])
+    assert np.allclose(np.array(data["walls"][0]) + origin, wall, atol=1e-3)
+    assert np.allclose(np.array(data["guide"]) + origin, yard.guide, atol=1e-3)
+    (slow,) = data["slow"]
+    ((low, high),) = np.array(slow["boxes"]) + origin  # one box: the borders run across
+    cell = 2.0 * float(np.subtract(*recording.extent()[::-1]).max()) / 320
+    assert slow["speed"] == 1.5 and np.abs([low[0] - 5.0, high[0] - 9.0]).max() <= cell
+    assert low[1] < recording.extent()[0][1] and high[1] > recording.extent()[1][1]
+    assert data["unit"] == {"name": "m", "size": 1.0} and data["replans"] == []
 
 
 def test_hostile_names_stay_text(plan: sp.Plan, scenario: sp.Scenario) -> None:
@@ -241,6 +263,32 @@ def test_cursors_of_the_profiles_follow(opened: Browser, plan: sp.Plan) -> None:
     assert values[0] == f"{plan.speed(plan.arrival_time):.2f} m/s"
 
 
+def test_legend_scale_and_ticks_of_time(opened: Browser, scenario: sp.Scenario, plan: sp.Plan) -> None:
+    legend = opened.evaluate("document.querySelector('#legend').textContent")
+    assert all(name in legend for name in ("start", "goal", "vehicle", "obstacle", "its zone", "seen"))
+    assert "replan" not in legend and "forbidden" not in legend
+    assert legend.startswith(f"speed 0{scenario.vehicle.max_speed:g} m/s")
+    # From slow to fast the colours of the path's ends, and of what is between.
+    scale = opened.evaluate("document.querySelector('#scale').style.background")
+    assert len(re.findall(r"rgb\(", scale)) == 11
+    ticks = opened.evaluate(
+        "[...document.querySelectorAll('#ticks line.tick')].map((line) => Number(line.getAttribute('x1')))"
+    )
+    texts = opened.evaluate("[...document.querySelectorAll('#ticks text')].map((text) => Number(text.textContent))")
+    assert len(ticks) == len(texts) >= 3 and plan.start_time <= texts[0] and texts[-1] <= plan.arrival_time
+    assert np.allclose(np.diff(ticks) / np.diff(texts), (ticks[-1] - ticks[0]) / (texts[-1] - texts[0]))
+
+
+def test_what_is_small_on_a_long_trip_has_a_mark(browser: Browser, plan: sp.Plan, tmp_path: Path) -> None:
+    recording = record_plan(plan, scene({"id": "a", "shape": {"disc": 0.4}, "motion": {"position": [9.0, 3.0]}}), 20)
+    save_recording(replace(recording, goal=(3000.0, 0.0)), tmp_path / "far.html")
+    browser.open((tmp_path / "far.html").as_uri())
+    assert browser.evaluate("document.querySelectorAll('.mark:not(.hidden)').length") == 1
+    assert browser.evaluate("Number(document.querySelector('#vehicle').getAttribute('r'))") == 6
+    assert "x (km)" in browser.evaluate("document.querySelector('#map').textContent")
+    assert browser.faults == []
+
+
 def test_clicking_a_profile_goes_to_that_time(opened: Browser, plan: sp.Plan) -> None:
     x, y = opened.middle_of(".chart")
     opened.drag((x, y), (x, y))
@@ -292,7 +340,14 @@ def test_slider_moves_the_vehicle_through_a_run(browser: Browser, run: sp.Run, t
         # The page draws straight lines between its samples.
         assert shown_position(browser) == pytest.approx(expected, abs=0.02)
         plans.add(browser.evaluate("document.querySelector('path[stroke-width=\"3\"]').getAttribute('d')"))
+        # What the replan came to that was the last at that time, and the legend of all that there were.
+        now = [record for record in run.records if record.time <= time + 1e-9][-1]
+        told = browser.evaluate("document.querySelector('#replan').textContent")
+        assert told.startswith(f"{now.outcome}, {'safe' if now.safe else 'not safe'}") and told.endswith(now.reason)
     assert len(plans) == 4
+    assert browser.evaluate("document.querySelectorAll('#ticks .replan').length") == len(run.records)
+    legend = browser.evaluate("document.querySelector('#legend').textContent")
+    assert all(f"replan: {record.outcome}" in legend for record in run.records)
     assert "NaN" not in browser.evaluate("document.body.innerHTML")
     assert browser.faults == []
     assert browser.requests == [(tmp_path / "run.html").as_uri()]
