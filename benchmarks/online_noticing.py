@@ -15,7 +15,7 @@ from scp_planner.estimation.tracks import Tracks
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.settings.online import OnlineSettings, Regions, Watch
 from scp_planner.simulation.loop import FORGET_AFTER, simulate
-from scp_planner.simulation.sensors import Observation, Sensor
+from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
 from scp_planner.simulation.worlds import Course, motion_course, track_course
 
 Array = np.ndarray
@@ -57,6 +57,7 @@ class BadSensor(Sensor):
         heading: float,
         targets: Mapping[str, Array],
         rng: np.random.Generator,
+        least_noise: float = LEAST_NOISE,
     ) -> list[Observation]:
         """What it sees at a time."""
         seen = []
@@ -64,7 +65,7 @@ class BadSensor(Sensor):
             error, wild = rng.standard_normal(2), rng.random() < self.outliers
             size = self.noise * (OUTLIER_SIZE if wild else self.factor)
             place = target + size * error
-            seen.append(Observation(name, time, time, (float(place[0]), float(place[1])), self.noise))
+            seen.append(Observation(name, time, time, (float(place[0]), float(place[1])), max(self.noise, least_noise)))
         return seen
 
 

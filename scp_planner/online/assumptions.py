@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.frames import directions_of
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.vetting import NOTHING, TINY, Moment
 from scp_planner.scenario.units import NaturalUnits
@@ -85,9 +86,11 @@ class Assumptions:
         if old.covariances is not None:
             # In the direction in which it moved: the ellipse reaches so far
             some = old.slot[first] >= 0
-            turned = before.frame.rotation.T @ (moved[some] / np.maximum(apart[some], NOTHING)[:, None]).T
+            turned = before.frame.rotation.T @ (directions_of(moved[some])).T
             inverse = np.linalg.inv(_matrices(old.covariances.grid(elapsed)[0, old.slot[first[some]]]))
-            allowed[some] += 1.0 / np.sqrt(np.einsum("in,nij,jn->n", turned, inverse, turned))
+            # Where it is just as foretold it has moved in no direction, and there is nothing to reach
+            along = np.einsum("in,nij,jn->n", turned, inverse, turned)
+            allowed[some] += 1.0 / np.sqrt(np.maximum(along, NOTHING**2))
         return {
             new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
             for k in np.flatnonzero(apart > allowed)

@@ -47,6 +47,7 @@ class Fallback:
     ) -> OnlinePlan:
         """Keep the last plan, or drive its path slower, or brake."""
         moment = now.moment
+        why = why or "there is no time now to look for a way"
         if last is not None:
             kept = self._means.vetting.vet_kept(moment, last.trip)
             if kept is not None:

@@ -9,7 +9,7 @@ would have to be clear of zones that have grown for as long as it takes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -314,8 +314,8 @@ class Vetting:
         deceleration = now.scenario.vehicle.max_deceleration
         since = now.state.time if driven > 0.0 else None
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
-        candidates, why = self._spans(now, trip, deceleration, branch)
-        for spans in candidates:
+        reasons: list[str] = []
+        for spans in self._spans(now, trip, deceleration, branch, reasons):
             stop = stop_after(trip.trajectory, spans, deceleration)
             if stop is None or not fits(stop):
                 continue
@@ -323,30 +323,36 @@ class Vetting:
             certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
-            why = _violations(certificate.outside(self.units))
-        return Refusal(why)
+            reasons.append(_violations(certificate.outside(self.units)))
+        return Refusal(reasons[-1])
 
-    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float) -> tuple[list[int], str]:
-        """After how many spans of acceleration a stop may leave a trip, the most promising first; or why none may."""
+    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float, reasons: list[str]) -> Iterator[int]:
+        """After how many spans of acceleration a stop may leave a trip, the most promising first, and why not others.
+
+        Most of the work is left out where the first will do.
+        """
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
         first = int(np.searchsorted(breaks, driven + self.period - TINY))
         last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
         last = min(max(last, first), len(breaks) - 1)
         if first > last:
-            return [], "the goal is nearer than the distance to stop in"
+            reasons.append("the goal is nearer than the distance to stop in")
+            return
         spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
-        found = []
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
-            found.append(int(np.searchsorted(breaks, branch - trip.frame.time - TINY)))
+            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
         batch = now.batch_in(trip.frame)
         room = room_to_stop(trip.trajectory, breaks[spans], deceleration, batch, driven, self.wait)
         # The latest of those with plenty of room: it will do for the most replans.
         order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
-        found += [int(spans[index]) for index in order[:STOPS_TRIED] if room[index] >= 0.0]
         if np.all(np.isneginf(room)):
-            return found, "the goal is nearer than the distance to stop in"
-        return found, "none stays clear for long enough" if self.wait > 0.0 else "none keeps clear"
+            reasons.append("the goal is nearer than the distance to stop in")
+        else:
+            reasons.append("none stays clear for long enough" if self.wait > 0.0 else "none keeps clear")
+        for index in order[:STOPS_TRIED]:
+            if room[index] >= 0.0:
+                yield int(spans[index])
 
     def vet_on(
         self, now: Moment, last: Trip, foresee: Callable[[ZoneBatch, float], ZoneBatch], branch: float, whole: bool
