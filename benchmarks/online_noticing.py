@@ -53,8 +53,8 @@ class BadSensor(Sensor):
     def look(
         self,
         time: float,
-        position: Array,
-        heading: float,
+        position: Array,  # noqa: ARG002 - it sees all that there is
+        heading: float,  # noqa: ARG002
         targets: Mapping[str, Array],
         rng: np.random.Generator,
         least_noise: float = LEAST_NOISE,
