@@ -30,7 +30,8 @@ import numpy as np
 
 import scp_planner
 from benchmarks import families
-from verification.dense_check import DenseReport, check_trip
+from verification.dense_check import check_trip
+from verification.findings import DenseReport
 
 NOTABLY = 1.005  # times the best: a plan that misses it
 SCALING_COUNTS = (50, 100, 200, 400, 600, 800, 1000)
