@@ -13,6 +13,7 @@ from benchmarks import common  # isort: skip
 
 import argparse
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count
 from pathlib import Path
 from statistics import median
@@ -79,22 +80,20 @@ def cases() -> Iterator[tuple[str, str, int, Callable[[], object]]]:
             "batch estimate of 8",
             f"order {order}",
             1,
-            lambda order=order: estimate_motion(times, positions, SIGMA, order),
+            partial(estimate_motion, times, positions, SIGMA, order),
         )
     each = np.broadcast_to(SIGMA, (8, 2, 2))
     yield "batch estimate of 8", "covariances vary", 1, lambda: estimate_motion(times, positions, each)
     yield "batch estimate of 8", "random walk", 1, lambda: estimate_process(times, positions, WALKERS)
     quadratic, walker = estimate_motion(times, positions, SIGMA), estimate_process(times, positions, WALKERS)
     for name, estimate, stop in (("quadratic", quadratic, float("inf")), ("random walk", walker, 20.0)):
-        yield "polynomials over 17 s", name, 1, lambda e=estimate: e.polynomials(2.8, 20.0)
+        yield "polynomials over 17 s", name, 1, partial(estimate.polynomials, 2.8, 20.0)
         for level in ("per_time", "joint"):
             yield (
                 f"region scale, {level}",
                 name,
                 1,
-                lambda e=estimate, level=level, stop=stop: region_scale(
-                    level, 0.95, e, obstacles=5, start=2.8, stop=stop
-                ),
+                partial(region_scale, level, 0.95, estimate, obstacles=5, start=2.8, stop=stop),
             )
 
 

@@ -32,6 +32,7 @@ import scp_planner as sp
 from benchmarks import families, online_crowds, online_noticing
 from benchmarks.online_faults import injected_run
 from scp_planner.online.planner import Planner
+from scp_planner.settings.online import Regions
 from scp_planner.simulation.loop import simulate
 
 Row = dict[str, Any]
@@ -359,11 +360,11 @@ def regions(options: argparse.Namespace) -> int:
     wanted = [
         {"family": family, "seed": seed, "regions": str(way)}
         for family, seed in [*synthetic, *((name, 0) for name in recorded)]
-        for way in online_noticing.Regions
+        for way in Regions
     ]
 
     def run(row: Row) -> Row:
-        way, family = online_noticing.Regions(row["regions"]), row["family"]
+        way, family = Regions(row["regions"]), row["family"]
         if family in recorded:
             counted = online_noticing.recorded_coverage(recorded[family], way)
         else:

@@ -53,8 +53,8 @@ class BadSensor(Sensor):
     def look(
         self,
         time: float,
-        position: Array,
-        heading: float,
+        position: Array,  # noqa: ARG002 - it sees all that there is
+        heading: float,  # noqa: ARG002
         targets: Mapping[str, Array],
         rng: np.random.Generator,
         least_noise: float = LEAST_NOISE,
@@ -117,7 +117,7 @@ def world_of(scenario: sp.Scenario, family: str, seed: int, trip: float) -> dict
     world: dict[str, Course] = {}
     for obstacle in scenario.obstacles:
         motion = obstacle.motion
-        assert isinstance(motion, sp.scenario.Motion)
+        assert isinstance(motion, sp.Motion)
         base = motion_course(motion)
         velocity = np.array(motion.velocity)
         if family.startswith("change"):
@@ -212,7 +212,7 @@ def coverage_of(
         Predictions before this time, s, only serve to learn.
     """
     tracks = ObstacleTracks(sp.Confidence(probability=0.95, level="per_time"), watch=Watch(regions=regions))
-    model, counted = sp.scenario.Model(order=order), [Counted() for _ in LEADS]
+    model, counted = sp.Model(order=order), [Counted() for _ in LEADS]
     step = float(np.median(np.diff(times)))
     for number, time in enumerate(times):
         for name, positions in seen.items():
@@ -220,7 +220,7 @@ def coverage_of(
             if np.isnan(place).any():
                 continue
             if name not in tracks.tracks:
-                tracks.add_unseen(name, sp.scenario.Disc(disc=0.3), model, 0.0, NOISE**2 * np.eye(2))
+                tracks.add_unseen(name, sp.Disc(disc=0.3), model, 0.0, NOISE**2 * np.eye(2))
             tracks.observe(name, float(time), (float(place[0]), float(place[1])))
         for name in [name for name, track in tracks.tracks.items() if time - track.times[-1] > 2.5 * step]:
             tracks.remove(name)

@@ -30,7 +30,8 @@ import numpy as np
 
 import scp_planner
 from benchmarks import families
-from verification.dense_check import DenseReport, check_trip
+from verification.dense_check import check_trip
+from verification.findings import DenseReport
 
 NOTABLY = 1.005  # times the best: a plan that misses it
 SCALING_COUNTS = (50, 100, 200, 400, 600, 800, 1000)
@@ -280,38 +281,46 @@ def random_scenarios(options: argparse.Namespace) -> int:
     rows = []
     began = perf_counter()
     for number in range(options.random):
-        family = families.FAMILIES[number % len(families.FAMILIES)]
-        # Each scenario has a generator of its own: any one can be drawn again alone.
-        rng = np.random.default_rng([options.seed, number])
-        data = families.random_scenario(family, rng, f"{family}-r{number}")
-        try:
-            outcome = run(data, 1, options.solver)
-        except Exception as error:  # one crash must not hide the other scenarios; it is counted
-            reason = f"{type(error).__name__}: {error}"
-            common.say(f"{data['name']}: {reason}")
-            rows.append({"scenario": data["name"], "family": family, "status": "crashed", "reason": reason})
-            continue
-        rows.append(
-            {
-                "scenario": data["name"],
-                "family": family,
-                "status": str(outcome.plan.status),
-                "certified": int(outcome.plan.certified),
-                "dense_check": int(outcome.report.ok),
-                "clearance": outcome.plan.clearance.minimum,
-                "travel_time": outcome.plan.travel_time,
-                "wall_ms": 1e3 * outcome.wall_time,
-                "with_effort": _with_effort(data, options, outcome.plan),
-                "reason": outcome.plan.reason or "",
-                "dense_check_says": "" if outcome.report.ok else str(outcome.report),
-            }
-        )
-        if outcome.refused:
-            common.say(f"{data['name']}: certified, but {outcome.report}")
+        rows.append(_random_row(options, number))
         if (number + 1) % 100 == 0:
             common.say(f"{number + 1} scenarios, {perf_counter() - began:.0f} s")
     common.write_csv(options.output / "random.csv", rows, _columns(rows))
     _print_environment(options)
+    print(_random_table(rows))
+    return sum(1 for row in rows if row["status"] == "crashed" or (row["certified"] and not row["dense_check"]))
+
+
+def _random_row(options: argparse.Namespace, number: int) -> dict[str, Any]:
+    """What comes of the random scenario of a number."""
+    family = families.FAMILIES[number % len(families.FAMILIES)]
+    # Each scenario has a generator of its own: any one can be drawn again alone.
+    rng = np.random.default_rng([options.seed, number])
+    data = families.random_scenario(family, rng, f"{family}-r{number}")
+    try:
+        outcome = run(data, 1, options.solver)
+    except Exception as error:  # one crash must not hide the other scenarios; it is counted
+        reason = f"{type(error).__name__}: {error}"
+        common.say(f"{data['name']}: {reason}")
+        return {"scenario": data["name"], "family": family, "status": "crashed", "reason": reason}
+    if outcome.refused:
+        common.say(f"{data['name']}: certified, but {outcome.report}")
+    return {
+        "scenario": data["name"],
+        "family": family,
+        "status": str(outcome.plan.status),
+        "certified": int(outcome.plan.certified),
+        "dense_check": int(outcome.report.ok),
+        "clearance": outcome.plan.clearance.minimum,
+        "travel_time": outcome.plan.travel_time,
+        "wall_ms": 1e3 * outcome.wall_time,
+        "with_effort": _with_effort(data, options, outcome.plan),
+        "reason": outcome.plan.reason or "",
+        "dense_check_says": "" if outcome.report.ok else str(outcome.report),
+    }
+
+
+def _random_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Table of random scenarios, family by family."""
     lines = []
     for family in [*families.FAMILIES, "all"]:
         chosen = [row for row in rows if family in ("all", row["family"])]
@@ -341,8 +350,7 @@ def random_scenarios(options: argparse.Namespace) -> int:
         "wall ms",
         "wall ms 95 %",
     ]
-    print(common.table(headings, lines))
-    return sum(1 for row in rows if row["status"] == "crashed" or (row["certified"] and not row["dense_check"]))
+    return common.table(headings, lines)
 
 
 def _notably_slower(row: Mapping[str, Any]) -> bool:

@@ -91,7 +91,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--seeds", type=int, default=4)
     options = parser.parse_args(arguments)
-    rows = [("scene", "status", "trip s", "iterations", "all", "build", "search", "scp", "certificate")]
+    rows: list[tuple[str, ...]] = [
+        ("scene", "status", "trip s", "iterations", "all", "build", "search", "scp", "certificate")
+    ]
     ratios = []
     for seed in range(options.seeds):
         times = []

@@ -24,6 +24,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.crowds import protocols, recorded
+from benchmarks.crowds.policies import POLICIES
 from benchmarks.crowds.profiles import PROFILES
 from benchmarks.crowds.protocols import Row
 from benchmarks.online import Ledger
@@ -91,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sub.set_defaults(run=crossing)
         sub.add_argument("--people", type=int, help=f"default: {protocols.PEOPLE[name]}")
         sub.add_argument("--robot", choices=("seen", "unseen"), default="unseen", help="by the people")
-        sub.add_argument("--policy", choices=("scp", *protocols.POLICIES), default="scp", help="that the robot has")
+        sub.add_argument("--policy", choices=("scp", *POLICIES), default="scp", help="that the robot has")
     sub = commands.add_parser("recorded")
     sub.set_defaults(run=through_recordings)
     sub.add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")

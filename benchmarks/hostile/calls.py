@@ -14,7 +14,22 @@ import scp_planner as sp
 Call = dict[str, Any]
 FEWEST, MOST = 3, 10
 DEADLINES = (None, 0.02, 0.2, 1e-9, -1.0, math.nan, math.inf)
-ODD_NUMBERS = (0.0, -1.0, 1e-300, 1e9, -1e12, 1e300, math.nan, math.inf, None, "x", True, 10**400, [], 1e-6)
+ODD_NUMBERS: tuple[object, ...] = (
+    0.0,
+    -1.0,
+    1e-300,
+    1e9,
+    -1e12,
+    1e300,
+    math.nan,
+    math.inf,
+    None,
+    "x",
+    True,
+    10**400,
+    [],
+    1e-6,
+)
 PATIENCE = 1.0
 """s that a replan without a deadline of its own is given."""
 NORMAL = 0.75

@@ -29,7 +29,8 @@ from scp_planner.estimation.confidence import marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import Course
-from verification.dense_check import Tolerances, check_trip
+from verification.dense_check import check_trip
+from verification.findings import Tolerances
 
 PLAN_TIME = 4.0
 """s that a plan may take; it returns somewhat later, with the best so far."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from benchmarks.peers.starts import Start
 from scp_planner.arrays import Array
-from verification.dense_check import DenseReport, Tolerances, check_trip
+from verification.dense_check import check_trip
+from verification.findings import DenseReport, Tolerances
 
 Scenario = Mapping[str, Any]
 

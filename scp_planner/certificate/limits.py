@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,38 +106,25 @@ class _Bounded:
     bound: Array
 
 
-def _curvature(checked: CheckedTrip, enclosure: Enclosure) -> _Bounded:
-    return _Bounded(enclosure.curvature, enclosure.curvature_bound)
-
-
-def _lateral_acceleration(checked: CheckedTrip, enclosure: Enclosure) -> _Bounded:
-    return _Bounded(enclosure.lateral, enclosure.lateral_bound)
-
-
-def _curvature_rate(checked: CheckedTrip, enclosure: Enclosure) -> _Bounded:
-    points = enclosure.path
-    value = enclosure.speed * checked.trajectory.path.curvature_rate(points) / points.speed
-    return _Bounded(value, enclosure.curvature_rate)
-
-
-def _total_acceleration(checked: CheckedTrip, enclosure: Enclosure) -> _Bounded:
-    return _Bounded(
-        np.hypot(enclosure.acceleration, enclosure.lateral),
-        np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound),
-    )
-
-
-def _power(checked: CheckedTrip, enclosure: Enclosure) -> _Bounded:
-    return _Bounded(np.maximum(enclosure.acceleration, 0.0) * enclosure.speed, enclosure.power_bound)
-
-
-_BENDS: dict[str, Callable[[CheckedTrip, Enclosure], _Bounded]] = {
-    "curvature": _curvature,
-    "lateral_acceleration": _lateral_acceleration,
-    "curvature_rate": _curvature_rate,
-    "total_acceleration": _total_acceleration,
-    "power": _power,
-}
+def _bend(checked: CheckedTrip, name: str, enclosure: Enclosure) -> _Bounded:
+    """What one limit bounds."""
+    match name:
+        case "curvature":
+            return _Bounded(enclosure.curvature, enclosure.curvature_bound)
+        case "lateral_acceleration":
+            return _Bounded(enclosure.lateral, enclosure.lateral_bound)
+        case "curvature_rate":
+            points = enclosure.path
+            value = enclosure.speed * checked.trajectory.path.curvature_rate(points) / points.speed
+            return _Bounded(value, enclosure.curvature_rate)
+        case "total_acceleration":
+            return _Bounded(
+                np.hypot(enclosure.acceleration, enclosure.lateral),
+                np.hypot(enclosure.acceleration_bound, enclosure.lateral_bound),
+            )
+        case "power":
+            return _Bounded(np.maximum(enclosure.acceleration, 0.0) * enclosure.speed, enclosure.power_bound)
+    raise AssertionError(name)
 
 
 def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, enclosure: Enclosure) -> Finding:
@@ -146,7 +132,7 @@ def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, e
     allowed = limit * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = -1.0, 0.0, False
     for _ in range(MAX_HALVINGS // 2):
-        quantity = _BENDS[name](checked, enclosure)
+        quantity = _bend(checked, name, enclosure)
         worst = int(np.argmax(np.abs(quantity.value)))
         if abs(quantity.value[worst]) > best:
             best, best_sigma = float(abs(quantity.value[worst])), float(pieces.middle[worst])

@@ -113,7 +113,7 @@ class RandomWalk(Dynamics):
 
     def acceleration(self, state: Array) -> Array:
         """Expect none."""
-        return np.zeros(2)
+        return np.zeros_like(state[0])
 
 
 @dataclass(frozen=True)

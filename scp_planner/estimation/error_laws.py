@@ -27,7 +27,11 @@ class ErrorLaw(ABC):
     def exit_rate(self, scale: float) -> float:
         """Give the expected number of rises of |w|^2 through q, per unit of standardised length."""
 
-    def largest_root_exceedance(self, scale: float, regressors: int) -> float | None:
+    def largest_root_exceedance(
+        self,
+        scale: float,  # noqa: ARG002 - for laws of which it is known
+        regressors: int,  # noqa: ARG002
+    ) -> float | None:
         """Give the probability that the largest root for p regressors exceeds q; None if it is unknown."""
         return None
 

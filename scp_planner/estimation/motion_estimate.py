@@ -2,7 +2,7 @@
 
 `MotionEstimate` is the interface that zones are made from, whichever model the motion follows.
 `PolynomialEstimate` is a standing obstacle, one of constant velocity or one of constant acceleration; models
-with process noise are in `scp_planner.estimation.motion_filter`.
+with process noise are in `scp_planner.estimation.process_estimate`.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation.conformal import conformal_quantile
 from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.error_laws import StudentErrors
-from scp_planner.estimation.motion_filter import FilterState, first_state, predict_state, update_state
+from scp_planner.estimation.kalman import FilterState, first_state, predict_state, update_state
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails

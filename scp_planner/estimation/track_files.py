@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -80,7 +79,7 @@ class _Format:
     time: str
     x: str
     y: str
-    seconds: Callable[[Sequence[_Row]], float]  # per unit of the time column
+    seconds: float | None  # per unit of the time column; None: its steps tell, as of `_obsmat_seconds`
 
 
 def _read(path: Path) -> list[Track]:
@@ -96,7 +95,7 @@ def _read(path: Path) -> list[Track]:
         raise TracksError(str(path), [Fault("", text, "must hold tracks; it is empty")])
     faults: list[Fault] = []
     if _is_obsmat(lines[0][1]):
-        form = _Format("id", "frame", "x", "y", partial(_obsmat_seconds, path))
+        form = _Format("id", "frame", "x", "y", None)
         rows = list(_rows(((i, _obsmat_fields(line)) for i, line in lines), form, faults))
     else:
         form = _csv_format(path, lines[0][1])
@@ -107,7 +106,7 @@ def _read(path: Path) -> list[Track]:
         raise TracksError(str(path), faults)
     if not rows:
         raise TracksError(str(path), [Fault("", lines[0][1], "must have rows below its header")])
-    return _tracks(path, rows, form.seconds(rows), form.time)
+    return _tracks(path, rows, _obsmat_seconds(path, rows) if form.seconds is None else form.seconds, form.time)
 
 
 def _read_commonroad(path: Path) -> list[Track]:
@@ -150,11 +149,11 @@ def _is_obsmat(line: str) -> bool:
 def _csv_format(path: Path, header: str) -> _Format:
     columns = {name.strip() for name in header.split(",")}
     if columns >= {"id", "time", "x", "y"}:
-        return _Format("id", "time", "x", "y", lambda rows: 1.0)
+        return _Format("id", "time", "x", "y", 1.0)
     if columns >= {"id", "frame", "x_est", "y_est"}:
-        return _Format("id", "frame", "x_est", "y_est", lambda rows: 1.0 / DUT_FRAME_RATE)
+        return _Format("id", "frame", "x_est", "y_est", 1.0 / DUT_FRAME_RATE)
     if columns >= {"timestamp", "x", "y"}:
-        return _Format(None, "timestamp", "x", "y", lambda rows: 1.0)
+        return _Format(None, "timestamp", "x", "y", 1.0)
     raise TracksError(str(path), [Fault("line 1", header, "must be a header with the columns id, time, x and y")])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
-from scp_planner.estimation.motion_filter import ProcessEstimate
+from scp_planner.estimation.process_estimate import ProcessEstimate
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
 

@@ -15,7 +15,7 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
-from scp_planner.scp.record import FEASIBILITY, LoopStatus
+from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
 from scp_planner.trips.trip import Trip
 
 VIOLATION_COST = 5.0
@@ -131,23 +131,10 @@ class Looks:
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:
-            if look.trip is None:
-                more = look.begin_next()
-                now.lap("search")
-                if not more:
-                    self._look = None
-                if not more or not first:
-                    break  # the search is work enough for one replan
-            assert look.trip is not None
-            start, trust = look.trip.trajectory, LOOP.first_trust
-            if look.trip.frame != problem.frame:
-                start = remaining_trip(problem, look.trip, now.moment.state)
-                trust = LOOK_TRUST if look.steps else LOOP.first_trust
-            enough = None if first else FEWEST_LOOK_STEPS
-            run = loop.run(start, min(left, most - look.steps), cutoff, now.deadline, trust, enough)
-            now.lap("scp")
-            evaluation, steps = run.evaluation, max(len(run.record), 1)
-            look.trip, look.steps, left = Trip(problem.frame, evaluation.trajectory), look.steps + steps, left - steps
+            if look.trip is None and not self._begins(now, look):
+                break
+            run = self._go_on(now, loop, look, min(left, most - look.steps), cutoff)
+            evaluation, left = run.evaluation, left - max(len(run.record), 1)
             clear = evaluation.worst_violation <= tolerance
             faster = evaluation.trajectory.travel_time + VIOLATION_COST * evaluation.worst_violation < cutoff
             ended = run.status not in (LoopStatus.ITERATION_LIMIT, LoopStatus.TIME_LIMIT) or look.steps >= most
@@ -168,6 +155,31 @@ class Looks:
                 if not first:
                     break
         return spare, said
+
+    def _begins(self, now: Replan, look: Look) -> bool:
+        """Turn to the next way; whether to go on with it at once: the search is work enough for most replans."""
+        more = look.begin_next()
+        now.lap("search")
+        if not more:
+            self._look = None
+        return more and now.last is None
+
+    @staticmethod
+    def _go_on(now: Replan, loop: ScpLoop, look: Look, most: int, cutoff: float) -> LoopRun:
+        """Go on with the way that is being tried, by so many steps at most."""
+        assert look.trip is not None
+        start, trust = look.trip.trajectory, LOOP.first_trust
+        if look.trip.frame != loop.problem.frame:
+            start = remaining_trip(loop.problem, look.trip, now.moment.state)
+            trust = LOOK_TRUST if look.steps else LOOP.first_trust
+        enough = None if now.last is None else FEWEST_LOOK_STEPS
+        run = loop.run(start, most, cutoff, now.deadline, trust, enough)
+        now.lap("scp")
+        look.trip, look.steps = (
+            Trip(loop.problem.frame, run.evaluation.trajectory),
+            look.steps + max(len(run.record), 1),
+        )
+        return run
 
     @staticmethod
     def _is_hopeful(now: Replan, evaluation: Evaluation) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
-from scp_planner.online.noticing import Mixture
+from scp_planner.online.mixtures import Mixture
 from scp_planner.online.track import Prediction, Track
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
@@ -283,14 +283,9 @@ def _lengths(spread: Array, start: Array, stop: Array) -> Array:
     return (high - low) * (speed @ weights)
 
 
+@cache
 def _quadrature() -> tuple[Array, Array]:
-    global _RULE
-    if _RULE is None:
-        nodes, weights = np.polynomial.legendre.leggauss(NODES)
-        edges = np.arange(PANELS) / PANELS
-        points = (edges[:, None] + (0.5 + 0.5 * nodes) / PANELS).ravel()
-        _RULE = points, np.tile(0.5 * weights / PANELS, PANELS)
-    return _RULE
-
-
-_RULE: tuple[Array, Array] | None = None
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    edges = np.arange(PANELS) / PANELS
+    points = (edges[:, None] + (0.5 + 0.5 * nodes) / PANELS).ravel()
+    return points, np.tile(0.5 * weights / PANELS, PANELS)

@@ -1,221 +1,34 @@
-"""Notice when obstacles, or the sensor, are not what zones take them for, and say what to go by instead.
+"""Notice when obstacles are not what zones take them for, and say what to go by instead.
 
-Each observation is compared with what had been predicted of it. The *innovations* of a polynomial motion, standardised,
-are independent and standard normal as long as the motion and the noise are what they are taken for (R. L. Brown,
-J. Durbin, J. M. Evans, *Techniques for testing the constancy of regression relationships over time*, J. R. Statist.
-Soc. B 37 (1975)). Over windows of the newest ones, of several lengths, two things are tested:
-
-- their *trend*: their sum, weighted like the path of a motion whose acceleration has changed, which is normal;
-- their *size*: the sum of their squares, which is chi-square.
-
-What follows, until predictions hold again:
+Each observation is compared with what had been predicted of it (`scp_planner.online.innovations`). What follows where
+that was improbable, until predictions hold again:
 
 - **the model is widened, and memory shortened**: zones of an obstacle whose windows are improbable are those of a
-  mixture of filters, whose memories are as short as their motions are free. The filters always run: with white jerk
-  and with white acceleration, of different sizes. Those whose own windows are not improbable count, or else the freest,
-  each as much as the observations since the alarming window were probable under it. If they are as probable under the
-  polynomial motion after all, and its windows hold again, the alarm is called off;
-- **noise is re-estimated** over all obstacles together, from third differences of neighbouring positions, to which no
-  motion contributes that is smooth over four observations; from their median, so outliers do not matter.
+  mixture of filters, whose memories are as short as their motions are free (`scp_planner.online.mixtures`). The filters
+  always run. Those whose own windows are not improbable count, or else the freest, each as much as the observations
+  since the alarming window were probable under it. If they are as probable under the polynomial motion after all, and
+  its windows hold again, the alarm is called off;
+- **noise is re-estimated** over all obstacles together, see `scp_planner.online.sensor_noise`.
 
 All of it is done for many obstacles at once.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.recursive import RecursiveEstimator
-from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
+from scp_planner.online.innovations import WINDOWS, windows_of
+from scp_planner.online.mixtures import FilterStates, Mixture, Widening
+from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.settings.online import RARE
 
-WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32)
-"""Numbers of the newest innovations that are tested together."""
 CALM = 3.0
 """Log odds from which on, with `EVIDENCE` observations since an alarm, it was a false one."""
-WILD = 4.0
-"""Standard deviations to which innovations are cut: an outlier alone makes no alarm of a probability of `RARE`."""
 EVIDENCE = 32
 """Newest observations by whose probability the filters are compared."""
-JERKS = (0.03, 0.3, 3.0)
-"""Intensities of the filters with white jerk, as multiples of that of newcomers; the least free first."""
-SWERVES = (0.03, 0.1, 0.3, 1.0)
-"""Intensities of the filters with white acceleration, as multiples of that of newcomers."""
-NOISES = 512
-"""Newest third differences that the noise is estimated from."""
-SURE = 4.0
-"""Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough."""
-
-NEIGHBOURS = 4
-"""Observations that a third difference is of."""
-
 _RING = WINDOWS[-1]
-_MEDIAN = 1.3862943611198906  # of chi-square with 2 degrees of freedom
-_MEDIAN_ERROR = 2.28  # relative standard error of the median of n overlapping differences, times sqrt(n)
-
-
-@dataclass(frozen=True)
-class Widening:
-    """The filters, and what they begin with.
-
-    Attributes
-    ----------
-    velocity_deviation, acceleration_deviation : float
-        Of each component, before anything was seen, m/s and m/s^2.
-    """
-
-    velocity_deviation: float
-    acceleration_deviation: float
-
-    @cached_property
-    def filters(self) -> tuple[RandomWalkAcceleration | RandomWalkVelocity, ...]:
-        """Their motions: noise that makes the spread of newcomers in the time that these need for it, and multiples."""
-        time = self.velocity_deviation / self.acceleration_deviation
-        jerk, swerve = self.acceleration_deviation**2 / time, self.velocity_deviation**2 / time
-        return (
-            *(
-                RandomWalkAcceleration(diffusion=ratio * jerk, acceleration_deviation=self.acceleration_deviation)
-                for ratio in JERKS
-            ),
-            *(RandomWalkVelocity(diffusion=ratio * swerve) for ratio in SWERVES),
-        )
-
-    @cached_property
-    def diffusions(self) -> Array:
-        """Intensities of acceleration and jerk, (M, 2) m^2/s^3 and m^2/s^5."""
-        jerks = [isinstance(motion, RandomWalkAcceleration) for motion in self.filters]
-        return np.array(
-            [[0.0, m.diffusion] if jerk else [m.diffusion, 0.0] for m, jerk in zip(self.filters, jerks, strict=True)]
-        )
-
-    @cached_property
-    def priors(self) -> Array:
-        """Variances of velocity and acceleration at first, (M, 2) m^2/s^2 and m^2/s^4."""
-        squares = self.velocity_deviation**2, self.acceleration_deviation**2
-        return np.array([[squares[0], squares[1] * (jerk > 0.0)] for jerk in self.diffusions[:, 1]])
-
-
-@dataclass
-class FilterStates:
-    """States of filters, position, velocity, acceleration, in units of the covariance of the noise.
-
-    Attributes
-    ----------
-    mean : (..., 3, 2)
-        m, m/s, m/s^2.
-    spread : (..., 3, 3)
-        The covariance of the state is this times that of the noise that is declared.
-    """
-
-    mean: Array
-    spread: Array
-
-    def predict(self, lag: Array, intensity: Array) -> None:
-        """Move on by lags (...), s, with intensities of acceleration and jerk (..., 2) in units of the noise."""
-        dt = lag[..., None]
-        x, p = self.mean, self.spread
-        x[..., 0, :] += dt * (x[..., 1, :] + 0.5 * dt * x[..., 2, :])
-        x[..., 1, :] += dt * x[..., 2, :]
-        half = 0.5 * dt * dt
-        # F P F' row by row, then column by column, with F = [[1, t, t^2 / 2], [0, 1, t], [0, 0, 1]].
-        p[..., 0, :] += dt * p[..., 1, :] + half * p[..., 2, :]
-        p[..., 1, :] += dt * p[..., 2, :]
-        p[..., :, 0] += dt * p[..., :, 1] + half * p[..., :, 2]
-        p[..., :, 1] += dt * p[..., :, 2]
-        swerve, jerk = lag * intensity[..., 0], lag * intensity[..., 1]
-        square = lag * lag
-        p[..., 0, 0] += square * (swerve / 3.0 + square * jerk / 20.0)
-        p[..., 1, 1] += swerve + square * jerk / 3.0
-        p[..., 2, 2] += jerk
-        for (i, j), added in {
-            (0, 1): lag * (0.5 * swerve + square * jerk / 8.0),
-            (0, 2): square * jerk / 6.0,
-            (1, 2): 0.5 * lag * jerk,
-        }.items():
-            p[..., i, j] += added
-            p[..., j, i] += added
-
-    def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
-        """Take in positions (..., 2) m; return what they differ by, m, and its variance in units of the noise."""
-        x, p = self.mean, self.spread
-        innovation = positions - x[..., 0, :]
-        variance = p[..., 0, 0] + noise
-        gain = p[..., :, 0] / variance[..., None]
-        x += gain[..., :, None] * innovation[..., None, :]
-        p -= gain[..., :, None] * p[..., None, 0, :].copy()
-        return innovation, variance
-
-
-@dataclass(frozen=True)
-class Mixture:
-    """What several filters together predict of K obstacles: mean and covariance of their mixture.
-
-    Attributes
-    ----------
-    mean : (K, 3, 2)
-        Position, velocity, acceleration, m, m/s, m/s^2.
-    covariance : (K, 3, 2, 3, 2)
-        Of these.
-    diffusion : (K, 2)
-        Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5...
-    shape : (K, 2, 2)
-        ...times this.
-    """
-
-    mean: Array
-    covariance: Array
-    diffusion: Array
-    shape: Array
-
-
-@lru_cache(maxsize=1)
-def _weights() -> Array:
-    """Weights of the trend in each window, (ring, windows), oldest first: squares 1, 4, 9 ..., of length 1."""
-    weights = np.zeros((_RING, len(WINDOWS)))
-    for column, window in enumerate(WINDOWS):
-        weights[_RING - window :, column] = np.arange(1, window + 1) ** 2
-    return weights / np.linalg.norm(weights, axis=0)
-
-
-@lru_cache(maxsize=1)
-def _members() -> Array:
-    """Which innovations are in each window, 1 or 0, (ring, windows)."""
-    return np.asarray(_weights() > 0.0, dtype=float)
-
-
-@lru_cache(maxsize=4)
-def _limits(probability: float) -> Array:
-    """Quantiles of chi-square for the size of each window, (windows,)."""
-    from scipy.special import gammainccinv
-
-    return np.asarray(2.0 * gammainccinv(np.array(WINDOWS, dtype=float), probability))
-
-
-def windows_of(innovations: Array, probability: float = RARE) -> Array:
-    """How improbable the newest innovations are, window by window.
-
-    Parameters
-    ----------
-    innovations : (..., ring, 2)
-        Standardised, the newest last; 0 where there is none.
-    probability : float
-        Of a window to be called improbable though all is as it is taken for.
-
-    Returns
-    -------
-    (..., windows)
-        The larger of what trend and size are as multiples of their limits; above 1: improbable.
-    """
-    x, y = innovations[..., 0], innovations[..., 1]
-    squares = x * x + y * y
-    cut = np.minimum(squares, WILD**2)
-    share = np.sqrt(cut / np.maximum(squares, WILD**2 * 1e-9))
-    trends = ((share * x) @ _weights()) ** 2 + ((share * y) @ _weights()) ** 2
-    return np.asarray(np.maximum(trends / (-2.0 * np.log(probability)), cut @ _members() / _limits(probability)))
 
 
 class Bank:
@@ -451,60 +264,6 @@ class Bank:
         slots = slots[self.count[slots] >= NEIGHBOURS]
         slots = slots[np.diff(self._times[slots], axis=1).min(axis=1, initial=1.0) > 0.0]
         return third_differences(self._times[slots], self._positions[slots], self._whiten[slots])
-
-
-def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
-    """Squared third divided differences, standardised so that for white noise they are chi-square with 2 degrees.
-
-    Parameters
-    ----------
-    times : (n, 4) s
-        Increasing.
-    positions : (n, 4, 2) m
-    whiten : (n, 2, 2)
-        W with W Sigma W' = I, 1/m.
-
-    Returns
-    -------
-    (n,)
-    """
-    between = times[:, :, None] - times[:, None]
-    between[:, range(NEIGHBOURS), range(NEIGHBOURS)] = 1.0
-    weights = 1.0 / between.prod(axis=2)
-    weights /= np.linalg.norm(weights, axis=1)[:, None]
-    offset = (whiten @ (weights[:, None] @ positions)[:, 0, :, None])[:, :, 0]
-    return np.asarray((offset * offset).sum(axis=1))
-
-
-def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Array:
-    """`third_differences` of all neighbours in (n,) s and (n, 2) m; whiten as there, (2, 2)."""
-    if len(times) < NEIGHBOURS:
-        return np.zeros(0)
-    view = np.lib.stride_tricks.sliding_window_view
-    clock, places = view(times, NEIGHBOURS), view(positions, NEIGHBOURS, axis=0).transpose(0, 2, 1)
-    apart = np.diff(clock, axis=1).min(axis=1) > 0.0
-    return third_differences(clock[apart], places[apart], whiten[None])
-
-
-class NoiseWatch:
-    """How much larger the noise of a sensor is than it declares, from all obstacles together."""
-
-    def __init__(self) -> None:
-        self._newest = np.zeros(0)
-        self.factor = 1.0
-        """Its variance as a multiple of what is declared, never below 1."""
-
-    def take_in(self, differences: Array) -> bool:
-        """Take in standardised squared third differences, (n,); return whether the noise is another now."""
-        self._newest = np.concatenate([self._newest, differences])[-NOISES:]
-        if not len(self._newest):
-            return False
-        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / np.sqrt(len(self._newest))
-        ratio = float(np.median(self._newest)) / _MEDIAN / self.factor
-        if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
-            return False
-        before, self.factor = self.factor, max(self.factor * ratio, 1.0)
-        return self.factor != before
 
 
 def _longer(array: Array, size: int) -> Array:

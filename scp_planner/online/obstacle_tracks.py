@@ -25,7 +25,9 @@ from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.foresight import Learning
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures, zones_together
-from scp_planner.online.noticing import Bank, NoiseWatch, Widening, neighbour_differences
+from scp_planner.online.mixtures import Widening
+from scp_planner.online.noticing import Bank
+from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 from scp_planner.online.track import (
     MOST_LATE,
     NoticingTrack,

@@ -34,43 +34,29 @@ from numpy.typing import ArrayLike
 from scp_planner.errors import Fault, ScenarioError
 from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.assumptions import Assumptions
-from scp_planner.online.fallback import Fallback
+from scp_planner.online.decision import Decision
 from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
-from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.remaining import State, remaining_trip
+from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.remaining import State
 from scp_planner.online.stops import STANDING
 from scp_planner.online.updates import Forecast, Update
-from scp_planner.online.vetting import Vetted
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.scp.linearisation import TrustRegion
-from scp_planner.scp.loop import ScpLoop
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
 SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100, tolerance=2e-3)
 """Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
 between samples."""
-WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
-NEAR_GOAL = 0.4
-"""Units of time. With less of the trip left, the last plan is driven to its end if its certificate holds."""
-ARRIVED = 1e-3
-"""Units of length."""
-UNFINISHED_SOONER = 2
-"""A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
-SLOWER = 5e-3
-"""Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
 
 class Planner:
@@ -144,12 +130,10 @@ class Planner:
             self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
         )
         self._assumptions = Assumptions(self._online.period, self._online.tracking_error, units)
-        self._looks, self._fallback = Looks(self._means), Fallback(self._means)
+        self._decision = Decision(self._means)
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0
-        self._improved = 0
-        self._good_enough = True
 
     @property
     def solver(self) -> QpSolver:
@@ -368,7 +352,7 @@ class Planner:
             for text in self._assumptions.broken(now.moment, self._last):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
             now.lap("zones")
-            plan = self._answer(now)
+            plan = self._decision.answer(now)
         self._last, self._state, self._zones = plan, state, now.moment.zones
         self._clock = float(time)
         self._cycle += 1
@@ -415,87 +399,4 @@ class Planner:
 
     def at_goal(self, position: ArrayLike) -> bool:
         """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""
-        return self._is_there(self._units.place(_point("position", position)))
-
-    def _is_there(self, place: tuple[float, float]) -> bool:
-        goal = self.given.goal
-        return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._online.tracking_error
-
-    def _answer(self, now: Replan) -> OnlinePlan:
-        last = self._last
-        if last is not None and last.outcome in (Outcome.BRAKING, Outcome.EVADING):
-            last = None
-        state = now.moment.state
-        if self._is_there(state.position):
-            # Within the goal's radius the vehicle may still be coming to rest, or on its way to where it arrives.
-            kept = None
-            if last is not None and last.arrival_time > state.time and state.speed > STANDING:
-                kept = self._means.vetting.vet_kept(now.moment, last.trip)
-            if kept is not None:
-                return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-            return replace(self._means.standing(now, "arrived"), arrived=True)
-        if last is not None and last.arrival_time - state.time < NEAR_GOAL:
-            kept = self._means.vetting.vet_kept(now.moment, last.trip)
-            if kept is not None:
-                return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if last is not None and self._cycle - self._improved < self._improve_every:
-            kept = self._means.vetting.vet_on(
-                now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified
-            )
-            now.lap("certificate")
-            if kept is not None:
-                return self._keep(now, kept)
-        self._improved = self._cycle
-        problem = self._means.problem(now)
-        loop = ScpLoop(problem, self.solver)
-        ahead = None if self._last is None else remaining_trip(problem, self._last.trip, state)
-        now.lap("problem")
-        best, why = self._improve(now, loop, None if last is None else ahead)
-        if best is None:
-            return self._fallback.fall_back(now, problem, last, ahead, why)
-        later = last is not None and best.arrival > last.arrival_time + SLOWER
-        if last is not None and (later or (last.certified and not best.certified)):
-            kept = self._means.vetting.vet_kept(now.moment, last.trip)
-            now.lap("certificate")
-            if kept is not None:
-                why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
-                return self._means.plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
-        self._good_enough = best.feasible
-        return self._means.plan_of(best, now, Outcome.IMPROVED, why)
-
-    @property
-    def _improve_every(self) -> int:
-        """Replans between improvements: fewer after one that is not good enough yet."""
-        every = self._online.improve_every
-        return every if self._good_enough else max(every // UNFINISHED_SOONER, 1)
-
-    def _keep(self, now: Replan, kept: Vetted) -> OnlinePlan:
-        """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
-        if self._looks.is_due(now, kept):
-            loop = ScpLoop(self._means.problem(now), self.solver)
-            now.lap("problem")
-            other, _ = self._looks.look(now, loop, kept)
-            if other is not None:
-                return self._means.plan_of(other, now, Outcome.IMPROVED, "another way round")
-        return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
-
-    def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
-        """Continue the last plan and, where that is due, look at other ways round."""
-        best: Vetted | None = None
-        why, refused = "first plan", ""
-        if ahead is not None:
-            most = self._online.iterations
-            if self._last is not None and self._means.vetting.is_on(now.moment, self._last.trip):
-                most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
-            now.lap("scp")
-            found = self._means.vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
-            if isinstance(found, Vetted):
-                best, why = found, "the last plan, continued"
-            else:
-                refused = found.why
-        if best is None and self._looks.is_due(now, best):
-            best, said = self._looks.look(now, loop, None)
-            why = "first plan" if self._last is None else "another way round"
-            refused = refused or said
-        return best, why if best is not None else refused
+        return self._decision.is_there(self._units.place(_point("position", position)))

@@ -94,9 +94,10 @@ class TrackEstimator(ABC):
     def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
         """Give the estimate, with what is known beforehand of a polynomial motion."""
 
-    def reaches_back(self, later: int) -> bool:
-        """Whether an observation can be taken in that comes after so many later ones."""
-        return True
+    @property
+    def depth(self) -> float:
+        """After how many later ones an observation can still be taken in."""
+        return math.inf
 
     def go_back(self, later: int) -> None:
         """Be again what it was before the last so many observations."""
@@ -162,7 +163,7 @@ class NoticingTrack(TrackEstimator):
     def __init__(self, bank: Bank, covariance: Array) -> None:
         self.bank, self.slot = bank, bank.take(covariance)
 
-    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:
+    def update(self, time: float, position: tuple[float, float], noise: Array) -> None:  # noqa: ARG002 - as declared
         """Take in an observation."""
         slot, place = self.slot, np.array([position])
         if time < self.bank.last[slot]:
@@ -212,16 +213,17 @@ class ProcessTrack(TrackEstimator):
         self.filters.append(self.filter.copy())
         self.filter.update(time, np.array([position]), noise)
 
-    def reaches_back(self, later: int) -> bool:
-        """Whether the filter as it was then is still kept."""
-        return later <= len(self.filters)
+    @property
+    def depth(self) -> int:
+        """How many observations ago the filter is still kept as it was then."""
+        return len(self.filters)
 
     def go_back(self, later: int) -> None:
         """Be again what it was before the last so many observations."""
         for _ in range(later):
             self.filter = self.filters.pop()
 
-    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:
+    def estimate(self, prior: MotionPrior | None) -> MotionEstimate:  # noqa: ARG002 - its model has one
         """Give the estimate."""
         return self.filter.estimate()
 
@@ -420,7 +422,7 @@ class Track:
     def comes_too_late(self, one: Seen) -> bool:
         """Whether what was known when an observation was made is not kept any more."""
         later = len(self.times) - bisect(self.times, one.time)
-        return self.estimator is not None and not self.estimator.reaches_back(later)
+        return self.estimator is not None and later > self.estimator.depth
 
     def is_improbable(self, one: Seen, least: float, newcomers: SceneNewcomers) -> bool:
         """Whether to see something as far away as this, or farther, is less probable than ``least``."""

@@ -15,8 +15,9 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
-from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide, guide_through, smooth_guide
+from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
 from scp_planner.trips.path import Path
+from scp_planner.trips.smoothing import guide_through, smooth_guide
 from scp_planner.trips.space import CELLS_PER_SPAN
 
 STEEPEST = 1.05  # rad; where a heading differs by more from the direction to the goal, the guide is no straight line

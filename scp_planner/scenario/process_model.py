@@ -2,7 +2,7 @@
 
 A polynomial motion believed exactly covers half of real people after two seconds. Here velocity or
 acceleration is itself random, so the uncertainty grows with the time since the last observation even if
-everything was seen. The mathematics is in `scp_planner.estimation.motion_filter`, the fit in
+everything was seen. The mathematics is in `scp_planner.estimation.kalman`, the fit in
 `scp_planner.estimation.motion_fitting`; this is what a file holds.
 """
 

@@ -20,7 +20,7 @@ class Disc(Part):
 
     disc: Positive = Field(description="radius, m")
 
-    def distance(self, point: planar.Point, heading: float) -> float:
+    def distance(self, point: planar.Point, heading: float) -> float:  # noqa: ARG002 - the same in all directions
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
         return max(0.0, math.hypot(*point) - self.disc)
 
@@ -47,7 +47,7 @@ class PolygonShape(Part):
 
     polygon: Polygon = Field(description="vertices [[x, y], ...], m")
 
-    def distance(self, point: planar.Point, heading: float) -> float:
+    def distance(self, point: planar.Point, heading: float) -> float:  # noqa: ARG002 - it does not turn
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` in rad."""
         return planar.distance_to_polygon(point, self.polygon)
 

@@ -19,7 +19,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.bend_sites import BendSites, bend_sites
 from scp_planner.scp.merit import Limit, Penalties
-from scp_planner.threat_zones.batch import ZoneContacts
+from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TimeTable

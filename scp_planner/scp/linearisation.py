@@ -17,7 +17,7 @@ from scp_planner.scp.rows.bends import curvature_rows, lateral_rows
 from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import goal_speed_rows
-from scp_planner.threat_zones.batch import ZoneContacts
+from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
 

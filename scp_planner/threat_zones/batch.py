@@ -19,85 +19,13 @@ from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
-
-
-@dataclass(frozen=True)
-class ZoneContacts:
-    """Signed distances of points to chosen zones, and how they change.
-
-    Attributes
-    ----------
-    distance : (n,) array
-        m, negative inside.
-    normal : (n, 2) array
-        Unit normal nu of the supporting line, from the zone towards the point: the gradient of the distance.
-    rate : (n,) array
-        Time derivative of the distance at a fixed point, m/s: -(nu . centre velocity + growth of the support).
-    """
-
-    distance: Array
-    normal: Array
-    rate: Array
-
-    def take(self, index: slice) -> ZoneContacts:
-        """Return some of the contacts."""
-        return ZoneContacts(self.distance[index], self.normal[index], self.rate[index])
-
-    @classmethod
-    def joined(cls, parts: Sequence[ZoneContacts]) -> ZoneContacts:
-        """Return several sets of contacts as one."""
-        if len(parts) == 1:
-            return parts[0]
-        return cls(
-            np.concatenate([part.distance for part in parts]),
-            np.concatenate([part.normal for part in parts]),
-            np.concatenate([part.rate for part in parts]),
-        )
-
-
-@dataclass(frozen=True)
-class KnownDiscs:
-    """Discs whose motion is one polynomial, as numbers.
-
-    Attributes
-    ----------
-    index : (k,) array of int
-        Which of all zones they are, increasing.
-    ids : list of str
-    radius : (k,) array
-        m.
-    coefficients : (k, 3, 2) array
-        Of the centres, m: ascending powers of absolute time in s.
-    """
-
-    index: Index
-    ids: list[str]
-    radius: Array
-    coefficients: Array
-
-    @property
-    def centers(self) -> PiecewisePolynomials:
-        """The motions."""
-        breakpoints = np.broadcast_to([0.0, np.inf], (len(self.index), 2))
-        return PiecewisePolynomials(breakpoints, self.coefficients[:, None])
-
-
-class SortedZones(Sequence[ThreatZone]):
-    """Zones of which those that are discs with one polynomial as their motion are there as numbers, too.
-
-    Attributes
-    ----------
-    discs : KnownDiscs
-        Those discs.
-    others : tuple of int
-        Which zones are none of them, increasing.
-    """
-
-    discs: KnownDiscs
-    others: tuple[int, ...]
+_ALL = slice(None)
+_NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -483,10 +411,6 @@ def _support_point(covariance: Array, normal: Array) -> Array:
 def _cross(first: Array, second: Array) -> Array:
     product: Array = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     return product
-
-
-_ALL = slice(None)
-_NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:

@@ -26,7 +26,7 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import region_scale, shared_alpha, uniform_scale
 from scp_planner.estimation.dynamics import RandomWalk
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
-from scp_planner.estimation.motion_filter import ProcessEstimate
+from scp_planner.estimation.process_estimate import ProcessEstimate
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.scenario.models import Confidence, ConfidenceLevel

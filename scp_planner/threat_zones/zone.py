@@ -71,30 +71,19 @@ class ThreatZone:
             covariances=None if self.covariances is None else self.covariances.shifted(units.clock),
             pointing=None if self.pointing is None else self.pointing.shifted(units.clock),
         )
-        return replace(local._in_units(1.0 / units.length, 1.0 / units.time), until=units.instant(self.until))
+        return replace(_in_units(local, 1.0 / units.length, 1.0 / units.time), until=units.instant(self.until))
 
     def outside(self, units: NaturalUnits) -> ThreatZone:
         """Return a zone in the units of its scene in SI units."""
         if units.are_those_of_the_user:
             return self
-        local = self._in_units(units.length, units.time)
+        local = _in_units(self, units.length, units.time)
         return replace(
             local,
             centers=local.centers.plus(units.origin).shifted(-units.clock),
             covariances=None if local.covariances is None else local.covariances.shifted(-units.clock),
             pointing=None if local.pointing is None else local.pointing.shifted(-units.clock),
             until=units.absolute(self.until),
-        )
-
-    def _in_units(self, length: float, time: float) -> ThreatZone:
-        """The zone where lengths are so many times as large, and times too."""
-        return ThreatZone(
-            self.id,
-            self.radius * length,
-            self.centers.in_units(length, time),
-            None if self.covariances is None else self.covariances.in_units(length**2, time),
-            tuple(outline.in_units(length) for outline in self.outlines),
-            None if self.pointing is None else self.pointing.in_units(time, time),
         )
 
     def center(self, t: float | Array) -> Array:
@@ -188,3 +177,15 @@ class ThreatZone:
         times = np.atleast_1d(np.asarray(t, dtype=float))
         values = polynomials.grid(times.ravel())[:, 0]
         return values.reshape(*np.shape(t), values.shape[-1])
+
+
+def _in_units(zone: ThreatZone, length: float, time: float) -> ThreatZone:
+    """The zone where lengths are so many times as large, and times too."""
+    return ThreatZone(
+        zone.id,
+        zone.radius * length,
+        zone.centers.in_units(length, time),
+        None if zone.covariances is None else zone.covariances.in_units(length**2, time),
+        tuple(outline.in_units(length) for outline in zone.outlines),
+        None if zone.pointing is None else zone.pointing.in_units(time, time),
+    )

@@ -15,13 +15,8 @@ from scp_planner.errors import EstimationError, MotionModelError, ScenarioError
 from scp_planner.estimation.confidence import region_scale
 from scp_planner.estimation.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
 from scp_planner.estimation.error_laws import NormalErrors, StudentErrors
-from scp_planner.estimation.motion_filter import (
-    CENTER_TOLERANCE,
-    COVARIANCE_TOLERANCE,
-    MotionFilter,
-    ProcessEstimate,
-    estimate_process,
-)
+from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
+from scp_planner.estimation.process_estimate import CENTER_TOLERANCE, COVARIANCE_TOLERANCE, ProcessEstimate
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel, Tails
 

@@ -14,16 +14,8 @@ from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures
-from scp_planner.online.noticing import (
-    EVIDENCE,
-    WINDOWS,
-    Bank,
-    Mixture,
-    NoiseWatch,
-    Widening,
-    neighbour_differences,
-    windows_of,
-)
+from scp_planner.online.mixtures import Mixture, Widening
+from scp_planner.online.noticing import EVIDENCE, Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Track
 from scp_planner.scenario.models import Model
@@ -109,44 +101,6 @@ def test_zone_of_one_filter_is_that_of_its_motion() -> None:
         at = start + np.array([0.0, 0.5, 2.0, 7.0])
         assert zone.center(at) == pytest.approx(estimate.position(at), abs=1e-8)
         assert zone.covariance(at) == pytest.approx(scale * estimate.covariance(at), rel=1e-4)
-
-
-def test_third_differences_see_noise_and_not_motion() -> None:
-    rng = np.random.default_rng(3)
-    times = np.cumsum(rng.uniform(0.05, 0.2, 4000))
-    motion = np.stack([1.0 + times - 0.2 * times**2, 3.0 * times], axis=1)
-    sigma = np.array([[0.02, 0.01], [0.01, 0.03]])
-    whiten = np.linalg.inv(np.linalg.cholesky(sigma))
-    assert neighbour_differences(times[:50], motion[:50], whiten).max() < 1e-18
-    squares = neighbour_differences(times, motion + rng.multivariate_normal(np.zeros(2), sigma, 4000), whiten)
-    # chi-square with 2 degrees of freedom, of which neighbours depend on each other
-    assert squares.mean() == pytest.approx(2.0, rel=0.1)
-    assert np.median(squares) == pytest.approx(2.0 * math.log(2.0), rel=0.1)
-
-
-@pytest.mark.parametrize(("factor", "outliers", "low", "high"), [(1.0, 0.0, 1.0, 1.0), (3.0, 0.0, 7.0, 11.0)])
-def test_noise_is_seen_to_be_larger(factor: float, outliers: float, low: float, high: float) -> None:
-    rng = np.random.default_rng(4)
-    watch = NoiseWatch()
-    for _ in range(100):
-        watch.take_in(neighbour_differences(STEP * np.arange(4), factor * rng.normal(0, 0.1, (4, 2)), 10.0 * np.eye(2)))
-    assert low <= watch.factor <= high
-
-
-def test_outliers_are_no_noise() -> None:
-    rng = np.random.default_rng(5)
-    watch, places = NoiseWatch(), rng.normal(0.0, 0.1, (400, 2))
-    places[rng.random(400) < 0.02] += 5.0
-    watch.take_in(neighbour_differences(STEP * np.arange(400), places, 10.0 * np.eye(2)))
-    assert watch.factor == 1.0
-
-
-def test_windows_are_as_rare_as_they_say() -> None:
-    rng = np.random.default_rng(6)
-    innovations = rng.standard_normal((20_000, WINDOWS[-1], 2))
-    share = (windows_of(innovations, 0.02) > 1.0).mean(axis=0)
-    # trend and size of a window: either may be rare; cut innovations make trends a little rarer
-    assert np.all(share > 0.5 * 0.02) and np.all(share < 2.0 * 0.02 + 0.005)
 
 
 def test_what_moves_as_foretold_is_believed() -> None:

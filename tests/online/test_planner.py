@@ -16,6 +16,7 @@ from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.estimation.error_laws import StudentErrors
+from scp_planner.online import decision
 from scp_planner.online import planner as online_planner
 from scp_planner.online.means import Means
 from scp_planner.online.plan import OnlinePlan, Outcome
@@ -116,7 +117,7 @@ def test_plans_are_improved_on_the_way_and_never_get_slower_among_known_motions(
         plan = follow(planner, k * PERIOD)
         assert plan.outcome in (Outcome.IMPROVED, Outcome.KEPT) and plan.certified
         arrivals.append(plan.arrival_time)
-    assert np.diff(arrivals).max() <= online_planner.SLOWER
+    assert np.diff(arrivals).max() <= decision.SLOWER
     assert arrivals[-1] <= arrivals[0] + 0.02
 
 
@@ -332,9 +333,7 @@ def test_plan_that_breaks_a_limit_yet_is_improved_sooner() -> None:
             improved.append((k, plan.status))
     every = planner.online.improve_every
     gaps = [(later - k, status) for (k, status), (later, _) in pairwise(improved)]
-    assert {gap for gap, status in gaps if status is PlanStatus.INFEASIBLE} == {
-        every // online_planner.UNFINISHED_SOONER
-    }
+    assert {gap for gap, status in gaps if status is PlanStatus.INFEASIBLE} == {every // decision.UNFINISHED_SOONER}
     assert {gap for gap, status in gaps if status is PlanStatus.CERTIFIED} == {every}
 
 
@@ -504,7 +503,7 @@ def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     FakeClock(1e-3).rule(monkeypatch)  # from the beginning: what a look has taken says when the next one is begun
     begin(planner, scenario)
     monkeypatch.setattr(
-        "scp_planner.online.planner.ScpLoop.run", _never_good_enough(online_planner.ScpLoop.run)
+        "scp_planner.online.decision.ScpLoop.run", _never_good_enough(decision.ScpLoop.run)
     )  # a feasible trip would end the work
     steps = []
     for k, deadline in ((1, 0.030), (2, 0.009), (3, 0.003)):

@@ -19,7 +19,8 @@ from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
-from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict, smooth_guide
+from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict
+from scp_planner.trips.smoothing import smooth_guide
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from verification.dense_check import check_trip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -14,9 +15,12 @@ import pytest
 from scenes import scene
 
 import scp_planner
+import verification
 from scp_planner.arrays import Array
-from verification import dense_check
-from verification.dense_check import Tolerances, check_samples, check_trip
+from verification.dense_check import SAMPLES, check_samples, check_trip
+from verification.differences import end_heading
+from verification.distances import distance_to_ellipses, distance_to_observed, distance_to_polygon
+from verification.findings import DenseReport, Tolerances
 
 VEHICLE = {
     "radius": 0.3,
@@ -72,7 +76,7 @@ def arc_trip(radius: float, speed: float, angle: float = 3.0) -> tuple[Callable[
     return position, duration, data
 
 
-def refused(report: dense_check.DenseReport) -> set[str]:
+def refused(report: DenseReport) -> set[str]:
     return {finding.name for finding in report.violations}
 
 
@@ -204,7 +208,7 @@ def test_polygon_distance_against_shapely() -> None:
     corners = np.array([[0.0, 0.0], [2.0, 0.3], [1.2, 1.0], [1.8, 2.0], [0.1, 1.5]])
     polygon = geometry.Polygon(corners)
     points = np.random.default_rng(3).uniform(-2.0, 4.0, (400, 2))
-    signed = dense_check._distance_to_polygon(points, corners)
+    signed = distance_to_polygon(points, corners)
     for point, distance in zip(points, signed, strict=True):
         place = geometry.Point(point)
         expected = polygon.exterior.distance(place) * (-1.0 if polygon.contains(place) else 1.0)
@@ -302,9 +306,7 @@ def test_distances_to_ellipses_against_their_support() -> None:
     points = rng.uniform(-6.0, 6.0, (60, 2))
     angles = np.linspace(0.0, 2.0 * np.pi, 200_001)
     normals = np.stack([np.cos(angles), np.sin(angles)])
-    for point, matrix, distance in zip(
-        points, matrices, dense_check._distance_to_ellipses(points, matrices), strict=True
-    ):
+    for point, matrix, distance in zip(points, matrices, distance_to_ellipses(points, matrices), strict=True):
         support = np.sqrt(np.einsum("in,ij,jn->n", normals, matrix, normals))
         assert distance == pytest.approx(max(0.0, float((point @ normals - support).max())), abs=1e-8)
 
@@ -387,16 +389,18 @@ def test_unusable_input_is_refused() -> None:
 
 
 def test_the_check_imports_nothing_of_the_planner() -> None:
-    tree = ast.parse(Path(dense_check.__file__).read_text(encoding="utf-8"))
+    files = sorted(Path(str(verification.__file__)).parent.glob("*.py"))
+    assert len(files) > 1
+    trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
     imported = set()
-    for node in ast.walk(tree):
+    for node in itertools.chain.from_iterable(map(ast.walk, trees)):
         if isinstance(node, ast.Import):
             imported |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             imported.add((node.module or "").split(".")[0])
     assert "scp_planner" not in imported
     standard = {"__future__", "itertools", "json", "math", "os", "collections", "dataclasses", "pathlib", "typing"}
-    assert imported <= standard | {"numpy", "scipy"}
+    assert imported <= standard | {"numpy", "scipy", "verification"}
 
 
 def test_priors_count_like_observations_of_velocity_and_acceleration() -> None:
@@ -419,7 +423,7 @@ def test_priors_count_like_observations_of_velocity_and_acceleration() -> None:
     times = np.linspace(0.0, 4.0, 30)
     points = np.array([8.0, 8.0]) + np.random.default_rng(0).normal(0.0, 4.0, (30, 2))
     scale = -2.0 * math.log(0.1)  # chi-square of two degrees at 90 %
-    distance = dense_check._distance_to_observed(scenario.to_dict()["obstacles"][0], times, points, scale)
+    distance = distance_to_observed(scenario.to_dict()["obstacles"][0], times, points, scale)
     inside = zone.signed_distance(times, points) <= -0.4
     assert 0 < inside.sum() < 30
     assert distance[~inside] == pytest.approx(zone.signed_distance(times, points)[~inside], abs=1e-6)
@@ -452,8 +456,8 @@ def test_headings_at_ends_are_exact_where_the_curvature_changes_fast(from_rest: 
         angle = 0.3 + bend * inner + 0.5 * change * inner**2
         return 0.5 * along[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
 
-    times = np.linspace(0.0, 0.5, dense_check.SAMPLES + 1)
-    found = dense_check._end_heading(position, position(times), 0.0, 1)
+    times = np.linspace(0.0, 0.5, SAMPLES + 1)
+    found = end_heading(position, position(times), 0.0, 1)
     assert found == pytest.approx(0.3, abs=2e-5)
 
 

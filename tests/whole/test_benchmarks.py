@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 import scp_planner
-from benchmarks import common, families, online, online_crowds, planning, report, sizes
+from benchmarks import common, families, online, online_crowds, planning, sizes
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
 from benchmarks.peers.slsqp import Slsqp, _length, _Model
 from benchmarks.peers.starts import TEN_STARTS, Start, first_guess
+from benchmarks.report import peers as peers_report
+from benchmarks.report.__main__ import main as write_page
 from scp_planner.scenario import units
 from verification.dense_check import check_samples, check_trip
 
@@ -151,7 +153,7 @@ def test_peers_run_on_random_scenarios_and_the_page_says_what_they_did(tmp_path:
         ("scp_planner one run", "first 2"),
     ]
     assert len({row["scenario"] for row in rows}) == 2
-    assert report.main(["--results", str(results), "--page", str(page)]) == 0
+    assert write_page(["--results", str(results), "--page", str(page)]) == 0
     text = page.read_text(encoding="utf-8")
     anchors = {heading.lower().replace(",", "").replace(" ", "-") for heading in re.findall(r"^#+ (.+)$", text, re.M)}
     links = re.findall(r"\]\(#([^)]+)\)", text)
@@ -175,7 +177,7 @@ def test_the_page_tells_what_closed_loops_came_to(tmp_path: Path) -> None:
     )
     replan = {"wall_ms": 2.0, "processor_ms": 1.9, **{f"{stage}_ms": 0.5 for stage in online.STAGES}}
     common.write_csv(results / "online-replan.csv", [replan, {**replan, "wall_ms": 4.0}])
-    assert report.main(["--results", str(results), "--page", str(page)]) == 0
+    assert write_page(["--results", str(results), "--page", str(page)]) == 0
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.read_text().splitlines()]
     assert ["all", "2", "0.0", "0.0", "100.0", "1.075", "5.00", "0.00"] in cells, "both seeds at the usual level"
     assert ["0.5", "1", "100.0", "0.0", "100.0", "1.025", "5.00", "0.00"] in cells
@@ -212,18 +214,20 @@ def row(method: str, scenario: str, start_set: str, wall: float, time: float, ce
 
 
 def test_the_page_compares_times_and_rates_as_they_are() -> None:
-    plans = [row(report.REFERENCE, name, "plan", 10.0, 7.0, certified) for name, certified in (("a", 1), ("b", 0))]
-    tens = [row(report.NLP, name, "ten", wall, 7.7, 1) for name, wall in (("a", 200.0), ("b", 400.0))]
-    starts = [row(report.ONE_RUN, "a", "", 5.0, 7.0, 1), row(report.NLP, "a", "", 20.0, 7.0, 1)]
-    start, best = report.speed_part([*plans, *tens], starts)[0].splitlines()
+    plans = [
+        row(peers_report.REFERENCE, name, "plan", 10.0, 7.0, certified) for name, certified in (("a", 1), ("b", 0))
+    ]
+    tens = [row(peers_report.NLP, name, "ten", wall, 7.7, 1) for name, wall in (("a", 200.0), ("b", 400.0))]
+    starts = [row(peers_report.ONE_RUN, "a", "", 5.0, 7.0, 1), row(peers_report.NLP, "a", "", 20.0, 7.0, 1)]
+    start, best = peers_report.speed_part([*plans, *tens], starts)[0].splitlines()
     assert "4.0 times as long as one run" in start
     assert "30 times as long as `plan()`" in best
     assert "in 1, its travel time is 1.10000 times" in best
     assert "longer by more than 0.1 % in 1, shorter by more than that in 0." in best
-    lines = report.certified_part([*plans, *tens])[1].splitlines()
+    lines = peers_report.certified_part([*plans, *tens])[1].splitlines()
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    assert cells[2] == [report.REFERENCE, "plan", "1/2", "1/2", "2/2", "-", "-"]
-    assert cells[3] == [report.NLP, "ten", "2/2", "2/2", "2/2", "0", "1"]
+    assert cells[2] == [peers_report.REFERENCE, "plan", "1/2", "1/2", "2/2", "-", "-"]
+    assert cells[3] == [peers_report.NLP, "ten", "2/2", "2/2", "2/2", "0", "1"]
 
 
 def test_online_benchmarks_go_on_where_they_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,9 +30,10 @@ from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers.interface import solver_named
-from scp_planner.trips import guide
-from scp_planner.trips.guide import StraightGuide, check_pieces, smooth_guide
+from scp_planner.trips import smoothing
+from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path
+from scp_planner.trips.smoothing import check_pieces, smooth_guide
 from scp_planner.trips.space import MOST_BYTES, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -96,7 +97,7 @@ def test_a_guide_does_not_depend_on_how_much_of_it_is_averaged_at_once(monkeypat
     points = np.stack([np.linspace(0.0, 30.0, 60), rng.normal(0.0, 0.3, 60)], axis=1)
     points[0] = 0.0
     whole = smooth_guide(points, 2.0)
-    monkeypatch.setattr(guide, "MOST_AT_ONCE", 5000)
+    monkeypatch.setattr(smoothing, "MOST_AT_ONCE", 5000)
     parts = smooth_guide(points, 2.0)
     stations = np.linspace(0.0, whole.length, 50)
     assert parts.length == pytest.approx(whole.length, rel=1e-12)

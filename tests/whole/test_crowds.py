@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import common, report
+from benchmarks import common
 from benchmarks.crowds import __main__ as crowds
 from benchmarks.crowds import policies, protocols, recorded
+from benchmarks.report.__main__ import main as write_page
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.simulation.crowds import circle_crossing
@@ -42,7 +43,7 @@ def test_planner_crosses_and_the_page_tells(tmp_path: Path) -> None:
     assert crowds.main(["circle", "--policy", "wait", *options[:-2]]) == 0
     assert len(common.read_csv(tmp_path / "crowds.csv")) == 2
     page = tmp_path / "page.md"
-    assert report.main(["--results", str(tmp_path), "--page", str(page)]) == 0
+    assert write_page(["--results", str(tmp_path), "--page", str(page)]) == 0
     assert "## Among people" in page.read_text() and "scp crowd" in page.read_text()
 
 

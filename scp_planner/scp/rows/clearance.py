@@ -18,7 +18,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows, join_blocks
-from scp_planner.threat_zones.batch import ZoneContacts
+from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import TripPoints
 

@@ -1,0 +1,138 @@
+"""What a replan answers: which of the last plan, an improved one, another way round or a way out is driven.
+
+The order is that of `scp_planner.online.planner`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from scp_planner.online.fallback import Fallback
+from scp_planner.online.looks import Looks
+from scp_planner.online.means import Means, Replan
+from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.remaining import remaining_trip
+from scp_planner.online.stops import STANDING
+from scp_planner.online.vetting import Vetted
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.trips.trajectory import Trajectory
+
+WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
+NEAR_GOAL = 0.4
+"""Units of time. With less of the trip left, the last plan is driven to its end if its certificate holds."""
+ARRIVED = 1e-3
+"""Units of length."""
+UNFINISHED_SOONER = 2
+"""A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
+SLOWER = 5e-3
+"""Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+
+
+class Decision:
+    """Decides replan by replan what is driven, and remembers how good that is.
+
+    Parameters
+    ----------
+    means : Means
+    """
+
+    def __init__(self, means: Means) -> None:
+        self._means = means
+        self._looks, self._fallback = Looks(means), Fallback(means)
+        self._improved = 0
+        self._good_enough = True
+
+    def is_there(self, place: tuple[float, float]) -> bool:
+        """Whether a position, (2,), is the goal: nearly there or within its radius, and the tracking error."""
+        goal = self._means.given.goal
+        return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._means.online.tracking_error
+
+    def answer(self, now: Replan) -> OnlinePlan:
+        """Give the plan of one replan."""
+        last = now.last
+        if last is not None and last.outcome in (Outcome.BRAKING, Outcome.EVADING):
+            last = None
+        if self.is_there(now.moment.state.position):
+            return self._at_the_goal(now, last)
+        if last is None:
+            return self._anew(now, None)
+        if last.arrival_time - now.moment.state.time < NEAR_GOAL:
+            kept = self._means.vetting.vet_kept(now.moment, last.trip)
+            if kept is not None:
+                return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
+        if now.cycle - self._improved < self._improve_every:
+            kept = self._means.vetting.vet_on(
+                now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified
+            )
+            now.lap("certificate")
+            if kept is not None:
+                return self._keep(now, kept)
+        return self._anew(now, last)
+
+    def _at_the_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
+        """Stand; within the goal's radius the vehicle may still come to rest, or be on its way to where it arrives."""
+        state, kept = now.moment.state, None
+        if last is not None and last.arrival_time > state.time and state.speed > STANDING:
+            kept = self._means.vetting.vet_kept(now.moment, last.trip)
+        if kept is not None:
+            return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
+        return replace(self._means.standing(now, "arrived"), arrived=True)
+
+    def _anew(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
+        """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by."""
+        self._improved = now.cycle
+        problem = self._means.problem(now)
+        loop = ScpLoop(problem, self._means.solver)
+        ahead = None if now.last is None else remaining_trip(problem, now.last.trip, now.moment.state)
+        now.lap("problem")
+        best, why = self._improve(now, loop, None if last is None else ahead)
+        if best is None:
+            return self._fallback.fall_back(now, problem, last, ahead, why)
+        later = last is not None and best.arrival > last.arrival_time + SLOWER
+        if last is not None and (later or (last.certified and not best.certified)):
+            kept = self._means.vetting.vet_kept(now.moment, last.trip)
+            now.lap("certificate")
+            if kept is not None:
+                why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
+                return self._means.plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
+        self._good_enough = best.feasible
+        return self._means.plan_of(best, now, Outcome.IMPROVED, why)
+
+    @property
+    def _improve_every(self) -> int:
+        """Replans between improvements: fewer after one that is not good enough yet."""
+        every = self._means.online.improve_every
+        return every if self._good_enough else max(every // UNFINISHED_SOONER, 1)
+
+    def _keep(self, now: Replan, kept: Vetted) -> OnlinePlan:
+        """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
+        if self._looks.is_due(now, kept):
+            loop = ScpLoop(self._means.problem(now), self._means.solver)
+            now.lap("problem")
+            other, _ = self._looks.look(now, loop, kept)
+            if other is not None:
+                return self._means.plan_of(other, now, Outcome.IMPROVED, "another way round")
+        return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
+
+    def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
+        """Continue the last plan and, where that is due, look at other ways round."""
+        best: Vetted | None = None
+        why, refused = "first plan", ""
+        if ahead is not None:
+            most = self._means.online.iterations
+            if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
+                most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+            now.lap("scp")
+            found = self._means.vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
+            if isinstance(found, Vetted):
+                best, why = found, "the last plan, continued"
+            else:
+                refused = found.why
+        if best is None and self._looks.is_due(now, best):
+            best, said = self._looks.look(now, loop, None)
+            why = "first plan" if now.last is None else "another way round"
+            refused = refused or said
+        return best, why if best is not None else refused

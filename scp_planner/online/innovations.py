@@ -1,0 +1,69 @@
+"""How improbable the newest innovations are, over windows of several lengths.
+
+The *innovations* of a motion, standardised, are independent and standard normal as long as the motion and the noise are
+what they are taken for (R. L. Brown, J. Durbin, J. M. Evans, *Techniques for testing the constancy of regression
+relationships over time*, J. R. Statist. Soc. B 37 (1975)). Two things are tested:
+
+- their *trend*: their sum, weighted like the path of a motion whose acceleration has changed, which is normal;
+- their *size*: the sum of their squares, which is chi-square.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.settings.online import RARE
+
+WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32)
+"""Numbers of the newest innovations that are tested together."""
+WILD = 4.0
+"""Standard deviations to which innovations are cut: an outlier alone makes no alarm of a probability of `RARE`."""
+
+
+@lru_cache(maxsize=1)
+def _weights() -> Array:
+    """Weights of the trend in each window, (ring, windows), oldest first: squares 1, 4, 9 ..., of length 1."""
+    weights = np.zeros((WINDOWS[-1], len(WINDOWS)))
+    for column, window in enumerate(WINDOWS):
+        weights[WINDOWS[-1] - window :, column] = np.arange(1, window + 1) ** 2
+    return weights / np.linalg.norm(weights, axis=0)
+
+
+@lru_cache(maxsize=1)
+def _members() -> Array:
+    """Which innovations are in each window, 1 or 0, (ring, windows)."""
+    return np.asarray(_weights() > 0.0, dtype=float)
+
+
+@lru_cache(maxsize=4)
+def _limits(probability: float) -> Array:
+    """Quantiles of chi-square for the size of each window, (windows,)."""
+    from scipy.special import gammainccinv
+
+    return np.asarray(2.0 * gammainccinv(np.array(WINDOWS, dtype=float), probability))
+
+
+def windows_of(innovations: Array, probability: float = RARE) -> Array:
+    """How improbable the newest innovations are, window by window.
+
+    Parameters
+    ----------
+    innovations : (..., ring, 2)
+        Standardised, the newest last; 0 where there is none.
+    probability : float
+        Of a window to be called improbable though all is as it is taken for.
+
+    Returns
+    -------
+    (..., windows)
+        The larger of what trend and size are as multiples of their limits; above 1: improbable.
+    """
+    x, y = innovations[..., 0], innovations[..., 1]
+    squares = x * x + y * y
+    cut = np.minimum(squares, WILD**2)
+    share = np.sqrt(cut / np.maximum(squares, WILD**2 * 1e-9))
+    trends = ((share * x) @ _weights()) ** 2 + ((share * y) @ _weights()) ** 2
+    return np.asarray(np.maximum(trends / (-2.0 * np.log(probability)), cut @ _members() / _limits(probability)))

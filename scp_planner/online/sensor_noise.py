@@ -1,0 +1,74 @@
+"""How much larger the noise of a sensor is than it declares, from what neighbouring observations differ by.
+
+Noise is estimated over all obstacles together, from third differences of neighbouring positions, to which no motion
+contributes that is smooth over four observations; from their median, so outliers do not matter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array
+
+NOISES = 512
+"""Newest third differences that the noise is estimated from."""
+SURE = 4.0
+"""Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough."""
+NEIGHBOURS = 4
+"""Observations that a third difference is of."""
+_MEDIAN = 1.3862943611198906  # of chi-square with 2 degrees of freedom
+_MEDIAN_ERROR = 2.28  # relative standard error of the median of n overlapping differences, times sqrt(n)
+
+
+def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
+    """Squared third divided differences, standardised so that for white noise they are chi-square with 2 degrees.
+
+    Parameters
+    ----------
+    times : (n, 4) s
+        Increasing.
+    positions : (n, 4, 2) m
+    whiten : (n, 2, 2)
+        W with W Sigma W' = I, 1/m.
+
+    Returns
+    -------
+    (n,)
+    """
+    between = times[:, :, None] - times[:, None]
+    between[:, range(NEIGHBOURS), range(NEIGHBOURS)] = 1.0
+    weights = 1.0 / between.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1)[:, None]
+    offset = (whiten @ (weights[:, None] @ positions)[:, 0, :, None])[:, :, 0]
+    return np.asarray((offset * offset).sum(axis=1))
+
+
+def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Array:
+    """`third_differences` of all neighbours in (n,) s and (n, 2) m; whiten as there, (2, 2)."""
+    if len(times) < NEIGHBOURS:
+        return np.zeros(0)
+    view = np.lib.stride_tricks.sliding_window_view
+    clock, places = view(times, NEIGHBOURS), view(positions, NEIGHBOURS, axis=0).transpose(0, 2, 1)
+    apart = np.diff(clock, axis=1).min(axis=1) > 0.0
+    return third_differences(clock[apart], places[apart], whiten[None])
+
+
+class NoiseWatch:
+    """How much larger the noise of a sensor is than it declares, from all obstacles together."""
+
+    def __init__(self) -> None:
+        self._newest = np.zeros(0)
+        self.factor = 1.0
+        """Its variance as a multiple of what is declared, never below 1."""
+
+    def take_in(self, differences: Array) -> bool:
+        """Take in standardised squared third differences, (n,); return whether the noise is another now."""
+        self._newest = np.concatenate([self._newest, differences])[-NOISES:]
+        if not len(self._newest):
+            return False
+        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / np.sqrt(len(self._newest))
+        ratio = float(np.median(self._newest)) / _MEDIAN / self.factor
+        if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
+            return False
+        before, self.factor = self.factor, max(self.factor * ratio, 1.0)
+        return self.factor != before

@@ -1,0 +1,187 @@
+"""Guides along polylines with rounded corners, and along curves that are known by their headings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.errors import TooLargeError
+from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
+
+SHARP = 0.3  # rad; corners that turn by less are rounded by the moving average alone
+ARC_STEP = 0.15  # rad, between the points of an arc
+IN_LINE = 1e-9  # rad; a polyline that turns by less is straight
+LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over as much as these
+WINDOW = 1.5  # radii: width of the moving average
+SAMPLES_PER_WINDOW = 60
+MOST_SAMPLES = 500_000  # of the average: windows get wider on guides that would need more
+MOST_AT_ONCE = 4_000_000  # numbers in an array on the way to it
+FEW_CHANGES = 64  # of direction, that are looked at together
+MOST_PIECES = 3400  # of the heading's spline: what the tables of paths over it have room for
+
+
+def smooth_guide(points: Array, radius: float, piece: float = 0.3, multiple: int = 5) -> Guide:
+    """Return a guide along a polyline, its corners rounded.
+
+    Sharp corners are cut by arcs of the radius, as far as their legs have room. Then the curve is averaged over a
+    moving window of arc length, which leaves straight parts where they are. At last it is turned and scaled by the
+    tiny amount that brings its end onto the polyline's.
+
+    Parameters
+    ----------
+    points : (n, 2) array
+        In the planning frame, from the start at the origin to the goal, m.
+    radius : float
+        Wanted radius of rounded corners, m.
+    piece : float
+        Length of a piece of the heading's spline, m. Where paths over the guide are integrated, no knot may lie inside
+        a cell.
+    multiple : int
+        The number of pieces is a multiple of this, and at least four times as much.
+
+    Returns
+    -------
+    Guide
+
+    Raises
+    ------
+    TooLargeError
+        If there are more pieces than a guide may have.
+    """
+    check_pieces(float(np.hypot(*np.diff(points, axis=0).T).sum()), piece)
+    corners, least = _rounded(np.asarray(points, dtype=float), radius)
+    legs = np.diff(corners, axis=0)
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    directions = legs / lengths[:, None]
+    turns = np.abs(directions[1:, 0] * directions[:-1, 1] - directions[1:, 1] * directions[:-1, 0])
+    if np.all(turns < IN_LINE):
+        return StraightGuide(float(np.hypot(*(corners[-1] - corners[0]))))
+    places = np.cumsum(lengths)[:-1]
+    total = float(lengths.sum())
+    half = max(0.5 * min(WINDOW * least, 0.5 * total), SAMPLES_PER_WINDOW * total / MOST_SAMPLES)
+    # The average of the polyline over the window has this derivative; beyond its ends the polyline goes straight on.
+    u = np.linspace(0.0, total, max(400, int(SAMPLES_PER_WINDOW * total / half)) + 1)
+    derivative = _averaged(directions, places, u, half)
+    phi = np.unwrap(np.arctan2(derivative[:, 1], derivative[:, 0]))
+    speed = np.hypot(derivative[:, 0], derivative[:, 1])
+    driven = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(u))])
+    pieces = multiple * max(4, round(driven[-1] / (multiple * piece)))
+    headings = np.interp(np.linspace(0.0, driven[-1], pieces + 1), driven, phi)
+    return _ending_at(corners[-1] - corners[0], driven[-1], headings)
+
+
+def _averaged(directions: Array, places: Array, u: Array, half: float) -> Array:
+    """Directions (n + 1, 2) that change at places (n,), averaged over a window about u, (m, 2); all along one line.
+
+    Changes that lie wholly before the window of u are over, those behind it are still to come.
+    """
+    changes = np.diff(directions, axis=0)
+    if len(u) * len(places) <= MOST_AT_ONCE:
+        return directions[0] + _shares(u, places, half) @ changes
+    averaged = np.empty((len(u), 2))
+    first, last = np.searchsorted(places, u - half), np.searchsorted(places, u + half)
+    begin = 0
+    while begin < len(u):
+        # As many as share most of their changes: others are looked at for nothing
+        shared = first[begin] + max(2 * (last[begin] - first[begin]), FEW_CHANGES)
+        most = max(1, MOST_AT_ONCE // (shared - first[begin]))
+        end = begin + min(max(1, int(np.searchsorted(last[begin:], shared, "right"))), most)
+        near = slice(first[begin], last[end - 1])
+        averaged[begin:end] = directions[near.start] + _shares(u[begin:end], places[near], half) @ changes[near]
+        begin = end
+    return averaged
+
+
+def _shares(u: Array, places: Array, half: float) -> Array:
+    """How much of the change at each place has come at each u, (m, n): 0 before the window, and 1 after it."""
+    share = u[:, None] - places
+    share /= half
+    np.clip(share, -1.0, 1.0, out=share)
+    square = share * share
+    # 1 / 2 + 35 / 32 (x - x^3 + 3 / 5 x^5 - x^7 / 7)
+    shares: Array = square * (-1.0 / 7.0)
+    for coefficient in (0.6, -1.0):
+        shares += coefficient
+        shares *= square
+    shares += 1.0
+    shares *= share
+    shares *= 35.0 / 32.0
+    shares += 0.5
+    return shares
+
+
+def check_pieces(length: float, piece: float) -> None:
+    """Refuse a curve that would need more pieces than a guide may have, before anything is allocated.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    piece : float
+        Length of a piece, m.
+
+    Raises
+    ------
+    TooLargeError
+        Naming both.
+    """
+    if length > MOST_PIECES * piece:
+        raise TooLargeError(
+            f"guide: a curve of {length:.6g} m in pieces of {piece:.3g} m would have {length / piece:.3g} of them;"
+            f" at most {MOST_PIECES} are allowed: a larger path_span makes them longer"
+        )
+
+
+def guide_through(headings: Array, length: float, goal: Array) -> CurvedGuide:
+    """Return a guide along a curve that is known by its headings.
+
+    Parameters
+    ----------
+    headings : (n,) array
+        In the planning frame at equidistant arc lengths from the start to the goal, rad; without jumps by full turns.
+    length : float
+        m.
+    goal : (2,) array
+        Where the guide is to end, m.
+
+    Returns
+    -------
+    CurvedGuide
+    """
+    return _ending_at(goal, length, headings)
+
+
+def _ending_at(goal: Array, length: float, headings: Array) -> CurvedGuide:
+    """Return the guide with these headings, turned and scaled so that it ends at a point."""
+    end = CurvedGuide(length, headings).frame(np.array([length])).position[0]
+    turn = np.arctan2(goal[1], goal[0]) - np.arctan2(end[1], end[0])
+    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    return CurvedGuide(length * float(np.hypot(*goal) / np.hypot(*end)), headings + turn)
+
+
+def _rounded(points: Array, radius: float) -> tuple[Array, float]:
+    """The polyline with arcs, of many short legs, in place of its sharp corners; and the least radius of them."""
+    corners, least = [points[:1]], radius
+    legs = np.diff(points, axis=0)
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    for k in range(1, len(points) - 1):
+        before, after = legs[k - 1] / lengths[k - 1], legs[k] / lengths[k]
+        turn = float(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after))
+        if abs(turn) < SHARP:
+            corners.append(points[k : k + 1])
+            continue
+        # An inner leg is shared by its two corners.
+        room = min(lengths[k - 1] * (1.0 if k == 1 else 0.5), lengths[k] * (1.0 if k == len(points) - 2 else 0.5))
+        half = min(0.5 * abs(turn), 0.499 * np.pi)
+        tangent = min(radius * np.tan(half), 0.999 * room)
+        bend = tangent / np.tan(half)
+        least = min(least, max(bend, LEAST_BEND * radius))
+        left = np.sign(turn) * np.array([-before[1], before[0]])
+        center = points[k] - tangent * before + bend * left
+        angles = np.linspace(0.0, turn, int(np.ceil(abs(turn) / ARC_STEP)) + 1)
+        c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+        spoke = -bend * left
+        corners.append(center + c * spoke + s * np.array([-spoke[1], spoke[0]]))
+    polyline = np.concatenate([*corners, points[-1:]])
+    apart = np.hypot(*np.diff(polyline, axis=0).T) > 1e-9 * max(1.0, float(lengths.sum()))
+    return polyline[np.concatenate([[True], apart])], float(least)

@@ -1,0 +1,188 @@
+"""What a vehicle does, from differences of its positions: speeds, accelerations, curvatures, headings.
+
+What these see and cannot see is said in `verification.dense_check`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from verification.findings import Finding, Tolerances
+
+Array = NDArray[np.float64]
+PositionFunction = Callable[[Array], ArrayLike]
+
+SPEED_WINDOW = 1e-3  # s, one chord
+SLOW = 0.1  # m/s; ends slower than this are looked at over the samples, not over chords of their own
+END_WINDOW = 1e-4  # s; a longer one would be blurred by a jump of the acceleration just inside the end
+ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
+RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
+CHORD_LENGTH = 3e-3  # m, for headings and curvature
+END_CHORD = 5e-4  # m, for the headings at the ends, whose error grows with the square of the chords
+END_TURN = 1e-3  # rad, in a window at an end: speeds are off by a share of a third of its square
+REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
+_THREE: Array = np.array([0.0, 1.0, 2.0])  # places of a one-sided difference of second order
+
+
+def ends(
+    data: Mapping[str, Any], times: Array, positions: Array, position: PositionFunction, allowed: Tolerances
+) -> list[Finding]:
+    """Where and when a trip begins and ends, how fast and which way, from positions at times and their function."""
+    start, goal = data["start"], data["goal"]
+    begin, end = float(times[0]), float(times[-1])
+    found = []
+
+    def require(name: str, value: float, limit: float, excess: float, tolerance: float, time: float) -> None:
+        found.append(Finding(name, value, limit, excess, tolerance, time))
+
+    late = begin - float(start.get("time", 0.0))
+    require("start_time", begin, begin - late, abs(late), 1e-9, begin)
+    gap = float(np.linalg.norm(positions[0] - np.asarray(start["position"], dtype=float)))
+    require("start_position", gap, 0.0, gap, allowed.position, begin)
+    gap = float(np.linalg.norm(positions[-1] - np.asarray(goal["position"], dtype=float)))
+    reach = float(goal.get("radius") or 0.0)
+    require("goal_position", gap, reach, gap - reach, allowed.position, end)
+    for name, sign in (("earliest_arrival", -1.0), ("latest_arrival", 1.0)):
+        if goal.get(name) is not None:
+            limit = float(goal[name])
+            require(name, end, limit, sign * (end - limit), allowed.arrival, end)
+
+    for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
+        if place.get("speed") is not None:
+            speed = _end_speed(position, when, order * _end_window(position, when, order * END_WINDOW))
+            gap = abs(speed - float(place["speed"]))
+            require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
+        if place.get("heading") is not None:
+            # Seen from the goal the chords point backwards.
+            heading = end_heading(position, positions[::order], when, order) + (0.0 if order == 1 else math.pi)
+            gap = abs(math.remainder(heading - float(place["heading"]), 2.0 * math.pi))
+            require(f"{name}_heading", heading, float(place["heading"]), gap, allowed.heading, when)
+    return found
+
+
+def _end_speed(position: PositionFunction, end: float, window: float) -> float:
+    """Speed at an end, from the one-sided second-order difference over a window to the inside."""
+    here, near, far = np.asarray(position(end + window * _THREE), dtype=float)
+    velocity = (-3.0 * here + 4.0 * near - far) / (2.0 * window)
+    return float(np.linalg.norm(velocity))
+
+
+def _end_window(position: PositionFunction, end: float, window: float) -> float:
+    """Length of a window to the inside of an end, s, that is shorter where the trip turns fast there."""
+    here, near, far = np.asarray(position(end + window * _THREE), dtype=float)
+    before, after = near - here, far - near
+    turn = abs(math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after)))
+    return abs(window) * min(1.0, END_TURN / turn) if turn > 0.0 else abs(window)
+
+
+def end_heading(position: PositionFunction, positions: Array, end: float, order: int) -> float:
+    """Heading to the inside at an end, over two short chords, however far apart the samples are."""
+    speed = _end_speed(position, end, order * END_WINDOW)
+    if speed <= SLOW:
+        distance = np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))
+        first = 1 + int(np.searchsorted(distance, END_CHORD))
+        second = max(first + 1, 1 + int(np.searchsorted(distance, distance[min(first, len(distance)) - 1] + END_CHORD)))
+        second = min(second, len(positions) - 1)
+        return _first_heading(positions[[0, min(first, second - 1), second]])
+    window = order * _end_window(position, end, order * END_CHORD / speed)
+    return _first_heading(np.asarray(position(end + window * _THREE), dtype=float))
+
+
+def _first_heading(three: Array) -> float:
+    """Heading at the first of three points: the directions of two chords, extrapolated over arc length."""
+    chords = np.diff(three, axis=0)
+    first, second = np.arctan2(chords[:, 1], chords[:, 0])
+    lengths = np.linalg.norm(chords, axis=1)
+    turn = math.remainder(second - first, 2.0 * math.pi)
+    return float(first - turn * lengths[0] / (lengths[0] + lengths[1]))
+
+
+def points_by_length(positions: Array) -> NDArray[np.intp]:
+    """Indices of points about CHORD_LENGTH apart along the way, whatever the speed; at least three."""
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    distance = np.concatenate([[0.0], np.cumsum(lengths)])
+    total = distance[-1]
+    # With samples farther apart than a chord the marks would fall on the same sample: two steps at least.
+    spacing = max(CHORD_LENGTH, 2.0 * float(lengths.max(initial=0.0)))
+    count = max(2, int(total / spacing))
+    chosen = np.searchsorted(distance, np.linspace(0.0, total, count + 1), side="left")
+    chosen[-1] = positions.shape[0] - 1
+    return np.unique(np.clip(chosen, 0, positions.shape[0] - 1))
+
+
+def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Compare what the vehicle does with what it can, from positions (n, 2) m at equidistant times (n,) s."""
+    vehicle = data["vehicle"]
+    step = float(times[1] - times[0])
+    width = max(1, round(SPEED_WINDOW / step))
+    apart = max(width, round(ACCELERATION_WINDOW / step))
+    found = []
+
+    def at_most(name: str, values: Array, limit: float, tolerance: float, when: Array) -> None:
+        worst = int(np.argmax(values))
+        value = float(values[worst])
+        found.append(Finding(name, value, limit, value - limit, tolerance, float(when[worst])))
+
+    displacements = positions[width:] - positions[:-width]
+    chords = np.linalg.norm(displacements, axis=1)
+    middles = (times[width:] + times[:-width]) / 2.0
+    driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    speeds = (driven[width:] - driven[:-width]) / (width * step)
+    at_most("speed", speeds, float(vehicle["max_speed"]), allowed.speed, middles)
+
+    backward, when = _backward_speed(displacements, chords, width * step, middles)
+    found.append(Finding("reversing", backward, 0.0, -backward, allowed.speed, when))
+
+    rates = (speeds[apart:] - speeds[:-apart]) / (apart * step)
+    between = (middles[apart:] + middles[:-apart]) / 2.0
+    at_most("acceleration", rates, float(vehicle["max_acceleration"]), allowed.acceleration, between)
+    at_most("deceleration", -rates, float(vehicle["max_deceleration"]), allowed.acceleration, between)
+    if vehicle.get("max_jerk") is not None:
+        far = max(1, round(RATE_WINDOW / step))
+        jerks = np.abs(rates[far:] - rates[:-far]) / (far * step)
+        at_most("jerk", jerks, float(vehicle["max_jerk"]), allowed.jerk, (between[far:] + between[:-far]) / 2.0)
+
+    chosen = points_by_length(positions)
+    if chosen.size < 3:
+        return found
+    chords = np.diff(positions[chosen], axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    headings = np.arctan2(chords[:, 1], chords[:, 0])
+    turns = np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi
+    signed = turns / ((lengths[1:] + lengths[:-1]) / 2.0)
+    curvatures = np.abs(signed)
+    when_turning = times[chosen[1:-1]]
+    mean_speeds = (lengths[1:] + lengths[:-1]) / (times[chosen[2:]] - times[chosen[:-2]])
+    if vehicle.get("max_curvature") is not None:
+        at_most("curvature", curvatures, float(vehicle["max_curvature"]), allowed.curvature, when_turning)
+    if vehicle.get("max_curvature_rate") is not None:
+        clock = np.arange(when_turning[0], when_turning[-1], RATE_WINDOW)
+        changes = np.abs(np.diff(np.interp(clock, when_turning, signed))) / RATE_WINDOW
+        at_most("curvature_rate", changes, float(vehicle["max_curvature_rate"]), allowed.curvature_rate, clock[1:])
+    if vehicle.get("max_lateral_acceleration") is not None:
+        limit = float(vehicle["max_lateral_acceleration"])
+        lateral = curvatures * mean_speeds**2
+        at_most("lateral_acceleration", lateral, limit, allowed.lateral_acceleration, when_turning)
+    return found
+
+
+def _backward_speed(displacements: Array, chords: Array, duration: float, when: Array) -> tuple[float, float]:
+    """Least signed speed along the way, and its time; negative once the vehicle has turned on its heel.
+
+    The sign flips wherever a displacement points against the one before it. Displacements too short to have a
+    direction are passed over, so that a reversal after a stop is seen too.
+    """
+    moving = np.flatnonzero(chords > REVERSAL_LENGTH)
+    if moving.size < 2:
+        return 0.0, float(when[0])
+    steps = displacements[moving]
+    flips = np.einsum("ij,ij->i", steps[1:], steps[:-1]) < 0.0
+    signs = np.concatenate([[1.0], np.cumprod(np.where(flips, -1.0, 1.0))])
+    signed = signs * chords[moving] / duration
+    worst = int(np.argmin(signed))
+    return min(0.0, float(signed[worst])), float(when[moving[worst]])

@@ -1,0 +1,131 @@
+"""Where a vehicle may be and how fast: its discs, speed limits of places, the workspace and the corridor."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from verification.differences import SPEED_WINDOW, Array, points_by_length
+from verification.distances import distance_to_polygon
+from verification.findings import Finding, Tolerances
+
+
+def disc_centres(data: Mapping[str, Any], positions: Array) -> list[Array]:
+    """Centres (n, 2) of the vehicle's discs: so far ahead of the positions, along the direction of the way there.
+
+    That direction is taken from chords by length about each position, as for the curvature: it is off by less than
+    (rate of the curvature) (3 mm)^2 / 6.
+    """
+    offsets = [float(offset) for offset in data["vehicle"].get("discs") or (0.0,)]
+    if offsets == [0.0]:
+        return [positions]
+    chosen = points_by_length(positions)
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions[chosen], axis=0), axis=1))])
+    chords = np.diff(positions[chosen], axis=0)
+    headings = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
+    middles = (lengths[1:] + lengths[:-1]) / 2.0
+    driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))])
+    driven *= lengths[-1] / driven[-1]
+    heading = np.interp(driven, middles, headings)
+    for beyond, (one, other) in ((driven < middles[0], (0, 1)), (driven > middles[-1], (-1, -2))):
+        rate = (headings[other] - headings[one]) / (middles[other] - middles[one])
+        heading[beyond] = headings[one] + rate * (driven[beyond] - middles[one])
+    ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    return [positions + offset * ahead for offset in offsets]
+
+
+def place_speeds(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Speeds on chords of which both ends belong to a stretch of a line: nearest to a point of it."""
+    step = float(times[1] - times[0])
+    width = max(1, round(SPEED_WINDOW / step))
+    speeds = np.linalg.norm(positions[width:] - positions[:-width], axis=1) / (width * step)
+    found = []
+    for number, limit in enumerate(data.get("speed_limits") or ()):
+        line = limit.get("line") or data.get("guide") or (data["start"]["position"], data["goal"]["position"])
+        along = _along(np.asarray(line, dtype=float), positions)
+        inside = along >= float(limit["from"])
+        if limit.get("to") is not None:
+            inside &= along <= float(limit["to"])
+        speed = np.where(inside[width:] & inside[:-width], speeds, 0.0)
+        worst, top = int(np.argmax(speed)), float(limit["speed"])
+        value, when = float(speed[worst]), float(times[worst])
+        found.append(Finding("place_speed", value, top, value - top, allowed.speed, when, f"speed_limits[{number}]"))
+    return found
+
+
+def _along(line: Array, points: Array) -> Array:
+    """How far along a polyline (k, 2) the points of it lie that are nearest to points (n, 2), (n,) m."""
+    nearest, along = np.full(len(points), np.inf), np.zeros(len(points))
+    driven = 0.0
+    for begin, end in itertools.pairwise(line):
+        length = float(np.linalg.norm(end - begin))
+        share = np.clip((points - begin) @ (end - begin) / length**2, 0.0, 1.0)
+        distance = np.linalg.norm(points - begin - share[:, None] * (end - begin), axis=1)
+        along = np.where(distance < nearest, driven + share * length, along)
+        nearest = np.minimum(nearest, distance)
+        driven += length
+    return along
+
+
+def workspace(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Least room to the bounds, if there are any."""
+    bounds = data.get("bounds")
+    if bounds is None:
+        return []
+    radius = float(data["vehicle"]["radius"])
+    inside = np.minimum(
+        (positions - np.asarray(bounds["min"], dtype=float)).min(axis=1),
+        (np.asarray(bounds["max"], dtype=float) - positions).min(axis=1),
+    )
+    worst = int(np.argmin(inside))
+    room = float(inside[worst]) - radius
+    return [Finding("bounds", room, 0.0, -room, allowed.clearance, float(times[worst]))]
+
+
+def corridor(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Room to the border of the union of convex polygons, which is what of their edges lies in no other one."""
+    polygons = [np.asarray(polygon, dtype=float) for polygon in data.get("corridor") or ()]
+    if not polygons:
+        return []
+    distance = np.full(len(positions), np.inf)
+    for number, polygon in enumerate(polygons):
+        others = polygons[:number] + polygons[number + 1 :]
+        for begin, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            for first, last in _left_over(begin, end, others):
+                a, b = begin + first * (end - begin), begin + last * (end - begin)
+                share = np.clip((positions - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+                distance = np.minimum(distance, np.linalg.norm(positions - a - share[:, None] * (b - a), axis=1))
+    inside = np.any([distance_to_polygon(positions, polygon) <= 0.0 for polygon in polygons], axis=0)
+    room = np.where(inside, distance, -distance) - float(data["vehicle"]["radius"])
+    worst = int(np.argmin(room))
+    least = float(room[worst])
+    return [Finding("corridor", least, 0.0, -least, allowed.clearance, float(times[worst]))]
+
+
+def _left_over(begin: Array, end: Array, polygons: list[Array]) -> list[tuple[float, float]]:
+    """Parts of a segment, as shares of it, that lie in none of some convex polygons."""
+    parts = [(0.0, 1.0)]
+    for polygon in polygons:
+        first, last = 0.0, 1.0
+        middle = polygon.mean(axis=0)
+        for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            normal = np.array([b[1] - a[1], a[0] - b[0]]) / np.linalg.norm(b - a)
+            normal *= np.sign(normal @ (a - middle))
+            out, change = float(normal @ (begin - a)) - 1e-9, float(normal @ (end - begin))
+            if change > 0.0:
+                last = min(last, -out / change)
+            elif change < 0.0:
+                first = max(first, -out / change)
+            elif out > 0.0:
+                last = -1.0
+        if last > first:
+            parts = [
+                (low, high)
+                for one, two in parts
+                for low, high in ((one, min(two, first)), (max(one, last), two))
+                if high - low > 1e-12
+            ]
+    return parts
