@@ -2,7 +2,8 @@
 
 Tables of the scenario file are made from its JSON schema; roles of Sphinx in docstrings become plain code. Pages that
 the navigation does not name are appended to their folder's section, and public names that the reference does not name
-to a page of it. The search works on pages that are read from files, without a server.
+to a page of it. The search works on pages that are read from files, without a server. Formulas, in a little of TeX, are
+made into MathML, which browsers set by themselves, without script or network; what is not known is refused.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 from functools import cache
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +28,33 @@ FILE_WORKER = Path(__file__).parent / "assets" / "file-worker.js"
 NAMED = re.compile(r"^::: (\S+)$", re.M)
 ROLE = re.compile(r":(?:attr|class|data|func|meth|mod):(?=<code>)")
 
+GREEK = dict(
+    zip("beta gamma theta lambda mu nu pi rho sigma tau omega eta Gamma Sigma".split(), "βγθλμνπρστωηΓΣ", strict=True)
+)
+OPERATORS = {
+    "sum": "∑",
+    "int": "∫",
+    "le": "≤",
+    "ge": "≥",
+    "cdot": "·",
+    "in": "∈",
+    "infty": "∞",
+    "quad": "",
+}
+FUNCTIONS = {"log", "exp", "max", "min", "sin", "cos"}
+UNDER = {"\\sum", "\\max", "\\min"}
+"""What has its index below it."""
+
+TOKEN = re.compile(r"\\[A-Za-z]+|\\\\|\\[,{}]|\d+(?:\.\d+)?|\S")
+TEXT = re.compile(r"\\text\{([^{}]*)\}")
+INDEX = re.compile(r"(?<![\w/.])([^\W\d_]\u0302?)_(max|min|[A-Za-z0-9])(?:\^([A-Za-z0-9]))?(?![\w^])")
+"""A single letter with an index, as it is written within a sentence."""
+
 
 def on_config(config: Any) -> Any:
-    """Name pages in the navigation that nobody has named there."""
+    """Name pages in the navigation that nobody has named there, and say how formulas are set."""
+    fence = {"name": "math", "class": "formula", "format": fenced}
+    config.mdx_configs.setdefault("pymdownx.superfences", {})["custom_fences"] = [fence]
     named = set(_pages(config.nav))
     for folder, title in SECTIONS.items():
         section = next(entry[title] for entry in config.nav if title in entry)
@@ -46,8 +72,8 @@ def _pages(nav: Any) -> list[str]:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Take the marks of roles away."""
-    return ROLE.sub("", html)
+    """Take the marks of roles away, and set letters with an index."""
+    return with_indices(ROLE.sub("", html))
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
@@ -154,3 +180,128 @@ def _range(schema: dict[str, Any]) -> str:
     words = {"exclusiveMinimum": "> {}", "minimum": "≥ {}", "exclusiveMaximum": "< {}", "maximum": "≤ {}"}
     told = [text.format(schema[key]) for key, text in words.items() if key in schema and abs(schema[key]) < 1e12]
     return f" {', '.join(told)}" if told else ""
+
+
+def to_mathml(source: str) -> str:
+    """Set a formula; of an aligned one lines end with two backslashes, and `&` is where they are aligned.
+
+    Raises
+    ------
+    ValueError
+        If it has something that is not known here.
+    """
+    lines = re.sub(r"\\(?:begin|end)\{aligned\}", "", source).strip().split(r"\\")
+    rows = ["".join(f"<mtd>{_Formula(cell).whole()}</mtd>" for cell in line.split("&")) for line in lines]
+    body = "".join(f"<mtr>{row}</mtr>" for row in rows)
+    return (
+        '<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">'
+        f'<mtable displaystyle="true" columnalign="right left left" rowspacing="0.6em">{body}</mtable></math>'
+    )
+
+
+def fenced(source: str, *_: Any, **__: Any) -> str:
+    """Set a fenced block of the pages."""
+    return f'<div class="formula">{to_mathml(source)}</div>'
+
+
+def with_indices(html: str) -> str:
+    """Set letters with an index that stand in the text of a page, not in its code, scripts and formulas."""
+    parts, inside = re.split(r"(<[^>]*>)", html), 0
+    for k, part in enumerate(parts):
+        tag = re.match(r"<(/?)(code|pre|script|style|math|svg)\b", part)
+        if tag:
+            inside += -1 if tag[1] else 1
+        elif not part.startswith("<") and not inside:
+            parts[k] = INDEX.sub(_set_index, part)
+    return "".join(parts)
+
+
+def _set_index(found: re.Match[str]) -> str:
+    above = f"<sup>{found[3]}</sup>" if found[3] else ""
+    return f"<i>{found[1]}</i><sub>{found[2]}</sub>{above}"
+
+
+class _Formula:
+    """One cell of a formula, read from left to right."""
+
+    def __init__(self, source: str) -> None:
+        self._texts = TEXT.findall(source)
+        self._tokens = TOKEN.findall(TEXT.sub(r"\\text ", source))
+        self._source = source
+        self._texts.reverse()
+        self._before = ""
+
+    def whole(self) -> str:
+        row = self._row()
+        if self._tokens:
+            raise ValueError(f"{self._source}: what is {self._tokens[0]!r}?")
+        return row
+
+    def _row(self) -> str:
+        parts = []
+        while self._tokens and self._tokens[0] not in ("}", "\\right"):
+            parts.append(self._scripted())
+        return f"<mrow>{''.join(parts)}</mrow>"
+
+    def _scripted(self) -> str:
+        first = self._tokens[0]
+        base, marks = self._atom(), {}
+        while self._tokens and self._tokens[0] in ("_", "^"):
+            mark = self._tokens.pop(0)
+            marks[mark] = self._atom()
+        if not marks:
+            return base
+        below, above = ("under", "over") if first in UNDER else ("sub", "sup")
+        kind = "m" + (below if "_" in marks else "") + (above if "^" in marks else "")
+        return f"<{kind}>{base}{marks.get('_', '')}{marks.get('^', '')}</{kind}>"
+
+    def _atom(self) -> str:
+        if not self._tokens:
+            raise ValueError(f"{self._source}: it ends too early")
+        token, before = self._tokens.pop(0), self._before
+        self._before = token
+        if token == "{":
+            row = self._row()
+            self._expect("}")
+            return row
+        if token.startswith("\\"):
+            return self._command(token[1:])
+        if token[0].isdigit():
+            return f"<mn>{token}</mn>"
+        if token.isalpha():
+            return f"<mi>{token}</mi>"
+        if token in "+-=(),./|<>;:'!":
+            sign = escape(token.replace("-", "\N{MINUS SIGN}"))
+            form = ' form="prefix"' if token in "+-" and before in ("", "(", "{", "=", ",") else ""
+            return f'<mo stretchy="false"{form}>{sign}</mo>'
+        raise ValueError(f"{self._source}: what is {token!r}?")
+
+    def _command(self, name: str) -> str:
+        if name == "frac":
+            return f"<mfrac>{self._atom()}{self._atom()}</mfrac>"
+        if name == "sqrt":
+            return f"<msqrt>{self._atom()}</msqrt>"
+        if name == "text":
+            return f"<mtext>{escape(self._texts.pop()).replace(' ', '&#160;')}</mtext>"
+        if name == "left":
+            return self._fence()
+        if name in (",", "quad"):
+            return f'<mspace width="{"0.2em" if name == "," else "1.5em"}"/>'
+        if name in GREEK:
+            return f"<mi>{GREEK[name]}</mi>"
+        if name in OPERATORS:
+            return f"<mo>{OPERATORS[name]}</mo>"
+        if name in FUNCTIONS:
+            return f"<mi>{name}</mi>"
+        raise ValueError(f"{self._source}: what is \\{name}?")
+
+    def _fence(self) -> str:
+        opening = self._tokens.pop(0)
+        row = self._row()
+        self._expect("\\right")
+        closing = self._tokens.pop(0)
+        return f'<mrow><mo fence="true">{escape(opening)}</mo>{row}<mo fence="true">{escape(closing)}</mo></mrow>'
+
+    def _expect(self, token: str) -> None:
+        if not self._tokens or self._tokens.pop(0) != token:
+            raise ValueError(f"{self._source}: {token} is missing")

@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ NOT_RUN = (  # commands that need the network, minutes, or the checkout's own to
     r"scp-planner batch .* --dask .*",
     r"scp-planner plan \S+\.xml .*",
 )
-LANGUAGES_WITHOUT_CODE = {"text", "yaml", "json"}
+LANGUAGES_WITHOUT_CODE = {"text", "yaml", "json", "math"}
 
 
 @dataclass(frozen=True)
@@ -231,6 +232,49 @@ def test_the_reference_of_the_plan_file_has_every_key(tmp_path: Path) -> None:
     data = sp.plan(builtin.load("headon")).to_dict(samples=2)
     inner = {key for value in data.values() if isinstance(value, dict) for key in value}
     assert (set(data) | inner) - words == set()
+
+
+def _formula(source: str) -> Any:
+    from docs.hooks import to_mathml
+
+    return ElementTree.fromstring(re.sub(r' xmlns="[^"]*"', "", to_mathml(source)))
+
+
+def test_formulas_are_set() -> None:
+    (division,) = _formula(r"a = \frac{-2 L}{v_0 + \sqrt{v_0^2 + 4}}").iter("mfrac")
+    above, below = ("".join(part.itertext()) for part in division)
+    assert (above, below) == ("\N{MINUS SIGN}2L", "v0+v02+4")
+    (root,) = division.iter("msqrt")
+    assert [[part.text for part in both] for both in root.iter("msubsup")] == [["v", "0", "2"]]
+    (sum_,) = _formula(r"\sum_i p_i").iter("munder")
+    assert [part.text for part in sum_] == ["\N{N-ARY SUMMATION}", "i"]
+    lines = _formula(r"\begin{aligned} a & \le \text{a few} \\ b & \le 1 \end{aligned}").findall(".//mtr")
+    assert ["".join(line.itertext()).replace("\xa0", " ") for line in lines] == ["a≤a few", "b≤1"]
+
+
+@pytest.mark.parametrize("source", [r"\unknown", r"\frac{1}", "{a", "a}", r"\left( a", "a $ b"])
+def test_formulas_that_are_not_known_are_refused(source: str) -> None:
+    with pytest.raises(ValueError, match=r"what is|missing|too early"):
+        _formula(source)
+
+
+def test_letters_in_sentences_have_their_indices() -> None:
+    from docs.hooks import with_indices
+
+    html = "<p>S_w and c_j = t_i^j, v_max <code>x_i</code> max_speed, a_b_c</p>"
+    expected = (
+        "<i>S</i><sub>w</sub> and <i>c</i><sub>j</sub> = <i>t</i><sub>i</sub><sup>j</sup>, <i>v</i><sub>max</sub>"
+    )
+    assert with_indices(html) == f"<p>{expected} <code>x_i</code> max_speed, a_b_c</p>"
+
+
+def test_every_formula_of_the_pages_is_known() -> None:
+    texts = {str(page): page.read_text(encoding="utf-8") for page in PAGES}
+    formulas = [each for text in texts.values() for each in re.findall(r"^```math\n(.*?)^```", text, re.M | re.S)]
+    assert len(formulas) >= 5
+    assert {_formula(formula).tag for formula in formulas} == {"math"}
+    # None is left as a line that is only indented.
+    assert [page for page, text in texts.items() if re.search(r"\n\n {4}[^\n`]* = [^\n]*[Στ√]", text)] == []
 
 
 @pytest.fixture(scope="module")
