@@ -109,7 +109,8 @@ def problem_of(name: str) -> Problem:
 def random_trips(objective: PenalisedObjective, count: int, seed: int) -> list[Array]:
     """Variables of trips that arrive and do not reverse: the domain, without what can happen only outside."""
     random = np.random.default_rng(seed)
-    free, found = objective.path_size, []
+    free = objective.path_size
+    found: list[Array] = []
     while len(found) < count:
         theta = random.normal(size=free) * random.choice([0.2, 0.6])
         beta = 0.2 + random.normal(size=objective.size - free) * 0.4

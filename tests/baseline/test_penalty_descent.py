@@ -54,6 +54,7 @@ def test_every_variant_is_certified_and_ends_where_scp_does_from_the_same_start(
     _, start = next(starts(problem, 4))
     reference = ScpLoop(problem, solver_named("daqp")).run(start, 60).evaluation.trajectory
     checked = checked_descent(problem, threat_zones, Descent(problem, start, DescentSettings(variant=variant)))
+    assert checked.certificate is not None
     assert checked.certificate.holds, checked.certificate.violations
     allowed = {Variant.LBFGS: 3e-3, Variant.GRADIENT: 1e-2, Variant.MONTE_CARLO: 3e-2}[variant]
     assert checked.run.trajectory.travel_time == pytest.approx(reference.travel_time, abs=allowed)
@@ -153,6 +154,7 @@ def test_what_was_left_out_and_met_all_the_same_cannot_be_mended_by_margins() ->
     without = replace(problem, zones=problem.zones.subset(np.zeros(0, dtype=np.intp)))
     descent = Descent(without, start, DescentSettings())
     checked = checked_descent(without, zones(scenario), descent)
+    assert checked.certificate is not None
     assert {violation.obstacle for violation in checked.certificate.violations} == {"on-the-line"}
     assert descent.tighten(checked.certificate) is None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scenes import CROSSERS, disc, scene
@@ -109,7 +111,7 @@ def test_scaling_a_scene_scales_its_ways() -> None:
     """Lengths by eight and times by four: the same grid, so the same cells and ways."""
     length, time = 8.0, 4.0
 
-    def scaled(obstacle: dict) -> dict:
+    def scaled(obstacle: dict[str, Any]) -> dict[str, Any]:
         motion = obstacle["motion"]
         return disc(
             obstacle["id"],
