@@ -229,9 +229,14 @@ def test_powers_of_two_do_not_change_a_bit_of_the_plan(length: float, time: floa
 CORNERS = ((2.0**-20, 2.0**20), (2.0**20, 2.0**-20), (2.0**20, 2.0**20), (2.0**-20, 2.0**-20))
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scp_planner" / "builtin").glob("*.yaml")) + sorted((ROOT / "tests" / "suite").glob("*.yaml"))
+SOME_FILES = [
+    pytest.param(place, path, id=path.stem, marks=() if place % 2 else pytest.mark.slow)
+    for place, path in enumerate(FILES)
+]
+"""All of them where there is time."""
 
 
-@pytest.mark.parametrize(("place", "path"), list(enumerate(FILES)), ids=[path.stem for path in FILES])
+@pytest.mark.parametrize(("place", "path"), SOME_FILES)
 def test_powers_of_two_do_not_change_a_bit_of_any_plan(place: int, path: Path) -> None:
     """Guides, corridors, walls, forecasts and what else the scenes of the suite have."""
     scenario = sp.Scenario.load(path)
@@ -321,7 +326,7 @@ def test_the_clock_the_place_and_the_direction_change_rounding_only(change: dict
     assert other.travel_time == pytest.approx(plan.travel_time, rel=1e-6)
 
 
-@pytest.mark.parametrize(("length", "time"), [(0.01, 0.1), (600.0, 200.0)])
+@pytest.mark.parametrize(("length", "time"), [pytest.param(0.01, 0.1, marks=pytest.mark.slow), (600.0, 200.0)])
 def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: float) -> None:
     """Certificates, bounds, zones and reasons of a plan that is none."""
     wall = [disc(f"wall {k}", (10.0, 1.2 * k), radius=0.7) for k in range(-9, 10)]
@@ -342,7 +347,9 @@ def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: floa
     assert sp.lower_bound(other) == pytest.approx(sp.lower_bound(scenario) * time, rel=1e-9)
 
 
-@pytest.mark.parametrize(("length", "time"), [(2.0**-10, 2.0**6), (2.0**9, 2.0**11)])
+@pytest.mark.parametrize(
+    ("length", "time"), [pytest.param(2.0**-10, 2.0**6, marks=pytest.mark.slow), (2.0**9, 2.0**11)]
+)
 def test_powers_of_two_do_not_change_a_bit_of_a_drive(length: float, time: float) -> None:
     still = {**disc("post", (6.0, 0.4), radius=0.4), "margin": 0.1}
     here = scene(still, CROSSERS[0], goal={"position": (9.0, 0.0)})

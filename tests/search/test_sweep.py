@@ -93,7 +93,7 @@ def ends_of(grid: Grid) -> Ends:
     return Ends(slice(2, 3), slice(1, 4), goal)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_sweeps_reach_what_enumeration_reaches(seed: int) -> None:
     grid = small_grid()
     free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
