@@ -181,7 +181,9 @@ def test_what_does_not_count_counts_for_nothing() -> None:
 # the gradient
 
 
-@pytest.mark.parametrize("width", [0.3, 0.05, 0.01, 0.0])
+@pytest.mark.parametrize(
+    "width", [pytest.param(0.3, marks=pytest.mark.slow), 0.05, pytest.param(0.01, marks=pytest.mark.slow), 0.0]
+)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_gradient_agrees_with_finite_differences(name: str, width: float) -> None:
     problem = problem_of(name)

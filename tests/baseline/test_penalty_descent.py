@@ -35,7 +35,9 @@ SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
 BLOCKED = disc("on-goal", (20.0, 0.5), radius=2.0)
 
 
-@pytest.mark.parametrize("name", builtin.names())
+@pytest.mark.parametrize(
+    "name", [name if name == "crossing" else pytest.param(name, marks=pytest.mark.slow) for name in builtin.names()]
+)
 def test_built_in_scenarios_have_certified_plans_as_fast_as_those_of_scp(name: str) -> None:
     scenario = builtin.load(name)
     plan, best = sp.penalty_descent(scenario), sp.plan(scenario)
@@ -132,6 +134,7 @@ def test_without_obstacles_the_trip_is_as_fast_as_possible() -> None:
     assert plan.travel_time == pytest.approx(plan.lower_bound, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_a_goal_under_an_obstacle_is_reported_not_hidden() -> None:
     plan = sp.penalty_descent(scene(BLOCKED), SMALL)
     assert plan.status is PlanStatus.INFEASIBLE

@@ -51,7 +51,9 @@ def simulated(kind: str, tracks: int, count: int, seed: int = 0) -> Tracks:
     return Tracks([Track(str(i), times, z) for i, z in enumerate(seen)])
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow) if kind == "singer" else kind for kind in KINDS]
+)
 def test_parameters_come_back(kind: str) -> None:
     fitted = fit_motion_model(simulated(kind, 200, 20), kind, tails=False)
     assert fitted.process.kind == kind

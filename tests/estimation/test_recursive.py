@@ -70,6 +70,7 @@ def test_recursive_is_batch(order: int, noise: str, forgetting: float, prior: Mo
             )
 
 
+@pytest.mark.slow
 def test_ten_thousand_observations_are_as_good() -> None:
     times, positions = recording(10_000, 1, 1)
     for forgetting in (1.0, 0.95):

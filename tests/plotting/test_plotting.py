@@ -452,7 +452,10 @@ def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
 # Files
 
 
-@pytest.mark.parametrize(("suffix", "begins"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
+@pytest.mark.parametrize(
+    ("suffix", "begins"),
+    [(".png", b"\x89PNG"), (".pdf", b"%PDF"), pytest.param(".svg", b"<?xml", marks=pytest.mark.slow)],
+)
 def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes) -> None:
     files = [tmp_path / f"{n}{suffix}" for n in (1, 2)]
     for file in files:

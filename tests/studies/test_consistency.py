@@ -316,6 +316,7 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     assert len([json.loads(line) for line in file.read_text().splitlines()]) == 4
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_the_number_of_processes(tmp_path: Path) -> None:
     settings = replace(TINY, sizes=(100,), points=8)
     assert run_consistency(settings, folder=tmp_path, workers=2) == run_consistency(settings)

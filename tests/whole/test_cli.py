@@ -431,6 +431,7 @@ def test_bad_options_of_compare_are_refused(
 # study
 
 
+@pytest.mark.slow
 def test_study_consistency_writes_tables_and_figures_and_goes_on(tmp_path: Path) -> None:
     folder = tmp_path / "results"
     options = ("study", "consistency", "--quick", "--repetitions", "2", "--workers", "1", "-o", folder)
@@ -556,6 +557,7 @@ def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytes
     assert Plan.load(tmp_path / "demo" / "plan.json").certified
 
 
+@pytest.mark.slow
 def test_demo_runs_twice_into_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("scp_planner.simulation.run.Run.draw", lambda run, path: path.write_text("film"))
     monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)

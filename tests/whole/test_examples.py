@@ -116,6 +116,7 @@ def test_closed_loop_arrives_and_ends_in_a_figure(
     assert_is_picture(figure)
 
 
+@pytest.mark.slow
 def test_closed_loop_through_a_recorded_crowd(
     recorded_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
