@@ -138,7 +138,7 @@ def test_episodes_are_the_same_for_the_same_seed() -> None:
         (lambda: OrcaPeople([[0.0, 0.0]], [[1.0, 0.0]], radii=math.nan), "radii: .* must be finite"),
         (lambda: Manner(step=0.0), "manner: step 0.0 must be finite and greater than 0"),
         (lambda: Manner(neighbours=-1), "manner: neighbours -1 must be at least 0"),
-        (lambda: circle_crossing(0, 60), "people: there is no room for 60"),
+        pytest.param(lambda: circle_crossing(0, 60), "people: there is no room for 60", marks=pytest.mark.slow),
     ],
 )
 def test_misuse_is_refused(make: Callable[[], Any], message: str) -> None:

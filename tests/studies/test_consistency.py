@@ -54,17 +54,20 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> ConsistencyResult:
 
 
 @pytest.mark.parametrize("metric", ["sup_difference", "offsets", "accelerations", "path", "motion", "travel_time"])
+@pytest.mark.slow
 def test_with_estimated_centres_everything_falls_like_the_root_of_n(metric: str, quick: ConsistencyResult) -> None:
     slope = next(s for s in quick.slopes if (s.kind, s.metric) == ("estimate", metric))
     assert slope.slope == pytest.approx(-0.5, abs=0.1)
     assert slope.lower < slope.slope < slope.upper
 
 
+@pytest.mark.slow
 def test_with_estimated_centres_the_excess_falls_like_n(quick: ConsistencyResult) -> None:
     slope = next(s for s in quick.slopes if (s.kind, s.metric) == ("estimate", "excess"))
     assert slope.slope == pytest.approx(-1.0, abs=0.25)
 
 
+@pytest.mark.slow
 def test_confidence_regions_shrink_to_the_true_zones_at_the_same_rate(quick: ConsistencyResult) -> None:
     noise, metrics = quick.settings.noises[0], {metric.name: metric for metric in METRICS}
     for name, allowed in (("sup_difference", 0.1), ("motion", 0.15)):
@@ -73,11 +76,13 @@ def test_confidence_regions_shrink_to_the_true_zones_at_the_same_rate(quick: Con
         assert slope.slope == pytest.approx(-0.5, abs=allowed)
 
 
+@pytest.mark.slow
 def test_minimisers_exist_inside_the_domain_and_nothing_is_lower(quick: ConsistencyResult) -> None:
     assert all(record.values["lower_points"] == 0.0 for record in quick.records)
     assert all(record.values["least_speed"] > 0.5 for record in quick.records)
 
 
+@pytest.mark.slow
 def test_minimisers_of_the_true_objective_have_the_lowest_true_value(quick: ConsistencyResult) -> None:
     assert all(record.values["excess"] >= -1e-9 for record in quick.records)
 
@@ -283,6 +288,7 @@ def test_one_size_has_no_slope() -> None:
 # results on disk
 
 
+@pytest.mark.slow
 def test_results_are_kept_and_used_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = run_consistency(TINY, folder=tmp_path)
 
@@ -293,6 +299,7 @@ def test_results_are_kept_and_used_again(tmp_path: Path, monkeypatch: pytest.Mon
     assert run_consistency(TINY, folder=tmp_path) == first
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run_consistency(TINY)
     measure, done = consistency._measure, []
@@ -344,6 +351,7 @@ def test_a_file_of_something_else_is_refused(text: str, tmp_path: Path) -> None:
 # what is written
 
 
+@pytest.mark.slow
 def test_tables_and_figures_are_written(quick: ConsistencyResult, tmp_path: Path) -> None:
     names = [path.name for path in quick.save(tmp_path)]
     assert names == ["summary.csv", "slopes.csv", "border.csv"]
