@@ -19,6 +19,7 @@ ONE_THREAD = {
 }
 os.environ.update(ONE_THREAD)
 
+import argparse  # noqa: E402
 import csv  # noqa: E402
 import json  # noqa: E402
 import platform  # noqa: E402
@@ -216,6 +217,16 @@ def _cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return str(value)
+
+
+def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:
+    """Run the command that a line names, which its ``run`` says; return the exit code, 2 where data are missing."""
+    options = parser.parse_args(argv)
+    try:
+        return int(options.run(options))
+    except MissingDataError as error:
+        say(str(error))
+        return 2
 
 
 def say(text: str = "") -> None:

@@ -414,12 +414,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in ("crowds", "regions"):
         commands.choices[name].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
     commands.choices["noticing"].add_argument("--workers", type=int, default=2, help="processes; default: 2")
-    options = parser.parse_args(argv)
-    try:
-        return int(options.run(options))
-    except common.MissingDataError as error:
-        common.say(str(error))
-        return 2
+    return common.run_command(parser, argv)
 
 
 if __name__ == "__main__":

@@ -105,12 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sub.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT, help="folder of the CSV files")
         sub.add_argument("--json", type=Path, help="file for the summary")
         sub.add_argument("--fresh", action="store_true", help="forget what an earlier call wrote")
-    options = parser.parse_args(argv)
-    try:
-        return int(options.run(options))
-    except common.MissingDataError as error:
-        common.say(str(error))
-        return 2
+    return common.run_command(parser, argv)
 
 
 if __name__ == "__main__":
