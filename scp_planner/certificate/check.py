@@ -47,7 +47,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
-from scp_planner.threat_zones.sorted_zones import SortedZones
+from scp_planner.threat_zones.sorted_zones import known_until
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip
@@ -200,7 +200,5 @@ def _is_anywhere(trip: Trip) -> Violation | None:
 
 def _goes_beyond(checked: CheckedTrip, zones: Sequence[ThreatZone]) -> Violation | None:
     """What is wrong with a trip that takes longer than zones of observed obstacles are made for."""
-    others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
-    known = min((zones[k].until for k in others), default=np.inf)
-    end = checked.absolute(checked.last)
+    end, known = checked.absolute(checked.last), known_until(zones)
     return Violation(BEYOND_ZONES, end, known, known) if end > known else None

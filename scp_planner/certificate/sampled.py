@@ -43,6 +43,7 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.sorted_zones import known_until
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.sampled_motion import EndVelocity, SampledMotion, velocities
 from scp_planner.trips.samples import SampledTrajectory
@@ -75,7 +76,7 @@ def certify_samples(
     units = NaturalUnits.to_check(scenario)
     inside, given = units.scenario(scenario), samples.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
-    end, known = float(given.time[-1]), min((zone.until for zone in found), default=inf)
+    end, known = float(given.time[-1]), known_until(found)
     if end > known:
         beyond = Violation(BEYOND_ZONES, end, known, known)
         return Certificate(False, Clearance(-np.inf), {}, (beyond,)).outside(units)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -52,3 +53,19 @@ class SortedZones(Sequence[ThreatZone]):
 
     discs: KnownDiscs
     others: tuple[int, ...]
+
+
+def known_until(zones: Sequence[ThreatZone]) -> float:
+    """Return the time, s, until which all of some zones hold: those of observed obstacles end.
+
+    Parameters
+    ----------
+    zones : sequence of ThreatZone
+
+    Returns
+    -------
+    float
+        inf if none ends. Discs among :class:`SortedZones` never do, and need not be made for this.
+    """
+    others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
+    return min((zones[k].until for k in others), default=inf)
