@@ -112,14 +112,25 @@ def estimate_obstacle(obstacle: Obstacle) -> MotionEstimate:
             from scp_planner.estimation.motion_filter import estimate_process
 
             return estimate_process(seen.time, seen.position, model.process, seen.covariance)
-        estimate = estimate_motion(seen.time, seen.position, seen.covariance, model.order, _prior(model.prior))
+        estimate = estimate_motion(seen.time, seen.position, seen.covariance, model.order, given_prior(model.prior))
         return estimate.with_manoeuvre(model.manoeuvre)
     except EstimationError as error:
         raise EstimationError(f"obstacle {obstacle.id!r}: {error}") from error
 
 
-def _prior(given: Prior | None) -> MotionPrior | None:
-    """Turn the prior of a scenario into numbers; what it leaves open has no finite deviation."""
+def given_prior(given: Prior | None) -> MotionPrior | None:
+    """Turn the prior of a scenario into numbers; what it leaves open has no finite deviation.
+
+    Parameters
+    ----------
+    given : Prior or None
+        In m and s.
+
+    Returns
+    -------
+    MotionPrior or None
+        None if none is given.
+    """
     if given is None:
         return None
     velocity, acceleration = given.velocity_deviation, given.acceleration_deviation

@@ -15,7 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw
-from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.estimate import estimate_motion, given_prior
 from scp_planner.estimation.least_squares import MotionPrior
 from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
@@ -444,15 +444,9 @@ class Track:
             return estimate_motion(self.times, self.positions, np.array(noise), self.model.order, prior)
 
     def _prior(self, newcomers: SceneNewcomers) -> MotionPrior | None:
-        given = self.model.prior
+        given = given_prior(self.model.prior)
         if given is not None:
-            velocity, acceleration = given.velocity_deviation, given.acceleration_deviation
-            return MotionPrior(
-                given.velocity,
-                math.inf if velocity is None else velocity,
-                given.acceleration,
-                math.inf if acceleration is None else acceleration,
-            )
+            return given
         return None if self.settled else prior_of(newcomers, self.model.order)
 
 
