@@ -17,6 +17,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.means import Means, Replan
+from scp_planner.online.plan import Outcome
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Box, Limits
@@ -28,8 +29,6 @@ ROOM = 1.0
 """Widths of the vehicle. More room than this is no better."""
 ROOM_WORTH = 0.5
 """Of the room that a dodge keeps, against the way to the goal that it leads on."""
-
-
 ENOUGH = 1.0
 """Times that a stop must stay clear. Where no dodge is safe, keeping clear for longer than this is no better."""
 
@@ -74,6 +73,11 @@ class Dodge:
         """Whether it is certified until the vehicle has stood for as long as it has to."""
         return self.certificate.holds
 
+    @property
+    def outcome(self) -> Outcome:
+        """What driving it is called."""
+        return Outcome.EVADING if self.moves else Outcome.BRAKING
+
 
 @dataclass(frozen=True)
 class _Outlook:
@@ -114,14 +118,8 @@ class Evasion:
         dodges = self._dodges(moment)
         seen = self._look(moment, dodges)
         now.lap("evasion")
-        safe = np.flatnonzero(np.isinf(seen.clear))
-        worth = self._worth(moment, seen, np.full(len(seen.clear), -1))
-        for number in safe[np.argsort(-worth[safe], kind="stable")][:TRIED].tolist():
-            found = self._made(moment, dodges, seen, number)
-            now.lap("certificate")
-            if found.safe:
-                return found
-        return self._made(moment, dodges, seen, self._longest_clear(moment, dodges, seen))
+        safe = self._first_safe(now, moment, dodges, seen)
+        return safe or self._made(moment, dodges, seen, self._longest_clear(moment, dodges, seen))
 
     def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
         """Where no dodge is safe: one that is at the highest lower level at which any is.
@@ -142,13 +140,20 @@ class Evasion:
             moment = now.moment.with_smaller_zones(share)
             seen = self._look(moment, dodges)
             now.lap("evasion")
-            safe = np.flatnonzero(np.isinf(seen.clear))
-            worth = self._worth(moment, seen, np.full(len(seen.clear), -1))
-            for number in safe[np.argsort(-worth[safe], kind="stable")][:TRIED].tolist():
-                found = self._made(moment, dodges, seen, number)
-                now.lap("certificate")
-                if found.safe:
-                    return found, share
+            safe = self._first_safe(now, moment, dodges, seen)
+            if safe is not None:
+                return safe, share
+        return None
+
+    def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: _Outlook) -> Dodge | None:
+        """The certified one that ends nearest to the goal, among the zones of a moment; None if there is none."""
+        clear = np.flatnonzero(np.isinf(seen.clear))
+        worth = self._worth(moment, seen, np.full(len(seen.clear), -1))
+        for number in clear[np.argsort(-worth[clear], kind="stable")][:TRIED].tolist():
+            found = self._made(moment, dodges, seen, number)
+            now.lap("certificate")
+            if found.safe:
+                return found
         return None
 
     def _dodges(self, moment: Moment) -> Dodges:

@@ -67,21 +67,13 @@ class Fallback:
         dodge = self._evasion.safest(now)
         if dodge.safe:
             stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
-            text = f"{_what(dodge)}: {why}"
-            if not dodge.moves:
-                return self._means.plan_of(
-                    Vetted(dodge.trip, dodge.certificate, stop, 0.0),
-                    now,
-                    Outcome.BRAKING,
-                    f"{text}; the vehicle stands",
-                )
-            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, Outcome.EVADING, text)
+            text = f"{_what(dodge)}: {why}{'' if dodge.moves else '; the vehicle stands'}"
+            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower
             text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
-            outcome = Outcome.EVADING if risky.moves else Outcome.BRAKING
-            return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, outcome, text)
+            return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
         return self._brake(now, problem, ahead, why, dodge)
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
@@ -147,8 +139,7 @@ class Fallback:
         if stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
             text = f"{why}; nothing is safe, this keeps clear for longest, {dodge.clear * self._means.units.time:.3g} s"
             threat = "" if dodge.threat is None else f", then comes near to {dodge.threat}"
-            outcome = Outcome.EVADING if dodge.moves else Outcome.BRAKING
-            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, outcome, text + threat)
+            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text + threat)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"
         return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
