@@ -10,7 +10,7 @@ deep they come into zones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,8 @@ CLOSE, CLOSER = 1.0 / 6.0, 1.0 / 20.0
 """Widths, and widths a moment: by so much more clearance nearness falls to 1 / e, now, and how this grows with time."""
 FADING = 0.9
 """A moment: how soon nearness that is to come counts less, since there will be replans until then."""
+BETTER = 0.1
+"""Widths of way by which a dodge must do better for the vehicle to leave a trip."""
 OUTLOOK = 5.0
 """Moments for which nearness counts."""
 HARM = 50.0
@@ -137,6 +139,29 @@ class Evasion:
         safe = self._first_safe(now, moment, dodges, seen)
         return safe or self._made(moment, dodges, seen, self._least_harm(seen))
 
+    def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
+        """A certified dodge that does clearly better than going on with a trip; None if there is none.
+
+        Parameters
+        ----------
+        now : Replan
+        trip : Trip
+            That is safe too.
+
+        Returns
+        -------
+        Dodge or None
+        """
+        moment = now.moment
+        dodges = self._dodges(moment)
+        seen = self._look(moment, dodges)
+        worth = self._worth_of(moment, trip, dodges.times)
+        now.lap("evasion")
+        better = seen.worth > worth + BETTER * 2.0 * moment.scenario.vehicle.radius
+        if not (better & np.isinf(seen.clear)).any():
+            return None
+        return self._first_safe(now, moment, dodges, replace(seen, clear=np.where(better, seen.clear, 0.0)))
+
     def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
         """Where no dodge is safe: one that is at the highest lower level at which any is.
 
@@ -190,6 +215,22 @@ class Evasion:
         gained = away[:, 0] - _at(GAIN, time, away)
         worth = gained - width * NEARNESS * nearness(time, near / width)
         return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
+
+    def _worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
+        """What speaks for a trip, m, as for dodges; foreseen zones, where it is not certified, speak against it."""
+        vehicle, begin = moment.scenario.vehicle, moment.state.time
+        width = 2.0 * vehicle.radius
+        ahead = times[times <= (OUTLOOK + 1.0) * width / vehicle.max_speed]
+        points, _ = trip.at(begin + ahead)
+        place = points.path.position
+        clock = ahead + (begin - trip.frame.time)
+        least = moment.batch_in(trip.frame).distances(clock, place, width).min(axis=1, initial=np.inf)[None]
+        time = ahead * vehicle.max_speed / width
+        # All of its way leads to the goal, round what a dodge would end at.
+        driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
+        gained = _at(GAIN, time, driven[None])
+        worth = gained - width * NEARNESS * nearness(time, least / width)
+        return float(worth[0] - width * harm(time, least / width)[0])
 
     @staticmethod
     def _least_harm(seen: _Outlook) -> int:
