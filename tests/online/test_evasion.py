@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import disc, scene
+from scipy.integrate import quad
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dodges import Dodges
+from scp_planner.online.evasion import harm, nearness
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import standing_from
@@ -36,6 +38,23 @@ def follow(planner: Planner, time: float) -> OnlinePlan:
 
 
 # dodges
+
+
+def test_nearness_is_an_integral_that_fades() -> None:
+    """At a constant clearance of a width, against a quadrature of another kind; and what comes later counts less."""
+    time = np.linspace(0.0, 12.0, 4001)
+    expected, _ = quad(lambda t: math.exp(-1.0 / (1.0 / 6.0 + t / 20.0)) / (1.0 + 0.9 * t), 0.0, 5.0)
+    assert nearness(time, np.ones((1, len(time))))[0] == pytest.approx(expected, rel=1e-2)
+    soon, late = np.ones((2, len(time)))
+    soon[(time > 0.5) & (time < 1.0)] = late[(time > 3.0) & (time < 3.5)] = 0.1
+    near = nearness(time, np.stack([np.ones(len(time)), late, soon]))
+    assert near[0] < near[1] < near[2]
+
+
+def test_harm_is_that_of_the_worst_moment() -> None:
+    time = np.array([0.0, 1.0, 2.0])
+    found = harm(time, np.array([[0.5, 0.1, 0.0], [0.5, -0.3, -0.4], [0.5, 0.4, -0.4]]))
+    assert found == pytest.approx([0.0, 50.0 * (0.3 + 1.0 / 6.0) / 1.9, 50.0 * (0.4 + 1.0 / 6.0) / 2.8])
 
 
 @pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])
