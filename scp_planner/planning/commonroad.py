@@ -8,8 +8,8 @@ from time import perf_counter
 
 from scp_planner.planning.offline import plan
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad import load_commonroad, read_commonroad
-from scp_planner.scenario.commonroad_goals import GoalAim, goal_states
+from scp_planner.scenario.commonroad import read_commonroad, scenario_of
+from scp_planner.scenario.commonroad_goals import GoalAim
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -72,15 +72,15 @@ def plan_commonroad(
     ScenarioError, ValueError, ImportError, OSError
         As `load_commonroad`.
     """
-    _, chosen = read_commonroad(path, problem)
+    file = read_commonroad(path, problem)
     deadline = None if time_limit is None else perf_counter() + time_limit
     best: CommonRoadPlan | None = None
-    for number, state in enumerate(goal_states(chosen, 1.0, str(path))):
+    for number, state in enumerate(file.goal_states()):
         for way in (1.0,) if state.places else TIMED_WAYS:
             left = None if deadline is None else deadline - perf_counter()
             if best is not None and left is not None and left <= 0.0:
                 break
-            scenario = load_commonroad(path, problem=problem, model=model, car=car, aim=GoalAim(number, way))
+            scenario = scenario_of(file, model=model, car=car, aim=GoalAim(number, way))
             made = CommonRoadPlan(scenario, plan(scenario, settings or road_settings(scenario), time_limit=left))
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:
