@@ -9,6 +9,7 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -224,7 +225,9 @@ def _noise_taken(word: Any) -> Noise:
 
 def _method_compared(word: Any) -> Method:
     quick = sp.Settings(path_span=4.0, acceleration_spans=4, samples=40)
-    (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison, "DescentSettings", partial(DescentSettings, evaluations=5))
+        (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
     return trial.method
 
 
