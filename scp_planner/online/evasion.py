@@ -119,6 +119,15 @@ class _Outlook:
     harm: Array
 
 
+@dataclass(frozen=True)
+class _View:
+    """A moment, its dodges, and what is seen of them."""
+
+    moment: Moment
+    dodges: Dodges
+    seen: _Outlook
+
+
 class Evasion:
     """Finds a way out of the way.
 
@@ -129,15 +138,17 @@ class Evasion:
 
     def __init__(self, means: Means) -> None:
         self._means = means
+        self._view: _View | None = None
 
-    def safest(self, now: Replan) -> Dodge:
-        """Return the dodge that is certified and worth most, or the one that does best where none is."""
-        moment = now.moment
-        dodges = self._dodges(moment)
-        seen = self._look(moment, dodges)
-        now.lap("evasion")
-        safe = self._first_safe(now, moment, dodges, seen)
-        return safe or self._made(moment, dodges, seen, self._least_harm(seen))
+    def safest(self, now: Replan) -> Dodge | None:
+        """Return the certified dodge that is worth most; None if none is certified."""
+        dodges, seen = self._looked(now)
+        return self._first_safe(now, now.moment, dodges, seen)
+
+    def least_harmful(self, now: Replan) -> Dodge:
+        """Return the dodge that does least harm, where none is safe."""
+        dodges, seen = self._looked(now)
+        return self._made(now.moment, dodges, seen, self._least_harm(seen))
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
         """A certified dodge that does clearly better than going on with a trip; None if there is none.
@@ -153,8 +164,7 @@ class Evasion:
         Dodge or None
         """
         moment = now.moment
-        dodges = self._dodges(moment)
-        seen = self._look(moment, dodges)
+        dodges, seen = self._looked(now)
         worth = self._worth_of(moment, trip, dodges.times)
         now.lap("evasion")
         better = seen.worth > worth + BETTER * 2.0 * moment.scenario.vehicle.radius
@@ -195,6 +205,14 @@ class Evasion:
             if found.safe:
                 return found
         return None
+
+    def _looked(self, now: Replan) -> tuple[Dodges, _Outlook]:
+        """The dodges of a moment and what is seen of them, which is looked at once."""
+        if self._view is None or self._view.moment is not now.moment:
+            dodges = self._dodges(now.moment)
+            self._view = _View(now.moment, dodges, self._look(now.moment, dodges))
+            now.lap("evasion")
+        return self._view.dodges, self._view.seen
 
     def _dodges(self, moment: Moment) -> Dodges:
         state = moment.state
