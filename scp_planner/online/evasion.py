@@ -229,7 +229,7 @@ class Evasion:
         entered = least < self._means.settings.clearance_margin
         clear = np.where(entered.any(axis=1), dodges.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        away = way_left(dodges.position, dodges.heading, goal, self._tightest(moment))
+        away = way_left(dodges.position, dodges.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
         width = 2.0 * vehicle.radius
         time = dodges.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)

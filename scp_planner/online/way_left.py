@@ -17,7 +17,7 @@ NOTHING = 1e-9
 """rad. A turn that is a round but for this is none."""
 
 
-def way_left(position: Array, heading: Array, goal: Array, radius: float) -> Array:
+def way_left(position: Array, heading: Array, goal: Array, radius: float, within: float = 0.0) -> Array:
     """Length of the shortest way to a goal.
 
     Parameters
@@ -30,6 +30,8 @@ def way_left(position: Array, heading: Array, goal: Array, radius: float) -> Arr
         m.
     radius : float
         Of the tightest turn, m; 0: in any direction.
+    within : float
+        Of the goal that is near enough, m: a turn that passes it so near need not begin farther away.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def way_left(position: Array, heading: Array, goal: Array, radius: float) -> Arr
     ahead = (c * offset[..., 0] + s * offset[..., 1]) / radius
     aside = np.abs(c * offset[..., 1] - s * offset[..., 0]) / radius
     away = np.hypot(ahead, aside - 1.0)
-    outside = away >= 1.0
+    outside = away >= 1.0 - within / radius
     reached = np.maximum(away, 1.0)
     turn = _angle(np.arctan2(ahead, 1.0 - aside) - np.arccos(1.0 / reached))
     length = np.where(outside, turn + np.sqrt(reached**2 - 1.0), 0.0)

@@ -41,3 +41,10 @@ def test_way_left_is_the_shortest_of_many(goal: tuple[float, float]) -> None:
 
 def test_who_can_set_out_in_any_direction_has_the_distance_left() -> None:
     assert way_left(np.zeros((3, 2)), np.array([0.0, 1.0, 2.0]), np.array([3.0, 4.0]), 0.0) == pytest.approx([5.0] * 3)
+
+
+def test_a_turn_that_passes_near_enough_need_not_begin_farther_away() -> None:
+    """A point 0.2 inside of the circle, a quarter of a turn ahead: where that is near enough the quarter is all."""
+    place, heading, goal = np.zeros(2), np.array(0.0), np.array([0.8, 1.0])
+    assert float(way_left(place, heading, goal, 1.0, 0.3)) == pytest.approx(0.5 * math.pi)
+    assert float(way_left(place, heading, goal, 1.0, 0.1)) > 0.5 * math.pi + 0.1
