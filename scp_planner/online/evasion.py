@@ -21,7 +21,9 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import Outcome
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
+from scp_planner.online.way_left import way_left
 from scp_planner.scenario.limits import Box, Limits
+from scp_planner.scenario.models import Steering
 from scp_planner.trips.trip import Trip
 
 TRIED = 4
@@ -104,7 +106,7 @@ class _Outlook:
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
     away : (C, J) array
-        What is left of the way to the goal, m.
+        What is left of the way to the goal, m, as the vehicle can turn.
     worth : (C,) array
         What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones.
     harm : (C,) array
@@ -119,6 +121,15 @@ class _Outlook:
     harm: Array
 
 
+@dataclass(frozen=True)
+class _View:
+    """A moment, its dodges, and what is seen of them."""
+
+    moment: Moment
+    dodges: Dodges
+    seen: _Outlook
+
+
 class Evasion:
     """Finds a way out of the way.
 
@@ -129,15 +140,17 @@ class Evasion:
 
     def __init__(self, means: Means) -> None:
         self._means = means
+        self._view: _View | None = None
 
-    def safest(self, now: Replan) -> Dodge:
-        """Return the dodge that is certified and worth most, or the one that does best where none is."""
-        moment = now.moment
-        dodges = self._dodges(moment)
-        seen = self._look(moment, dodges)
-        now.lap("evasion")
-        safe = self._first_safe(now, moment, dodges, seen)
-        return safe or self._made(moment, dodges, seen, self._least_harm(seen))
+    def safest(self, now: Replan) -> Dodge | None:
+        """Return the certified dodge that is worth most; None if none is certified."""
+        dodges, seen = self._looked(now)
+        return self._first_safe(now, now.moment, dodges, seen)
+
+    def least_harmful(self, now: Replan) -> Dodge:
+        """Return the dodge that does least harm, where none is safe."""
+        dodges, seen = self._looked(now)
+        return self._made(now.moment, dodges, seen, self._least_harm(seen))
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
         """A certified dodge that does clearly better than going on with a trip; None if there is none.
@@ -153,8 +166,7 @@ class Evasion:
         Dodge or None
         """
         moment = now.moment
-        dodges = self._dodges(moment)
-        seen = self._look(moment, dodges)
+        dodges, seen = self._looked(now)
         worth = self._worth_of(moment, trip, dodges.times)
         now.lap("evasion")
         better = seen.worth > worth + BETTER * 2.0 * moment.scenario.vehicle.radius
@@ -196,6 +208,14 @@ class Evasion:
                 return found
         return None
 
+    def _looked(self, now: Replan) -> tuple[Dodges, _Outlook]:
+        """The dodges of a moment and what is seen of them, which is looked at once."""
+        if self._view is None or self._view.moment is not now.moment:
+            dodges = self._dodges(now.moment)
+            self._view = _View(now.moment, dodges, self._look(now.moment, dodges))
+            now.lap("evasion")
+        return self._view.dodges, self._view.seen
+
     def _dodges(self, moment: Moment) -> Dodges:
         state = moment.state
         heading = None if state.heading is None else state.heading - moment.frame.heading
@@ -209,7 +229,7 @@ class Evasion:
         entered = least < self._means.settings.clearance_margin
         clear = np.where(entered.any(axis=1), dodges.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        away = np.hypot(dodges.position[..., 0] - goal[0], dodges.position[..., 1] - goal[1])
+        away = way_left(dodges.position, dodges.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
         width = 2.0 * vehicle.radius
         time = dodges.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
@@ -236,6 +256,14 @@ class Evasion:
     def _least_harm(seen: _Outlook) -> int:
         """Where no dodge is safe: the one that does best, by what it gains and by how soon and deep it enters zones."""
         return int(np.argmax(seen.worth - seen.harm))
+
+    @staticmethod
+    def _tightest(moment: Moment) -> float:
+        """Radius of the tightest turn of a vehicle that drives along its heading, m; 0 where that is free."""
+        vehicle = moment.scenario.vehicle
+        if moment.state.heading is None or vehicle.steering is not Steering.AHEAD or not vehicle.max_curvature:
+            return 0.0
+        return 1.0 / vehicle.max_curvature
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""

@@ -76,16 +76,16 @@ class Fallback:
         return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
 
     def _give_way(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
-        """Get out of the way, or stand where that is as safe; or else do what is clear for longest."""
+        """Get out of the way, or stand where that is as safe; or else do what does least harm."""
         dodge = self._evasion.safest(now)
-        if dodge.safe:
+        if dodge is not None:
             return self._dodging(now, dodge, why)
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower
             text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
             return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
-        return self._brake(now, problem, ahead, why, dodge)
+        return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
@@ -149,7 +149,9 @@ class Fallback:
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
         early = self._means.online.give_way is GiveWay.EARLY
         if early or stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
-            text = f"{why}; nothing is safe, this keeps clear for longest, {dodge.clear * self._means.units.time:.3g} s"
+            text = (
+                f"{why}; nothing is safe, this does least harm, clear for {dodge.clear * self._means.units.time:.3g} s"
+            )
             threat = "" if dodge.threat is None else f", then comes near to {dodge.threat}"
             return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text + threat)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"

@@ -44,7 +44,7 @@ LEVEL = 0.7
 """At which people's zones hold them. Higher: wider bows, more waiting; lower: more steps aside in the last moment."""
 WALKER = Model(
     order=1,
-    process=ProcessModel(process=RandomWalkVelocity(diffusion=0.003), velocity_deviation=1.0, noise_deviation=0.001),
+    process=ProcessModel(process=RandomWalkVelocity(diffusion=0.001), velocity_deviation=1.0, noise_deviation=0.001),
 )
 """How people who avoid each other are taken to move: nearly straight on, but each look may show another velocity."""
 STAY_CLEAR = 0.5
