@@ -22,7 +22,9 @@ demo: $(INSTALLED)  ## plan a built-in scenario; writes ./demo/
 docs: $(INSTALLED)  ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# Compiled once, where an environment forbids that programs compile as they load: the tests start many.
 test: lint  ## lint, type check and run the tests
+	$(BIN)/python -m compileall -q scp_planner
 	$(BIN)/pytest -n 2
 
 # What one processor computes another computes with a different last digit, as its kernel of OpenBLAS sums in another
