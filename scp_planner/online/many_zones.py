@@ -14,6 +14,7 @@ from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
+from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.track import Prediction, Track
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
@@ -289,7 +290,7 @@ def _lengths(spread: Array, start: Array, stop: Array) -> Array:
 
 @cache
 def _quadrature() -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    rule = gauss_rule(NODES)
     edges = np.arange(PANELS) / PANELS
-    points = (edges[:, None] + (0.5 + 0.5 * nodes) / PANELS).ravel()
-    return points, np.tile(0.5 * weights / PANELS, PANELS)
+    points = (edges[:, None] + (0.5 + 0.5 * rule.nodes) / PANELS).ravel()
+    return points, np.tile(0.5 * rule.weights / PANELS, PANELS)

@@ -37,9 +37,6 @@ from scp_planner.scp.merit import LIMIT_NAMES, Penalties
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.of_scenario import zones
 
-pytestmark = pytest.mark.numerics
-
-
 STEP = 1e-6  # of the finite differences, m and m/s^2
 SMOOTHER = Settings(acceleration_degree=1, path_degree=4)
 

@@ -28,8 +28,6 @@ from scp_planner.solvers import solver_named
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.trips.trajectory import Trajectory
 
-pytestmark = pytest.mark.numerics
-
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
 BLOCKED = disc("on-goal", (20.0, 0.5), radius=2.0)

@@ -27,8 +27,6 @@ from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings
 from scp_planner.simulation.worlds import SocialForces, VehicleState, World
 
-pytestmark = pytest.mark.numerics
-
 SHORT = {"goal": {"position": (8.0, 0.0)}}
 
 

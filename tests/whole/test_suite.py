@@ -19,8 +19,6 @@ import scp_planner as sp
 from scp_planner.trips.trip import discs_at
 from verification.dense_check import check_trip
 
-pytestmark = pytest.mark.numerics
-
 Array = np.ndarray
 SUITE = Path(__file__).parents[1] / "suite"
 SCENES = {path.stem: sp.Scenario.load(path) for path in sorted(SUITE.glob("*.yaml"))}
