@@ -21,7 +21,9 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import Outcome
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
+from scp_planner.online.way_left import way_left
 from scp_planner.scenario.limits import Box, Limits
+from scp_planner.scenario.models import Steering
 from scp_planner.trips.trip import Trip
 
 TRIED = 4
@@ -106,7 +108,7 @@ class _Outlook:
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
     away : (C, J) array
-        What is left of the way to the goal, m.
+        What is left of the way to the goal, m, as the vehicle can turn.
     worth : (C,) array
         What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones.
     harm : (C,) array
@@ -239,7 +241,7 @@ class Evasion:
         entered = least < self._means.settings.clearance_margin
         clear = np.where(entered.any(axis=1), dodges.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        away = np.hypot(dodges.position[..., 0] - goal[0], dodges.position[..., 1] - goal[1])
+        away = way_left(dodges.position, dodges.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
         width = 2.0 * vehicle.radius
         time = dodges.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
@@ -268,6 +270,14 @@ class Evasion:
     def _least_harm(seen: _Outlook) -> int:
         """Where no dodge is safe: the one that does best, by what it gains and by how soon and deep it enters zones."""
         return int(np.argmax(seen.worth - seen.harm))
+
+    @staticmethod
+    def _tightest(moment: Moment) -> float:
+        """Radius of the tightest turn of a vehicle that drives along its heading, m; 0 where that is free."""
+        vehicle = moment.scenario.vehicle
+        if moment.state.heading is None or vehicle.steering is not Steering.AHEAD or not vehicle.max_curvature:
+            return 0.0
+        return 1.0 / vehicle.max_curvature
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""
