@@ -40,6 +40,7 @@ def build_problem(
     given: Settings,
     breakpoints: tuple[float, ...] | None = None,
     guide: Guide | None = None,
+    spans: int | None = None,
 ) -> Problem:
     """Make a scenario, in its natural units, ready for planning.
 
@@ -54,6 +55,8 @@ def build_problem(
         Of the acceleration, in normalised time: the same ones for many problems share their tables.
     guide : Guide, optional
         In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
+    spans : int, optional
+        Of the offset's spline; by default as many as the settings ask for.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def build_problem(
     profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared else None
     if breakpoints is None:
         breakpoints = _breakpoints(guide, profile, scenario, limits, settings)
-    spans = path_spans(guide, settings)
+    spans = spans or path_spans(guide, settings)
     space = TripSpace(guide, start.speed, settings.path_degree, spans, settings.acceleration_degree, breakpoints)
     ends = end_conditions(scenario, frame, space, settings.max_offset)
     batch = ZoneBatch.of(zones, frame, scenario.vehicle.radius + settings.clearance_margin).rounded()
