@@ -13,6 +13,7 @@ from scp_planner.problem.ends import end_conditions
 from scp_planner.problem.guides import default_guide, path_spans
 from scp_planner.problem.limits.inputs import LimitInputs, kept_of_limits
 from scp_planner.problem.limits.registry import optional_limits
+from scp_planner.problem.memory import check_memory
 from scp_planner.problem.problem import EACH_SHARE, Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
@@ -61,6 +62,11 @@ def build_problem(
     Returns
     -------
     Problem
+
+    Raises
+    ------
+    TooLargeError
+        If its splines would take too much memory; see :func:`check_memory`.
     """
     start, goal, settings = scenario.start, scenario.goal, for_scene(given)
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
@@ -75,6 +81,7 @@ def build_problem(
     if breakpoints is None:
         breakpoints = _breakpoints(guide, profile, scenario, limits, settings)
     spans = spans or path_spans(guide, settings)
+    check_memory(spans, len(breakpoints) - 1, settings.samples, 0)
     space = TripSpace(guide, start.speed, settings.path_degree, spans, settings.acceleration_degree, breakpoints)
     ends = end_conditions(scenario, frame, space, settings.max_offset)
     batch = ZoneBatch.of(zones, frame, scenario.vehicle.radius + settings.clearance_margin).rounded()

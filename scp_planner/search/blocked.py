@@ -24,6 +24,7 @@ from scp_planner.trips.path import Path
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_KEPT = 100_000  # cuts, of all zones
+MOST_MARKED = 1_000_000  # cells at a time
 
 
 @dataclass(frozen=True)
@@ -215,9 +216,15 @@ class Cells:
         last = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
         first, last = np.maximum(first, 0.0).astype(np.intp), np.minimum(last, size - 1.0).astype(np.intp)
         length = np.maximum(last - first + 1, 0)
-        begin = np.cumsum(length) - length
-        offset = np.arange(int(length.sum())) - np.repeat(begin - first, length)
-        blocked[np.repeat(cuts.line, length), offset, np.repeat(cuts.delay, length)] = True
+        until = np.cumsum(length)
+        done = 0
+        while done < len(length):
+            before = int(until[done - 1]) if done else 0
+            part = slice(done, max(int(np.searchsorted(until, before + MOST_MARKED, "right")), done + 1))
+            some = length[part]
+            offset = np.arange(int(some.sum())) - np.repeat(until[part] - some - before - first[part], some)
+            blocked[np.repeat(cuts.line[part], some), offset, np.repeat(cuts.delay[part], some)] = True
+            done = part.stop
 
     def _outside(self) -> Mask:
         """Which cells lie outside the workspace box, or where the guide folds."""
