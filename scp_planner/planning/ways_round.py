@@ -104,6 +104,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         cutoff = np.inf if rival is None else rival.travel_time
         with self.tally.timed("scp"):
             starts, most = list(bows(self.problem)), self.settings.max_iterations
+            starts = starts[:1] if self.out_of_time else starts
             runs = self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True)
         self.tally.iterations += sum(len(run.record) for run in runs)
         self.tally.tried += len(runs)
@@ -129,14 +130,14 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """Ways round with starts for the loop."""
         for coarseness in COARSENESSES:
             count = 0
-            for branch in self._branches_on(WaySearch(self.problem, coarseness)):
+            for branch in self._branches_on(WaySearch(self.problem, coarseness, deadline=self.deadline)):
                 count += 1
                 yield branch
-            if count:
+            if count or self.out_of_time:
                 break
         if self.settings.effort >= FINER_EFFORT:
             for fineness in FINER_GRIDS:
-                yield from self._branches_on(WaySearch(self.problem, fineness=fineness))
+                yield from self._branches_on(WaySearch(self.problem, fineness=fineness, deadline=self.deadline))
 
     def _branches_on(self, search: WaySearch) -> Iterator[Branch]:
         """Ways round on one grid."""

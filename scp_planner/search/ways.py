@@ -63,12 +63,20 @@ class WaySearch:
         Factor of the steps of the delay: the longer, the longer may be waited, and the less exact it is.
     fineness : Fineness, optional
         Of all other steps.
+    deadline : float
+        Value of :func:`time.perf_counter` after which no further zones are looked at, and no way is found.
     """
 
-    def __init__(self, problem: Problem, coarseness: float = 1.0, fineness: Fineness | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        coarseness: float = 1.0,
+        fineness: Fineness | None = None,
+        deadline: float = np.inf,
+    ) -> None:
         self.problem = problem
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
-        self.cells = Cells(problem, self.grid)
+        self.cells = Cells(problem, self.grid, deadline)
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
 
     def _slopes(self, end: int) -> slice:
@@ -125,6 +133,8 @@ class WaySearch:
         for window in WINDOWS if within == np.inf else WINDOWS[-1:]:
             latest = grid.fastest[-1] + window * DELAYS * grid.delay_step
             free = np.stack([self.cells.without(cases[k]) for k in left], axis=2)
+            if self.cells.cut_off:
+                break
             sweep = Sweep(grid, free, self.ends, self._in_time(min(within, latest)))
             for case, k in enumerate(left):
                 found[k] = self._way(sweep, case)

@@ -9,10 +9,13 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 from scp_planner import plan
+from scp_planner.arrays import Mask
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
+from scp_planner.search import blocked
+from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.first_trips import trip_along
 from scp_planner.search.ways import WaySearch, WayTree, ways
 from scp_planner.settings.planning import Settings
@@ -141,3 +144,21 @@ def test_scaling_a_scene_scales_its_ways() -> None:
     for a, b in zip(ways(WaySearch(small), 4), ways(WaySearch(large), 4), strict=True):
         assert b.travel_time == pytest.approx(time * a.travel_time, rel=1e-9)
         np.testing.assert_allclose(b.offsets, length * a.offsets, atol=1e-9)
+
+
+def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(*[disc(f"o{k}", (2.0 + 0.4 * k, 3.0), radius=0.2) for k in range(40)])
+    problem = build_problem(scenario, zones(scenario), Settings())
+    assert WaySearch(problem).best() is not None
+    monkeypatch.setattr(blocked, "MOST_LOOKS", 1)  # a zone at a time
+    monkeypatch.setattr(blocked, "FEW_CUTS", 0)
+    looked: list[Cuts] = []
+    mark = Cells._mark
+
+    def counted(cells: Cells, words: Mask, cuts: Cuts, side: int) -> None:
+        looked.append(cuts)
+        mark(cells, words, cuts, side)
+
+    monkeypatch.setattr(Cells, "_mark", counted)
+    assert WaySearch(problem, deadline=-np.inf).best() is None
+    assert len(looked) == 1
