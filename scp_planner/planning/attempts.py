@@ -148,9 +148,11 @@ class ReadyProblem:
 
     @classmethod
     def of(cls, everything: Problem) -> ReadyProblem:
-        """Return a problem, and what is near of it."""
+        """Return a problem, and what is near of it, if there is the memory to plan with that."""
         least = kinematic_bound(everything.scenario)
-        return cls(everything, without_far_zones(everything, LONGEST_TRIP * least), least)
+        near = without_far_zones(everything, LONGEST_TRIP * least)
+        near.check_memory()
+        return cls(everything, near, least)
 
 
 def to_beat(travel_time: float, step: float | None) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.plan import Plan, PlanStatus
-from scp_planner.planning.refinements import at_any_time, on_a_step, over_better_guides, with_finer_spans
+from scp_planner.planning.refinements import at_any_time, on_a_step, refined
 from scp_planner.planning.runs import CheckedRuns, Given, ScpAttempt, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.scenario.models import Scenario
@@ -87,7 +87,7 @@ def plan(
     runs = CheckedRuns(task)
     best = WaysRound(runs).best()
     if constraints is None:  # those are written in stations of the guide
-        best = with_finer_spans(runs, over_better_guides(runs, best))
+        best = refined(runs, best)
     best = on_a_step(runs, inside, best)
     return _told(scenario, runs, best, units, began)
 

@@ -1,29 +1,42 @@
-"""From a good trip to a better one: over another guide, with finer spans, or to a step of time."""
+"""From a good trip to a better one: over another guide, with finer spans, or to a step of time.
+
+How fine the splines have to be is told by the trip that was found: they become finer where it says so, and only as long
+as that gains something.
+"""
 
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.attempts import to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
+from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
+WORK, LEAST_WORK = 3, 250  # times the iterations until a trip was found, and iterations: what a better one may cost
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
+FINER_PATHS, MOST_PATH_SPANS = 3, 200  # how often there are twice as many spans of the path, and the most of them
+WORTH_FINER_PATHS = 2e-3  # relative gain below which there are no more of them
+NOTABLE = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
+SLOWED = 1.25e-2  # relative to the lower bound: what less is lost to is hardly the path's splines
+UNSEEN, TIGHT = 1.0, 1.5  # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
+HARDLY = 0.15  # largest violation of a trip that may be mended by finer spans
 FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
 WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
 FEWEST_STEPS, MOST_STEPS = 8, 2  # to a trip whose accelerations change on them; times the wanted number of spans
@@ -31,64 +44,149 @@ STRAYING = 0.03  # radii of the vehicle, by which it may be elsewhere after a st
 LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked to arrive
 
 
-def over_better_guides(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
+@dataclass(frozen=True)
+class Found:
+    """The best trip so far.
+
+    Attributes
+    ----------
+    runs : CheckedRuns
+        With whose splines and settings it was found.
+    best : ScpAttempt
+    most : int
+        Iterations of the whole task, after which nothing further is tried.
+    """
+
+    runs: CheckedRuns
+    best: ScpAttempt
+    most: int
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether there is no time for anything further, or it would be too much work."""
+        return self.runs.task.out_of_time or self.runs.task.tally.iterations > self.most
+
+    @property
+    def to_beat(self) -> float:
+        """The travel time that counts as faster, s; inf if it is not certified."""
+        return to_beat(self.best.travel_time, self.runs.task.arrival_step) if self.best.holds else np.inf
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether it is proved that no trip is faster."""
+        return self.to_beat < self.runs.lower_bound
+
+    def gains(self, other: Found, least: float) -> bool:
+        """Whether it gains at least so much on another one that it is better than, relative to its travel time."""
+        gained = other.best.travel_time - self.best.travel_time
+        return self.best.holds and (not other.best.holds or gained >= least * self.best.travel_time)
+
+
+def refined(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
+    """Go on from the best trip with better guides and finer splines, while that makes it much faster or certified."""
+    done = runs.task.tally.iterations
+    found = Found(runs, best, done + max(WORK * done, LEAST_WORK))
+    return with_finer_spans(with_finer_paths(over_better_guides(found))).best
+
+
+def over_better_guides(found: Found) -> Found:
     """Where the guide limits the best path, take the path as the guide and go on from there, while that gains much."""
-    task, problem = runs.task, runs.problem
+    task = found.runs.task
     for _ in range(GUIDES):
-        trajectory = best.trajectory
-        hopeful = not best.holds and not problem.space.guide.straight
-        if not (hopeful or may_want_another_guide(problem, trajectory.path)) or task.out_of_time:
-            break
-        beat = _to_beat(runs, best)
-        if beat < runs.lower_bound:
+        problem, trajectory = found.runs.problem, found.best.trajectory
+        hopeful = not found.best.holds and not problem.space.guide.straight
+        if not (hopeful or may_want_another_guide(problem, trajectory.path)) or found.exhausted or found.hopeless:
             break
         again = CheckedRuns.along(task, trajectory.path)
-        attempt = again.along_the_guide(trajectory.beta, trajectory.travel_time, beat)
-        logger.info("a new guide: %.4f s after %.4f s", attempt.travel_time, best.travel_time)
-        if not attempt.better_than(best):
+        attempt = again.along_the_guide(trajectory.beta, trajectory.travel_time, found.to_beat)
+        logger.info("a new guide: %.4f units of time after %.4f", attempt.travel_time, found.best.travel_time)
+        if not attempt.better_than(found.best):
             break
-        much = _gains(best, attempt, WORTH_A_GUIDE)
-        best, problem = attempt, again.problem
-        if not much:
+        before, found = found, Found(again, attempt, found.most)
+        if not found.gains(before, WORTH_A_GUIDE):
             break
-    return best
+    return found
 
 
-def with_finer_spans(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
+def with_finer_paths(found: Found) -> Found:
+    """Where the path bends within its spans, or fails by little, take shorter ones while that gains much."""
+    for _ in range(FINER_PATHS):
+        task, space = found.runs.task, found.best.trajectory.space
+        spans = 2 * len(space.path.widths)
+        if spans > MOST_PATH_SPANS or found.exhausted or found.hopeless or not _may_gain_by_spans(found):
+            break
+        settings = replace(for_scene(task.settings), path_span=space.length / spans)
+        breakpoints = _breakpoints_of(space)
+        again = CheckedRuns(replace(task, settings=settings), space.guide, breakpoints, spans)
+        start = _refined(again.problem, found.best.trajectory)
+        cutoff = found.to_beat * (1.0 - NOTABLE)
+        attempt = again.attempt(start, cutoff)
+        logger.info(
+            "%d spans of the path: %.4f units of time after %.4f", spans, attempt.travel_time, found.best.travel_time
+        )
+        if not attempt.better_than(found.best):
+            break
+        before, found = found, Found(again, attempt, found.most)
+        if not found.gains(before, WORTH_FINER_PATHS):
+            break
+    return found
+
+
+def _may_gain_by_spans(found: Found) -> bool:
+    """Whether shorter spans of the path may make a trip faster, or a certified one.
+
+    A path cannot follow within a span what its third derivative jumps by from span to span: times the span squared
+    this is a slope, and in control points their fourth difference over the span.
+    """
+    best = found.best
+    if not best.holds:
+        return best.run.evaluation.worst_violation < HARDLY
+    theta, space = best.trajectory.theta, best.trajectory.space
+    span = space.length / len(space.path.widths)
+    unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
+    tight = span * float(np.abs(best.run.evaluation.sites.curvature).max())
+    slowed = best.travel_time > (1.0 + SLOWED) * found.runs.lower_bound
+    return slowed and (unseen > UNSEEN or tight > TIGHT)
+
+
+def _refined(problem: Problem, trip: Trajectory) -> Trajectory:
+    """A trip over a space whose spans of the path are parts of its own: the very same trip."""
+    basis, ends = problem.space.path, problem.ends
+    sites = greville_sites(tuple(basis.breakpoints.tolist()), basis.coefficients.shape[1] - 1)
+    theta: Array = np.linalg.solve(basis.rows(sites), trip.space.path.rows(sites) @ trip.theta).astype(float)
+    theta[: ends.free.start], theta[ends.free.stop :] = ends.theta[: ends.free.start], ends.theta[ends.free.stop :]
+    return Trajectory.of(problem.space, theta, trip.beta, trip.travel_time)
+
+
+def with_finer_spans(found: Found) -> Found:
     """Where speed limits of places or of the jerk ask for many switches, take more spans while that gains much."""
-    task = runs.task
-    if runs.problem.profile is None and task.scenario.vehicle.max_jerk is None:
-        return best
-    spans = task.settings.acceleration_spans
+    if found.runs.problem.profile is None and found.runs.task.scenario.vehicle.max_jerk is None:
+        return found
     for _ in range(FINER):
-        spans *= 3
-        beat = _to_beat(runs, best)
-        if spans > MOST_SPANS or beat < runs.lower_bound or task.out_of_time:
+        task, trip = found.runs.task, found.best.trajectory
+        spans = 3 * task.settings.acceleration_spans
+        if spans > MOST_SPANS or found.exhausted or found.hopeless:
             break
-        trip = best.trajectory
         finer = replace(task, settings=replace(task.settings, acceleration_spans=spans))
-        again = CheckedRuns(finer, trip.space.guide)
+        again = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
         space = again.problem.space
-        degree = space.acceleration.coefficients.shape[1] - 1
-        sites = greville_sites(tuple(space.acceleration.breakpoints.tolist()), degree)
+        sites = greville_sites(_breakpoints_of(space), space.acceleration.coefficients.shape[1] - 1)
         start = Trajectory.of(space, trip.theta, trip.drive_at(sites).acceleration, trip.travel_time)
-        attempt = again.attempt(start, beat)
-        if not attempt.better_than(best):
+        attempt = again.attempt(start, found.to_beat)
+        logger.info(
+            "%d spans of the drive: %.4f units of time after %.4f", spans, attempt.travel_time, trip.travel_time
+        )
+        if not attempt.better_than(found.best):
             break
-        much = _gains(best, attempt, WORTH_MORE_SPANS)
-        best = attempt
-        if not much:
+        before, found = found, Found(again, attempt, found.most)
+        if not found.gains(before, WORTH_MORE_SPANS):
             break
-    return best
+    return found
 
 
-def _to_beat(runs: CheckedRuns, best: ScpAttempt) -> float:
-    return to_beat(best.travel_time, runs.task.arrival_step) if best.holds else np.inf
-
-
-def _gains(best: ScpAttempt, attempt: ScpAttempt, least: float) -> bool:
-    """Whether a better attempt gains at least so much, relative to its travel time."""
-    return not best.holds or best.travel_time - attempt.travel_time >= least * attempt.travel_time
+def _breakpoints_of(space: TripSpace) -> tuple[float, ...]:
+    """Of the acceleration, in normalised time."""
+    return tuple(space.acceleration.breakpoints.tolist())
 
 
 def at_any_time(scenario: Scenario) -> Scenario:
@@ -115,7 +213,8 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
         # The step itself is planned for, not the margin later: it may be missed to both sides.
         timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival - EARLIEST_MARGIN))
         breakpoints = _in_step(trajectory, steps, task.settings)
-        again = CheckedRuns(replace(task, scenario=timed), trajectory.space.guide, breakpoints)
+        spans = len(trajectory.space.path.widths)
+        again = CheckedRuns(replace(task, scenario=timed), trajectory.space.guide, breakpoints, spans)
         attempt = again.attempt(_driven_over(again.problem.space, trajectory), loop=again.patient_loop)
         if best.holds:
             return attempt if attempt.holds else best
@@ -138,7 +237,7 @@ def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[fl
     constant = basis.coefficients.shape[1] == 1
     if constant and FEWEST_STEPS <= steps <= MOST_STEPS * settings.acceleration_spans:
         return tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
-    return tuple(basis.breakpoints.tolist())
+    return _breakpoints_of(trajectory.space)
 
 
 def _driven_over(space: TripSpace, trip: Trajectory) -> Trajectory:

@@ -102,12 +102,20 @@ class CheckedRuns:
     guide : Guide, optional
     breakpoints : tuple of float, optional
         Of the acceleration, in normalised time.
+    spans : int, optional
+        Of the offset.
     """
 
-    def __init__(self, task: Task, guide: Guide | None = None, breakpoints: tuple[float, ...] | None = None) -> None:
+    def __init__(
+        self,
+        task: Task,
+        guide: Guide | None = None,
+        breakpoints: tuple[float, ...] | None = None,
+        spans: int | None = None,
+    ) -> None:
         self.task = task
         with task.tally.timed("build"):
-            everything = build_problem(task.scenario, task.threat_zones, task.settings, breakpoints, guide)
+            everything = build_problem(task.scenario, task.threat_zones, task.settings, breakpoints, guide, spans)
             self.solver, fallback = task.solvers()
             if task.given is not None:
                 everything, self.solver = _with_given(everything, task.given, self.solver)

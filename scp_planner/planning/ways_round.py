@@ -105,6 +105,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         cutoff = self._cutoff(rival)
         with self.tally.timed("scp"):
             starts, most = list(bows(self.problem)), self.settings.max_iterations
+            starts = starts[:1] if self.out_of_time else starts
             runs = self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True)
         self.tally.iterations += sum(len(run.record) for run in runs)
         self.tally.tried += len(runs)
@@ -134,14 +135,14 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """Ways round with starts for the loop."""
         for coarseness in coarsenesses(self.problem):
             count = 0
-            for branch in self._branches_on(WaySearch(self.problem, coarseness)):
+            for branch in self._branches_on(WaySearch(self.problem, coarseness, deadline=self.deadline)):
                 count += 1
                 yield branch
-            if count:
+            if count or self.out_of_time:
                 break
         if self.settings.effort >= FINER_EFFORT and not self._proven():
             for fineness in FINER_GRIDS:
-                yield from self._branches_on(WaySearch(self.problem, fineness=fineness))
+                yield from self._branches_on(WaySearch(self.problem, fineness=fineness, deadline=self.deadline))
 
     def _proven(self) -> bool:
         """Whether it is proved that no trip is notably faster than the best so far; the bound is raised to what is."""

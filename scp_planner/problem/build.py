@@ -13,6 +13,7 @@ from scp_planner.problem.ends import end_conditions
 from scp_planner.problem.guides import default_guide, path_spans
 from scp_planner.problem.limits.inputs import LimitInputs, kept_of_limits
 from scp_planner.problem.limits.registry import optional_limits
+from scp_planner.problem.memory import check_memory
 from scp_planner.problem.problem import EACH_SHARE, Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
 from scp_planner.scenario.limits import Box, Limits, straight_travel_time
@@ -40,6 +41,7 @@ def build_problem(
     given: Settings,
     breakpoints: tuple[float, ...] | None = None,
     guide: Guide | None = None,
+    spans: int | None = None,
 ) -> Problem:
     """Make a scenario, in its natural units, ready for planning.
 
@@ -54,10 +56,17 @@ def build_problem(
         Of the acceleration, in normalised time: the same ones for many problems share their tables.
     guide : Guide, optional
         In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
+    spans : int, optional
+        Of the offset's spline; by default as many as the settings ask for.
 
     Returns
     -------
     Problem
+
+    Raises
+    ------
+    TooLargeError
+        If its splines would take too much memory; see :func:`check_memory`.
     """
     start, goal, settings = scenario.start, scenario.goal, for_scene(given)
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
@@ -71,7 +80,8 @@ def build_problem(
     profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared else None
     if breakpoints is None:
         breakpoints = _breakpoints(guide, profile, scenario, limits, settings)
-    spans = path_spans(guide, settings)
+    spans = spans or path_spans(guide, settings)
+    check_memory(spans, len(breakpoints) - 1, settings.samples, 0)
     space = TripSpace(guide, start.speed, settings.path_degree, spans, settings.acceleration_degree, breakpoints)
     ends = end_conditions(scenario, frame, space, settings.max_offset)
     batch = ZoneBatch.of(zones, frame, scenario.vehicle.radius + settings.clearance_margin).rounded()

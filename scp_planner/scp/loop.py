@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.problem.memory import MOST_TOGETHER
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import Cutoff, RunLimits
@@ -20,8 +21,6 @@ from scp_planner.scp.step_solver import StepSolver
 from scp_planner.scp.together import RunInStep, evaluated, run_together
 from scp_planner.solvers.interface import QpSolver
 from scp_planner.trips.trajectory import Trajectory
-
-MOST_BYTES = 128_000_000  # of gradients of paths that are looked at together
 
 
 class ScpLoop:
@@ -121,8 +120,8 @@ class ScpLoop:
         setup, first = self._setup(), trust or self.parameters.first_trust
         limits = RunLimits(max_iterations, deadline, enough, self.hopeless_after)
         goal = Cutoff(cutoff, race, rival, self.parameters)
-        # Paths of many spans are not looked at all at once: each has a table of gradients.
-        at_once = max(1, MOST_BYTES // self.problem.space.gradient_bytes)
+        # Trips over many spans, or among many zones, are not looked at all at once.
+        at_once = max(1, MOST_TOGETHER // self.problem.trip_bytes)
         ended: list[LoopRun] = []
         for begin in range(0, len(starts), at_once):
             together = starts[begin : begin + at_once]

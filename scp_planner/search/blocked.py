@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from time import perf_counter
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from scp_planner.trips.path import Path
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_KEPT = 100_000  # cuts, of all zones
+FEW_CUTS = 10_000  # that are made in no time: the clock is not looked at before
 
 
 @dataclass(frozen=True)
@@ -152,10 +154,18 @@ class Cells:
     ----------
     problem : Problem
     grid : Grid
+    deadline : float
+        Value of :func:`time.perf_counter` after which nothing further is looked at.
+
+    Attributes
+    ----------
+    cut_off : bool
+        Whether that was so: cells may be as if free then.
     """
 
-    def __init__(self, problem: Problem, grid: Grid) -> None:
-        self.problem, self.grid = problem, grid
+    def __init__(self, problem: Problem, grid: Grid, deadline: float = np.inf) -> None:
+        self.problem, self.grid, self.deadline = problem, grid, deadline
+        self.cut_off = False
         self.lines = Lines(problem, grid)
         self._kept: list[Cuts] | None = []  # None: too many to be kept
         self._closed: dict[tuple[int, int], Words] = {}
@@ -163,10 +173,14 @@ class Cells:
     @cached_property
     def free(self) -> Words:
         """Free cells with all sides open, (lines, half offsets)."""
-        blocked = np.zeros((*self.shape, DELAYS), dtype=np.bool_)
+        blocked, marked = np.zeros((*self.shape, DELAYS), dtype=np.bool_), 0
         kept: list[Cuts] = []
         for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size)):
+            if marked > FEW_CUTS and perf_counter() > self.deadline:
+                self.cut_off = True
+                break
             self._mark(blocked, cuts, 0)
+            marked += len(cuts.line)
             kept.append(cuts)
             if sum(len(some.line) for some in kept) > MOST_KEPT:
                 kept, self._kept = [], None

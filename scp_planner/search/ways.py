@@ -64,12 +64,20 @@ class WaySearch:
         Factor of the steps of the delay: the longer, the longer may be waited, and the less exact it is.
     fineness : Fineness, optional
         Of all other steps.
+    deadline : float
+        Value of :func:`time.perf_counter` after which no further zones are looked at, and no way is found.
     """
 
-    def __init__(self, problem: Problem, coarseness: float = 1.0, fineness: Fineness | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        coarseness: float = 1.0,
+        fineness: Fineness | None = None,
+        deadline: float = np.inf,
+    ) -> None:
         self.problem = problem
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
-        self.cells = Cells(problem, self.grid)
+        self.cells = Cells(problem, self.grid, deadline)
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
 
     def _slopes(self, end: int) -> slice:
@@ -129,7 +137,10 @@ class WaySearch:
             in_time = self._in_time(min(within, latest))
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
-                sweep = Sweep(grid, self.cells.without_each([cases[k] for k in some]), self.ends, in_time)
+                free = self.cells.without_each([cases[k] for k in some])
+                if self.cells.cut_off:
+                    return found
+                sweep = Sweep(grid, free, self.ends, in_time)
                 for case, k in enumerate(some):
                     found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]

@@ -161,27 +161,30 @@ def _ending_at(goal: Array, length: float, headings: Array) -> CurvedGuide:
 
 def _rounded(points: Array, radius: float) -> tuple[Array, float]:
     """The polyline with arcs, of many short legs, in place of its sharp corners; and the least radius of them."""
-    corners, least = [points[:1]], radius
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
-    for k in range(1, len(points) - 1):
-        before, after = legs[k - 1] / lengths[k - 1], legs[k] / lengths[k]
-        turn = float(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after))
-        if abs(turn) < SHARP:
-            corners.append(points[k : k + 1])
-            continue
-        # An inner leg is shared by its two corners.
-        room = min(lengths[k - 1] * (1.0 if k == 1 else 0.5), lengths[k] * (1.0 if k == len(points) - 2 else 0.5))
-        half = min(0.5 * abs(turn), 0.499 * np.pi)
-        tangent = min(radius * np.tan(half), 0.999 * room)
-        bend = tangent / np.tan(half)
-        least = min(least, max(bend, LEAST_BEND * radius))
-        left = np.sign(turn) * np.array([-before[1], before[0]])
-        center = points[k] - tangent * before + bend * left
-        angles = np.linspace(0.0, turn, int(np.ceil(abs(turn) / ARC_STEP)) + 1)
-        c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-        spoke = -bend * left
-        corners.append(center + c * spoke + s * np.array([-spoke[1], spoke[0]]))
-    polyline = np.concatenate([*corners, points[-1:]])
+    directions = legs / lengths[:, None]
+    before, after = directions[:-1], directions[1:]
+    turn = np.arctan2(
+        before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1]
+    )
+    sharp = np.abs(turn) >= SHARP
+    # An inner leg is shared by its two corners.
+    each = np.where((np.arange(len(legs)) == 0) | (np.arange(len(legs)) == len(legs) - 1), 1.0, 0.5)
+    room = np.minimum(lengths[:-1] * each[:-1], lengths[1:] * each[1:])
+    slope = np.tan(np.minimum(0.5 * np.abs(np.where(sharp, turn, SHARP)), 0.499 * np.pi))
+    tangent = np.minimum(radius * slope, 0.999 * room)
+    bend = tangent / slope
+    least = float(np.maximum(bend[sharp], LEAST_BEND * radius).min(initial=radius))
+    spoke = (-bend * np.sign(turn))[:, None] * np.stack([-before[:, 1], before[:, 0]], axis=1)
+    centre = points[1:-1] - tangent[:, None] * before - spoke
+    steps = np.where(sharp, np.ceil(np.abs(turn) / ARC_STEP), 0.0).astype(np.intp)
+    corner = np.repeat(np.arange(len(turn)), steps + 1)
+    number = np.arange(len(corner)) - np.repeat(np.cumsum(steps + 1) - (steps + 1), steps + 1)
+    angle = turn[corner] * (number / np.maximum(steps, 1)[corner])
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    from_centre = spoke[corner]
+    arcs = centre[corner] + c * from_centre + s * np.stack([-from_centre[:, 1], from_centre[:, 0]], axis=1)
+    polyline = np.concatenate([points[:1], np.where(sharp[corner, None], arcs, points[1:-1][corner]), points[-1:]])
     apart = np.hypot(*np.diff(polyline, axis=0).T) > 1e-9 * max(1.0, float(lengths.sum()))
-    return polyline[np.concatenate([[True], apart])], float(least)
+    return polyline[np.concatenate([[True], apart])], least

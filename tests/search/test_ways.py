@@ -9,10 +9,13 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 from scp_planner import plan
+from scp_planner.arrays import Mask
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
+from scp_planner.search import blocked
+from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.first_trips import trip_along
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import WaySearch, WayTree, ways
@@ -160,3 +163,21 @@ def test_a_way_waits_for_a_goal_that_opens_late() -> None:
     assert trip_along(problem, way).travel_time == pytest.approx(60.0, rel=0.05)
     early = problem_of(scene(*CROSSERS, goal={"earliest_arrival": 1.0}))
     assert coarsenesses(early)[0] == 1.0
+
+
+def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(*[disc(f"o{k}", (2.0 + 0.4 * k, 3.0), radius=0.2) for k in range(40)])
+    problem = build_problem(scenario, zones(scenario), Settings())
+    assert WaySearch(problem).best() is not None
+    monkeypatch.setattr(blocked, "MOST_LOOKS", 1)  # a zone at a time
+    monkeypatch.setattr(blocked, "FEW_CUTS", 0)
+    looked: list[Cuts] = []
+    mark = Cells._mark
+
+    def counted(cells: Cells, words: Mask, cuts: Cuts, side: int) -> None:
+        looked.append(cuts)
+        mark(cells, words, cuts, side)
+
+    monkeypatch.setattr(Cells, "_mark", counted)
+    assert WaySearch(problem, deadline=-np.inf).best() is None
+    assert len(looked) == 1

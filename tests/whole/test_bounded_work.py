@@ -243,10 +243,10 @@ def test_trips_of_many_spans_are_looked_at_one_after_the_other(monkeypatch: pyte
         return run_together(problem, runs)
 
     monkeypatch.setattr(loop, "run_together", counted)
-    monkeypatch.setattr(loop, "MOST_BYTES", problem.space.gradient_bytes)
+    monkeypatch.setattr(loop, "MOST_TOGETHER", problem.trip_bytes)
     runs = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
     assert looked == [1] * len(starts)
-    monkeypatch.setattr(loop, "MOST_BYTES", 10**12)
+    monkeypatch.setattr(loop, "MOST_TOGETHER", 10**12)
     together = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
     for one, other in zip(runs, together, strict=True):
         assert one.evaluation.trajectory.travel_time == pytest.approx(other.evaluation.trajectory.travel_time, rel=1e-6)

@@ -18,7 +18,7 @@ from scp_planner.trips.trajectory import Trajectory
 
 BESIDE = 1e-7  # of the travel time; next to a border
 ON_BORDER = 1e-6  # of a cell between stations
-JUMP_STEPS, JUMP_PARTS = 7, 16  # to where the stations along the line jump over a border
+JUMP_STEPS, JUMP_PARTS = 4, 128  # to where the stations along the line jump over a border
 CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend off
 
 
@@ -39,6 +39,14 @@ class _SpeedSites:
     speed: Array
     acceleration: Array
     limit: Array
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """A trip and its places."""
+
+    trajectory: Trajectory
+    sites: _SpeedSites
 
 
 class SpeedLimits(OptionalLimit):
@@ -64,6 +72,7 @@ class SpeedLimits(OptionalLimit):
         self.free = free
         self.stretches = stretches
         self._jumps = space.time_table(space.acceleration.breakpoints[1:-1])
+        self._last: _Looked | None = None
 
     def tightened(self, more: float) -> SpeedLimits:
         """Return lower limits."""
@@ -110,6 +119,13 @@ class SpeedLimits(OptionalLimit):
         return moves
 
     def _sites(self, trajectory: Trajectory) -> _SpeedSites:
+        """The places of a trip: of the last one they are known, as its gradient is asked for after its excess."""
+        last = self._last
+        if last is None or last.trajectory is not trajectory:
+            last = self._last = _Looked(trajectory, self._looked_for(trajectory))
+        return last.sites
+
+    def _looked_for(self, trajectory: Trajectory) -> _SpeedSites:
         space, path = self.space, trajectory.path
         stations = space.tables.station_parameters
         gates, sides, speeds = self._gates(path)

@@ -1,0 +1,78 @@
+"""How much memory planning takes, told before any of it is taken.
+
+What grows with a scene are the tables of the path's splines (with the square of their spans), and what is looked at of
+a trip: each zone at each sample. All else has limits of its own.
+"""
+
+from __future__ import annotations
+
+from scp_planner.errors import TooLargeError
+from scp_planner.trips.space import ACCELERATION_ENTRIES, PATH_ENTRIES
+
+MOST_BYTES = 350_000_000  # of a plan: 500 MB less what Python and its libraries take, and what a search takes
+MOST_TOGETHER = 128_000_000  # of trips that are looked at together
+_ENTRY_BYTES = 8
+_BEND_ENTRIES = 140  # of a span and a variable of a step: gradients of the arc length, rows of bends, all twice
+_LOOK_ENTRIES = 24  # of a sample and a zone: centres, covariances, distances, and rows where it is near
+
+
+def trip_bytes(spans: int, drive_spans: int, samples: int, zones: int) -> int:
+    """Memory that looking at one trip takes, bytes.
+
+    Parameters
+    ----------
+    spans, drive_spans : int
+        Of the path and of the acceleration.
+    samples : int
+    zones : int
+        Near ones.
+
+    Returns
+    -------
+    int
+    """
+    bends = _BEND_ENTRIES * spans * (spans + drive_spans)
+    return _ENTRY_BYTES * (bends + _LOOK_ENTRIES * (samples + drive_spans) * zones)
+
+
+def plan_bytes(spans: int, drive_spans: int, samples: int, zones: int) -> int:
+    """Memory that a plan takes, bytes: that of the tables of its splines, and of one trip at a time.
+
+    Parameters
+    ----------
+    spans, drive_spans, samples, zones : int
+        As in :func:`trip_bytes`.
+
+    Returns
+    -------
+    int
+    """
+    tables = PATH_ENTRIES * spans**2 + ACCELERATION_ENTRIES * drive_spans**2
+    return _ENTRY_BYTES * tables + trip_bytes(spans, drive_spans, samples, zones)
+
+
+def check_memory(spans: int, drive_spans: int, samples: int, zones: int) -> None:
+    """Refuse what would take too much memory.
+
+    Parameters
+    ----------
+    spans, drive_spans, samples, zones : int
+        As in :func:`trip_bytes`.
+
+    Raises
+    ------
+    TooLargeError
+        Saying what needs most, and what to change.
+    """
+    needed = plan_bytes(spans, drive_spans, samples, zones)
+    if needed <= MOST_BYTES:
+        return
+    if 2 * plan_bytes(spans, drive_spans, samples, 0) > needed:
+        what = f"path: {spans} spans of its spline, and acceleration: {drive_spans} spans,"
+        change = "a larger path_span, a guide with wider bends, or fewer acceleration_spans need less"
+    else:
+        what = f"obstacles: {zones} of them that may be met, at {samples} samples each,"
+        change = "fewer samples, or without obstacles that are never met, it needs less"
+    raise TooLargeError(
+        f"{what} would take {needed / 1e6:.0f} MB to plan with; {MOST_BYTES / 1e6:.0f} MB are allowed: {change}"
+    )

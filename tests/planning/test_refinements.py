@@ -1,0 +1,78 @@
+"""What a finer solve may gain is told by the trip that was found: splines get finer there, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.planning import refinements
+from scp_planner.planning.refinements import Found, refined, with_finer_paths
+from scp_planner.planning.runs import CheckedRuns, Task
+from scp_planner.planning.ways_round import WaysRound
+from scp_planner.problem.build import build_problem
+from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.settings.planning import Settings, for_scene
+from scp_planner.trips.trajectory import Trajectory
+from tests.scenes import disc, scene
+from tests.whole.test_ratios import drone
+
+pytestmark = pytest.mark.numerics
+
+DRONE = NaturalUnits.of(drone(1, 1.2)).scenario(drone(1, 1.2))
+
+
+def found_in(scenario: Scenario) -> Found:
+    runs = CheckedRuns(Task(scenario, sp.zones(scenario), for_scene(Settings()), np.inf))
+    return Found(runs, WaysRound(runs).best(), 10_000)
+
+
+@pytest.fixture(scope="module")
+def among() -> Found:
+    return found_in(DRONE)
+
+
+def test_a_trip_over_twice_as_many_spans_is_the_very_same_trip(among: Found) -> None:
+    trip = among.best.trajectory
+    basis = trip.space.acceleration
+    spans = 2 * len(trip.space.path.widths)
+    finer = build_problem(DRONE, (), Settings(), tuple(basis.breakpoints.tolist()), trip.space.guide, spans)
+    again = refinements._refined(finer, trip)
+    places = np.linspace(0.0, 1.0, 401)
+    assert len(again.theta) == len(trip.theta) + spans // 2
+    assert again.path.points(places).position == pytest.approx(trip.path.points(places).position, abs=1e-12)
+    assert again.travel_time == pytest.approx(trip.travel_time, rel=1e-9)
+
+
+def test_a_drone_gains_by_shorter_spans_and_tells_beforehand(among: Found) -> None:
+    assert among.best.holds
+    assert refinements._may_gain_by_spans(among)
+    finer = with_finer_paths(among)
+    assert finer.best.holds
+    assert finer.best.travel_time < (1.0 - refinements.NOTABLE) * among.best.travel_time
+    assert len(finer.best.trajectory.space.path.widths) >= 2 * len(among.best.trajectory.space.path.widths)
+
+
+def test_where_the_bound_is_near_nothing_gets_finer() -> None:
+    found = found_in(scene(disc("beside", (10.0, 1.0), radius=0.8)))
+    tried = found.runs.task.tally.iterations
+    assert refined(found.runs, found.best) is found.best
+    assert found.runs.task.tally.iterations == tried
+
+
+def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: Found) -> None:
+    trip = among.best.trajectory
+    through = Trajectory.of(trip.space, np.zeros_like(trip.theta), trip.beta, trip.travel_time)
+    run = among.runs.loop.run(through, 0)
+    failed = replace(among, best=among.runs.judged(run))
+    assert run.evaluation.worst_violation > refinements.HARDLY
+    assert not refinements._may_gain_by_spans(failed)
+
+
+def test_work_on_a_better_trip_is_bounded(among: Found) -> None:
+    done = replace(among, most=among.runs.task.tally.iterations - 1)
+    assert done.exhausted
+    assert with_finer_paths(done) is done
