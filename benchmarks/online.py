@@ -21,6 +21,7 @@ import gc
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -30,7 +31,7 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from benchmarks import families, online_crowds, online_noticing
+from benchmarks import families, online_crowds, online_noticing, online_regions
 from benchmarks.online_faults import injected_run
 from scp_planner.online.planner import Planner
 from scp_planner.settings.online import Regions
@@ -365,25 +366,27 @@ def noticing(options: argparse.Namespace) -> int:
 
 def regions(options: argparse.Namespace) -> int:
     """How often the truth is in its region of 95 %, one observation, 1 s, 2 s and 4 s ahead."""
-    ledger = Ledger(options.output / "online-regions.csv", ("family", "seed", "regions"), options.fresh)
-    recorded = online_crowds.recordings(options.tracks)
-    synthetic = [(family, seed) for family in online_noticing.FAMILIES for seed in range(options.count)]
+    ledger = Ledger(options.output / "online-regions.csv", ("family", "regions"), options.fresh)
+    recorded = online_regions.recordings(options.tracks)
     wanted = [
-        {"family": family, "seed": seed, "regions": str(way)}
-        for family, seed in [*synthetic, *((name, 0) for name in recorded)]
-        for way in Regions
+        {"family": family, "regions": str(way)} for family in (*online_noticing.FAMILIES, *recorded) for way in Regions
     ]
 
-    def run(row: Row) -> Row:
-        way, family = Regions(row["regions"]), row["family"]
+    @lru_cache(maxsize=1)
+    def predictions(family: str) -> list[np.ndarray]:
         if family in recorded:
-            counted = online_noticing.recorded_coverage(recorded[family], way)
-        else:
-            counted = online_noticing.synthetic_coverage(family, int(row["seed"]), way)
+            return online_regions.of_recording(recorded[family])
+        return online_regions.of_family(family, options.count)
+
+    def run(row: Row) -> Row:
+        counted = online_regions.coverage(predictions(row["family"]), Regions(row["regions"]))
+        common.say(
+            f"{row['family']}, {row['regions']}: " + ", ".join(f"{one.held / one.number:.3f}" for one in counted)
+        )
         return {
-            f"{what}_{lead:g}": getattr(one, what)
-            for lead, one in zip(online_noticing.LEADS, counted, strict=True)
-            for what in ("number", "held", "area")
+            f"{what}_{lead:g}": value
+            for lead, one in zip(online_regions.LEADS, counted, strict=True)
+            for what, value in asdict(one).items()
         }
 
     sys.stdout.write(region_table(ledger.fill(wanted, run)) + "\n")
@@ -391,23 +394,23 @@ def regions(options: argparse.Namespace) -> int:
 
 
 def region_table(rows: Sequence[Row]) -> str:
-    """Coverage in % and radius in m, by family, way and lead time."""
-    leads = online_noticing.LEADS
+    """Coverage of the truth and of what is seen, in %, and radius in m, by family, way and lead time."""
+    leads = online_regions.LEADS
     table = []
-    for family, some in by(rows, "family")[:-1]:
-        for way, chosen in by(some, "regions")[:-1]:
-            cells = []
-            for lead in leads:
-                number, held, area = (values(chosen, f"{what}_{lead:g}").sum() for what in ("number", "held", "area"))
-                cells.append(f"{100.0 * held / max(number, 1):.1f} %, {np.sqrt(area / max(number, 1)):.2f} m")
-            table.append([family, way, *cells])
+    for row in rows:
+        cells = []
+        for lead in leads:
+            number, held, met, area = (float(row[f"{what}_{lead:g}"]) for what in ("number", "held", "met", "area"))
+            shares = f"{100.0 * held / number:.1f} / {100.0 * met / number:.1f} %"
+            cells.append(f"{shares}, {np.sqrt(area / number):.2f} m")
+        table.append([row["family"], row["regions"], *cells])
     return common.table(["family", "regions", "next", *(f"{lead:g} s" for lead in leads[1:])], table)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 5, faults: 500}
+    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 12, faults: 500}
     for command, count in counts.items():
         sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0])
         sub.set_defaults(run=command)

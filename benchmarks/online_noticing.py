@@ -10,13 +10,10 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from benchmarks import families
-from scp_planner.estimation.tracks import Tracks
-from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.settings.online import OnlineSettings, Regions, Watch
+from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.loop import FORGET_AFTER, simulate
 from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
-from scp_planner.simulation.worlds import Course, motion_course, track_course
+from scp_planner.simulation.worlds import Course, motion_course
 
 Array = np.ndarray
 
@@ -29,7 +26,6 @@ OUTLIERS, OUTLIER_SIZE = 0.02, 20.0  # share; standard deviations of the noise
 WANDERING = 0.1  # m2/s3, growth of the variance of a walker's velocity
 WANDERING_STEP = 0.05  # s
 LONGEST = 80.0  # s
-RECORDED_NOISE = 0.1  # m, added to recorded positions
 BEFORE = 12.0  # s before the start for which a course is known
 
 FAMILIES = ("nominal", "change0.3", "change0.8", "weaving", "noise2", "noise3", "outliers", "walkers")
@@ -178,100 +174,3 @@ def drive(
         "median_ms": float(np.median(wall)),
         "longest_ms": float(wall.max()),
     }
-
-
-# how often the truth is in its region, some time ahead
-
-LEADS = (0.0, 1.0, 2.0, 4.0)  # s; 0: the next observation
-DRIVEN = 20.0  # s of a run in which coverage is counted, after `BEFORE`
-
-
-@dataclass
-class Counted:
-    """Predictions of one lead time: how many, how many held, and the sum of the areas of their regions over pi, m2."""
-
-    number: int = 0
-    held: int = 0
-    area: float = 0.0
-
-
-def coverage_of(
-    courses: Mapping[str, Course],
-    times: Array,
-    seen: Mapping[str, Array],
-    regions: Regions,
-    order: int,
-    since: float,
-) -> list[Counted]:
-    """Count how often truth is in the region that was given of it one observation, 1 s, 2 s and 4 s before.
-
-    Parameters
-    ----------
-    courses : mapping of str to Course
-        The truth.
-    times : (n,) array
-        Of the observations, s.
-    seen : mapping of str to (n, 2) array
-        Observed positions, m; NaN where there is none.
-    regions : Regions
-    order : int
-        Of the motions.
-    since : float
-        Predictions before this time, s, only serve to learn.
-    """
-    tracks = ObstacleTracks(sp.Confidence(probability=0.95, level="per_time"), watch=Watch(regions=regions))
-    model, counted = sp.Model(order=order), [Counted() for _ in LEADS]
-    step = float(np.median(np.diff(times)))
-    for number, time in enumerate(times):
-        for name, positions in seen.items():
-            place = positions[number]
-            if np.isnan(place).any():
-                continue
-            if name not in tracks.tracks:
-                tracks.add_unseen(name, sp.Disc(disc=0.3), model, 0.0, NOISE**2 * np.eye(2))
-            tracks.observe(name, float(time), (float(place[0]), float(place[1])))
-        for name in [name for name, track in tracks.tracks.items() if time - track.times[-1] > 2.5 * step]:
-            tracks.remove(name)
-        for zone in tracks.zones(float(time)):
-            track = tracks.tracks[zone.id]
-            if time < since or not track.settled:
-                continue
-            later = time + np.array([lead or step for lead in LEADS])
-            truth, center, covariance = courses[zone.id](later), zone.center(later), zone.covariance(later)
-            for lead, count in enumerate(counted):
-                offset = truth[lead] - center[lead]
-                if not np.isnan(offset).any():
-                    count.number += 1
-                    count.held += int(offset @ np.linalg.solve(covariance[lead], offset) <= 1.0)
-                    count.area += math.sqrt(float(np.linalg.det(covariance[lead])))
-    return counted
-
-
-def synthetic_coverage(family: str, seed: int, regions: Regions) -> list[Counted]:
-    """Coverage in one run of a family."""
-    rng = np.random.default_rng([seed, 5])
-    scenario = families.as_scenario(families.random_scenario("crossing10", rng, "coverage"))
-    world = world_of(scenario, family, seed, 0.5 * DRIVEN)
-    times = np.arange(-BEFORE + 2.0, DRIVEN, 1.0 / RATE)
-    noise, sensor = np.random.default_rng([seed, 13]), sensor_of(family)
-    seen = {}
-    for name, course in world.items():
-        size = np.where(noise.random(len(times)) < sensor.outliers, OUTLIER_SIZE, sensor.factor)[:, None]
-        seen[name] = course(times) + NOISE * size * noise.standard_normal((len(times), 2))
-    return coverage_of(world, times, seen, regions, 2, 0.0)
-
-
-def recorded_coverage(tracks: Tracks, regions: Regions, longest: float = 200.0) -> list[Counted]:
-    """Coverage of recorded motions, in the second half of what is looked at."""
-    some = [track for track in tracks if len(track) > 4]
-    step = float(np.median(np.concatenate([np.diff(track.times) for track in some])))
-    begin = min(float(track.times[0]) for track in some)
-    end = min(max(float(track.times[-1]) for track in some), begin + longest)
-    times = np.arange(begin, end, max(step, 0.1))
-    courses = {track.id: track_course(track) for track in some if track.times[0] < end}
-    noise = np.random.default_rng(3)
-    seen = {
-        name: course(times) + RECORDED_NOISE * noise.standard_normal((len(times), 2))
-        for name, course in courses.items()
-    }
-    return coverage_of(courses, times, seen, regions, 1, 0.5 * (begin + end))

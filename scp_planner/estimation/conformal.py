@@ -9,12 +9,18 @@ any place among them (exchangeable): other tracks from the same place, one error
 depend on each other; then the level holds nearly, and tracks are counted instead of errors. Its price: errors that are
 not used for fitting, and regions that are as large for the calm as for the restless.
 
-**Adaptive**, on the way (`AdaptiveScales`). The region is that quantile of the newest errors whose level follows what
-has come of the regions: after a miss it is raised by rate * (1 - alpha), after a hit lowered by rate * alpha. After T
-steps the share of misses is within (1 + rate) / (rate T) of alpha, whatever moves and however, as long as no error is
-larger than `BEYOND` times the largest that is remembered, which is what a level of 1 stands for. Its price: it is a
-promise in the long run and not for any one moment, so it says nothing about the first manoeuvre of something that has
-been calm so far; and what it learns of a horizon it learns that much later.
+**Adaptive**, on the way (`AdaptiveScales`). The region is a quantile of the newest errors of all tracks, whose level
+follows what has come of the regions. After a miss it is raised by rate * (1 - alpha), after a hit lowered by
+rate * alpha: slowly for all tracks together, and faster for each track alone, whose level is never below that of all.
+So a restless track has larger regions than others; a calm one has not smaller ones, which its first manoeuvre would
+leave. After T steps the share of misses of a track is no more than (1 + rate) / (rate T) above alpha, whatever moves
+and however, as long as no error is larger than `BEYOND` times the largest that is remembered, which is what a level of
+1 stands for. Its price: it is a promise in the long run and not for any one moment, what it learns of a horizon it
+learns that much later, and of those that are restless now and then fewer errors are outside than alpha.
+
+What is seen has an error of its own, of which a region of where things *are* must not be made up for. So an error is
+not compared with the region, but counts as the factor that the region's covariance would have needed for the
+observation to be inside together with its noise (`region_score`).
 
 References
 ----------
@@ -27,7 +33,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,9 +42,12 @@ from scp_planner.errors import EstimationError
 
 RATE = 0.02
 """Change of the level after a miss, but for the factor 1 - alpha."""
-NEWEST = 100
-"""Errors of a track that quantiles are of, for each horizon; of all tracks, so many times `POOLED`."""
-POOLED = 5
+TOGETHER = 0.01
+"""The rate of all tracks together, over that of each: their errors are many, and depend on each other."""
+NEWEST = 20_000
+"""Errors of all tracks that quantiles are of, for each horizon."""
+STALE = 0.02
+"""Share of them that may be new before they are sorted anew."""
 BEYOND = 2.0
 """Multiple of the largest squared error that is the quantile for a level of 1."""
 
@@ -79,10 +87,61 @@ def conformal_quantile(scores: ArrayLike, alpha: float, groups: int | None = Non
     return float(ordered[max(place, 1) - 1]) if place <= count else math.inf
 
 
+def factor_to_hold(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, border: float) -> Array:
+    """Give the least s >= 0 with z' (s C + R)^-1 z <= border: what regions of C need to hold z, seen with noise R.
+
+    Parameters
+    ----------
+    offset : (n, 2)
+        z, m.
+    covariance, noise : (n, 3)
+        Elements xx, xy, yy of C and R, m^2.
+    border : float
+
+    Returns
+    -------
+    (n,)
+    """
+    # Where C and R are both diagonal, with a ratio l each, and w of the length of z against R alone, the border is at
+    # w1^2 (s l2 + 1) + w2^2 (s l1 + 1) = border (s l1 + 1) (s l2 + 1). The sums over both are invariants of the two.
+    (x, y), (cxx, cxy, cyy), (rxx, rxy, ryy) = np.transpose(offset), np.transpose(covariance), np.transpose(noise)
+    unit = rxx * ryy - rxy * rxy
+    product = (cxx * cyy - cxy * cxy) / unit
+    total = (ryy * cxx - 2.0 * rxy * cxy + rxx * cyy) / unit
+    length = (ryy * x * x - 2.0 * rxy * x * y + rxx * y * y) / unit
+    across = (cyy * x * x - 2.0 * cxy * x * y + cxx * y * y) / unit
+    linear, rest = border * total - across, border - length
+    root = np.sqrt(np.maximum(linear * linear - 4.0 * border * product * rest, 0.0))
+    # the larger root, and neither of two numbers that are nearly the same is taken from the other
+    larger = np.where(linear > 0.0, -2.0 * rest / np.where(linear > 0.0, linear + root, 1.0), 0.0)
+    other = (root - linear) / np.maximum(2.0 * border * product, np.finfo(float).tiny)
+    return np.asarray(np.maximum(np.where(linear > 0.0, larger, other), 0.0))
+
+
+def region_score(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, border: float) -> Array:
+    """Give what regions of a covariance are scaled by the quantiles of: above 1 outside, below 1 inside.
+
+    Outside it is `factor_to_hold`. Inside, where that is 0 as soon as the noise alone explains what is seen, it is the
+    squared error over that on the border, of region and noise together: so regions that were too large shrink, and
+    those that are much smaller than the noise, of which nothing can be learnt, stay.
+
+    Parameters
+    ----------
+    offset, covariance, noise, border
+        As there.
+
+    Returns
+    -------
+    (n,)
+    """
+    (x, y), (xx, xy, yy) = np.transpose(offset), np.transpose(np.add(covariance, noise))
+    square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    inside = square <= border
+    return np.where(inside, square / border, np.maximum(factor_to_hold(offset, covariance, noise, border), 1.0))
+
+
 class AdaptiveScales:
     """Scales of regions by track and horizon, which follow the misses of each.
-
-    Until a track has errors enough of its own, its scales are quantiles of those of all tracks.
 
     Parameters
     ----------
@@ -105,9 +164,8 @@ class AdaptiveScales:
         if not 0.0 < rate < math.inf:
             raise EstimationError(f"rate: {rate!r} is not a positive number")
         self.alpha, self.rate, self.horizons = alpha, rate, horizons
-        self.enough = math.ceil(1.0 / alpha)
-        self._all: list[deque[float]] = [deque(maxlen=NEWEST * POOLED) for _ in range(horizons)]
-        self._own: dict[tuple[str, int], _Own] = {}
+        self._all = [_Newest(alpha, math.ceil(1.0 / alpha)) for _ in range(horizons)]
+        self._own: dict[tuple[str, int], float] = {}
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""
         self.missed = np.zeros(horizons, dtype=np.intp)
@@ -118,16 +176,10 @@ class AdaptiveScales:
         return np.array([self._scale(name, horizon) for horizon in range(self.horizons)])
 
     def _scale(self, name: str, horizon: int) -> float:
-        own = self._own.setdefault((name, horizon), _Own(self.alpha))
-        errors = own.errors if len(own.errors) >= self.enough else self._all[horizon]
-        if len(errors) < self.enough:
-            return 1.0
-        found = conformal_quantile(list(errors), own.alpha) if 0.0 < own.alpha < 1.0 else math.inf
-        if own.alpha >= 1.0:
-            return min(errors)
-        return found if math.isfinite(found) else BEYOND * max(errors)
+        every = self._all[horizon]
+        return every.quantile(self._own.get((name, horizon), every.alpha))
 
-    def take_in(self, horizon: int, name: str, square: float) -> None:
+    def take_in(self, horizon: int, name: str, score: float) -> None:
         """Learn from the error of a track over a horizon.
 
         Parameters
@@ -135,14 +187,16 @@ class AdaptiveScales:
         horizon : int
         name : str
             Of the track.
-        square : float
-            Squared error over the squared size of the region before it is scaled: 1 is on its border.
+        score : float
+            Of the region before it is scaled, as `region_score` gives it: 1 is on its border.
         """
-        missed = square > self._scale(name, horizon)
-        own = self._own[name, horizon]
-        own.alpha += self.rate * (self.alpha - missed)
-        own.errors.append(square)
-        self._all[horizon].append(square)
+        every, key = self._all[horizon], (name, horizon)
+        missed = score > self._scale(name, horizon)
+        missed_by_all = score > every.quantile(every.alpha)
+        own = self._own.get(key, every.alpha) + self.rate * (self.alpha - missed)
+        every.alpha = min(max(every.alpha + TOGETHER * self.rate * (self.alpha - missed_by_all), 0.0), 1.0)
+        self._own[key] = min(own, every.alpha)
+        every.add(score)
         self.seen[horizon] += 1
         self.missed[horizon] += missed
 
@@ -152,9 +206,27 @@ class AdaptiveScales:
             self._own.pop((name, horizon), None)
 
 
-@dataclass
-class _Own:
-    """The level of a track's regions over a horizon, and its newest errors."""
+class _Newest:
+    """The newest errors of all tracks over a horizon, and the level of their regions."""
 
-    alpha: float
-    errors: deque[float] = field(default_factory=lambda: deque(maxlen=NEWEST))
+    def __init__(self, alpha: float, enough: int) -> None:
+        self.alpha = alpha
+        self._enough = enough
+        self._errors: deque[float] = deque(maxlen=NEWEST)
+        self._sorted: list[float] = []
+        self._fresh = 0
+
+    def add(self, error: float) -> None:
+        """Add one; the oldest goes if there are too many."""
+        self._errors.append(error)
+        self._fresh += 1
+
+    def quantile(self, alpha: float) -> float:
+        """What the next error exceeds with a probability of alpha; 1 as long as there are too few."""
+        if len(self._errors) < self._enough:
+            return 1.0
+        if not self._sorted or self._fresh > STALE * len(self._errors):
+            self._sorted, self._fresh = sorted(self._errors), 0
+        count = len(self._sorted)
+        place = math.ceil((1.0 - alpha) * (count + 1) - 1e-9 * count)
+        return self._sorted[max(place, 1) - 1] if place <= count else BEYOND * self._sorted[-1]

@@ -1,13 +1,67 @@
-"""Where the next observations of many obstacles are expected: polynomials of the time since a moment."""
+"""Where the next observations of obstacles are expected: polynomials of the time since a moment."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.estimation.conformal import region_score
+from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
 
 _CENTER_TERMS, _COVARIANCE_TERMS = POLYNOMIAL_TERMS, POLYNOMIAL_TERMS + 1  # random walks have one more
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """An estimate as one polynomial each of time since an origin, to gate observations with.
+
+    Attributes
+    ----------
+    origin : float
+        s.
+    center : (P, 2) array
+    covariance : (P, 3) array
+        Not scaled.
+    errors : ErrorLaw
+    """
+
+    origin: float
+    center: Array
+    covariance: Array
+    errors: ErrorLaw
+
+    def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
+        """Probability to see something as far away as a position, or farther, at a time."""
+        square = self.square(time, position, noise)
+        return 1.0 if square is None else self.errors.exceedance(square)
+
+    def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
+        """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
+        x, y, covariance = self._error(time, position)
+        xx, xy, yy = covariance + noise[[0, 0, 1], [0, 1, 1]]
+        determinant = xx * yy - xy * xy
+        if determinant <= 0.0 or xx <= 0.0:
+            return None  # far from its origin, as for what comes very late, the polynomial is no covariance
+        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
+
+    def score(self, time: float, position: tuple[float, float], noise: Array, border: float) -> float | None:
+        """What came of it, see `region_score`; None where its covariance is none."""
+        x, y, covariance = self._error(time, position)
+        xx, xy, yy = covariance
+        if xx * yy <= xy * xy or xx <= 0.0:
+            return None
+        declared = noise[[0, 0, 1], [0, 1, 1]]
+        return float(region_score([(x, y)], [covariance], [declared], border)[0])
+
+    def _error(self, time: float, position: tuple[float, float]) -> tuple[float, float, Array]:
+        """What a position differs by, m, and the covariance of that, (3,) m^2, without the noise of what is seen."""
+        lag = time - self.origin
+        powers = lag ** np.arange(max(len(self.center), len(self.covariance)))
+        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
+        return x, y, powers[: len(self.covariance)] @ self.covariance
 
 
 class Foretold:

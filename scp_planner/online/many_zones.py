@@ -15,8 +15,9 @@ from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardise
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
+from scp_planner.online.foretold import Prediction
 from scp_planner.online.mixtures import Mixture
-from scp_planner.online.track import Prediction, Track
+from scp_planner.online.track import Track
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
+from bisect import bisect
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -24,6 +25,7 @@ from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.foresight import Learning
+from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures, zones_together
 from scp_planner.online.mixtures import Widening
 from scp_planner.online.noticing import Bank
@@ -32,7 +34,6 @@ from scp_planner.online.track import (
     MOST_LATE,
     NoticingTrack,
     PolynomialTrack,
-    Prediction,
     ProcessTrack,
     Seen,
     Track,
@@ -299,20 +300,23 @@ class ObstacleTracks:
         """Learn from what is seen how large regions have to be."""
         noise = track.noise_of(one.covariance, self.newcomers)
         border = NormalErrors().pointwise_scale(self.scales.alpha)
+        origins = [each.origin for each in track.foretold]
         for number, horizon in enumerate(HORIZONS):
-            before = [each for each in track.foretold if each.origin <= one.time - horizon]
-            if before and one.time - before[-1].origin <= horizon + LATENESS * max(HORIZONS):
-                square = before[-1].square(one.time, one.position, noise)
-                if square is not None:
-                    self.scales.take_in(number, track.id, square / border)
+            before = bisect(origins, one.time - horizon) - 1
+            if before >= 0 and one.time - origins[before] <= horizon + LATENESS * max(HORIZONS):
+                score = track.foretold[before].score(one.time, one.position, noise, border)
+                if score is not None:
+                    self.scales.take_in(number, track.id, score)
 
     def _scaled(self, track: Track, zone: ThreatZone) -> ThreatZone:
         """A zone whose covariances are scaled by what has come of predictions, linearly between the horizons."""
         covariances = zone.covariances
         if covariances is None:
             return zone
-        factors = self.scales.scales(track.id)
-        return replace(zone, covariances=times_linear(covariances, HORIZONS, factors))
+        leads = HORIZONS.copy()
+        if len(track.times) > 1:  # what is compared next is as far ahead as it was the last time
+            leads[0] = min(track.times[-1] - track.times[-2], 0.5 * leads[1])
+        return replace(zone, covariances=times_linear(covariances, leads, self.scales.scales(track.id)))
 
     def _together(self, tracks: Sequence[Track], start: float, level: Level) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""

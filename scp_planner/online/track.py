@@ -14,13 +14,13 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.estimate import estimate_motion, given_prior
 from scp_planner.estimation.least_squares import MotionPrior
 from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
+from scp_planner.online.foretold import Prediction
 from scp_planner.online.noticing import Bank
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
@@ -453,39 +453,3 @@ class Track:
         if given is not None:
             return given
         return None if self.settled else prior_of(newcomers, self.model.order)
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """An estimate as one polynomial each of time since an origin, to gate observations with.
-
-    Attributes
-    ----------
-    origin : float
-        s.
-    center : (P, 2) array
-    covariance : (P, 3) array
-        Not scaled.
-    errors : ErrorLaw
-    """
-
-    origin: float
-    center: Array
-    covariance: Array
-    errors: ErrorLaw
-
-    def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
-        """Probability to see something as far away as a position, or farther, at a time."""
-        square = self.square(time, position, noise)
-        return 1.0 if square is None else self.errors.exceedance(square)
-
-    def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
-        """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
-        lag = time - self.origin
-        powers = lag ** np.arange(max(len(self.center), len(self.covariance)))
-        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
-        xx, xy, yy = powers[: len(self.covariance)] @ self.covariance + noise[[0, 0, 1], [0, 1, 1]]
-        determinant = xx * yy - xy * xy
-        if determinant <= 0.0 or xx <= 0.0:
-            return None  # far from its origin, as for what comes very late, the polynomial is no covariance
-        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)

@@ -10,7 +10,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile
+from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile, factor_to_hold, region_score
 from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_errors
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -59,10 +59,49 @@ def test_level_is_kept_in_the_long_run_whatever_comes(kind: str) -> None:
     scales = AdaptiveScales(alpha, 1)
     for square in size * rng.chisquare(2, steps):
         scales.take_in(0, "a", float(square))
-    # the bound of the head of the module, and what a quantile of the newest errors does better
+    # the bound of the head of the module; and regions are not much larger than it takes
     bound = (1.0 + scales.rate) / (scales.rate * steps)
-    assert abs(scales.missed[0] / scales.seen[0] - alpha) <= bound
-    assert scales.missed[0] / scales.seen[0] == pytest.approx(alpha, abs=0.02)
+    assert 0.5 * alpha < scales.missed[0] / scales.seen[0] <= alpha + bound
+
+
+def test_calm_track_has_no_smaller_regions_than_others() -> None:
+    rng = np.random.default_rng(7)
+    scales = AdaptiveScales(0.1, 1)
+    for square in rng.chisquare(2, 1000):
+        scales.take_in(0, "calm", 0.1 * float(square))
+        scales.take_in(0, "restless", 4.0 * float(square))
+    calm, restless, new = (float(scales.scales(name)[0]) for name in ("calm", "restless", "new"))
+    assert calm == pytest.approx(new, rel=0.05) and restless > 1.2 * calm
+
+
+def test_factor_to_hold_puts_the_border_through_what_is_seen() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        c, r = (one @ one.T for one in rng.normal(size=(2, 2, 2)))
+        z, border = rng.normal(size=2) * 10.0 ** rng.uniform(-1.0, 2.0), float(rng.uniform(1.0, 9.0))
+        (factor,) = factor_to_hold([z], [c[[0, 0, 1], [0, 1, 1]]], [r[[0, 0, 1], [0, 1, 1]]], border)
+        square = float(z @ np.linalg.solve(factor * c + r, z))
+        assert square == pytest.approx(border, rel=1e-6) if factor > 0.0 else square <= border
+
+
+def test_noise_alone_needs_no_region() -> None:
+    """Regions that are as large as the errors are: the factor's quantile comes to 1, however much noise is on top."""
+    rng = np.random.default_rng(5)
+    count, region, noise = 20_000, 0.5, 2.0
+    z = np.sqrt(region + noise) * rng.standard_normal((count, 2))
+    shape = np.tile([1.0, 0.0, 1.0], (count, 1))
+    factors = factor_to_hold(z, region * shape, noise * shape, -2.0 * math.log(0.05))
+    assert np.quantile(factors, 0.95) == pytest.approx(1.0, abs=0.25)
+
+
+def test_scores_are_on_the_border_where_the_factor_is() -> None:
+    rng = np.random.default_rng(6)
+    z, shape = 3.0 * rng.standard_normal((500, 2)), np.tile([1.0, 0.3, 0.8], (500, 1))
+    scores = region_score(z, shape, 0.5 * shape, 6.0)
+    factors = factor_to_hold(z, shape, 0.5 * shape, 6.0)
+    assert np.array_equal(scores > 1.0, factors > 1.0) and np.array_equal(scores[scores > 1.0], factors[factors > 1.0])
+    square = np.einsum("na,nab,nb->n", z, np.linalg.inv(1.5 * shape[:, [0, 1, 1, 2]].reshape(-1, 2, 2)), z)
+    assert scores[scores < 1.0] == pytest.approx(square[scores < 1.0] / 6.0)
 
 
 def test_new_track_begins_with_what_others_have_taught() -> None:

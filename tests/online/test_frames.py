@@ -8,9 +8,9 @@ import pytest
 import scp_planner as sp
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.online import frames
-from scp_planner.online.foretold import Foretold
+from scp_planner.online.foretold import Foretold, Prediction
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import Prediction, Seen
+from scp_planner.online.track import Seen
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.shapes import Disc
 
