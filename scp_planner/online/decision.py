@@ -17,6 +17,7 @@ from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Vetted
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
@@ -28,6 +29,10 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+
+
+AWAY = (Outcome.BRAKING, Outcome.EVADING)
+"""Outcomes that do not lead to the goal."""
 
 
 class Decision:
@@ -51,8 +56,14 @@ class Decision:
 
     def answer(self, now: Replan) -> OnlinePlan:
         """Give the plan of one replan."""
+        plan = self._answer(now)
+        if self._means.online.give_way is GiveWay.LATE or plan.arrived or plan.outcome in AWAY:
+            return plan
+        return self._fallback.sooner(now, plan)
+
+    def _answer(self, now: Replan) -> OnlinePlan:
         last = now.last
-        if last is not None and last.outcome in (Outcome.BRAKING, Outcome.EVADING):
+        if last is not None and last.outcome in AWAY:
             last = None
         if self.is_there(now.moment.state.position):
             return self._at_the_goal(now, last)

@@ -190,6 +190,10 @@ def _made(
     tracks: Sequence[Track], start: float, center: Array, covariance: Array, scales: Sequence[float]
 ) -> list[ThreatZone]:
     """Zones of centres (K, p, 2) and covariances (K, m, 3), polynomials of the time since the start, and scales."""
+    first = tracks[0].estimator
+    if first is not None and first.bank is not None:
+        slots = [track.estimator.slot for track in tracks if track.estimator is not None]
+        first.bank.foretold.put(np.array(slots, dtype=np.intp), start, center, covariance)
     scaled = np.array(scales)[:, None, None] * covariance
     breaks = np.array([[start, start + HORIZON]])
     zones = []

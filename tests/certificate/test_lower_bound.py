@@ -296,7 +296,7 @@ def unpacked(grid: CellGrid, bits: int) -> np.ndarray:
 
 def test_the_start_lies_in_its_cell() -> None:
     grid = small_grid()
-    ((row, column),) = np.argwhere(unpacked(grid, grid.start))
+    ((row, column),) = np.argwhere(unpacked(grid, grid.start()))
     low = corners_of(grid)[row, column]
     assert np.all(low <= 0.0)
     assert np.all(low + grid.cell >= 0.0)

@@ -30,7 +30,7 @@ from scp_planner.plotting import View, views
 from scp_planner.scenario.models import ConfidenceLevel, Steering
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
-from scp_planner.settings.online import Newcomers, Regions, Safety
+from scp_planner.settings.online import GiveWay, Newcomers, Regions, Safety
 from scp_planner.settings.planning import SceneSettings, for_scene
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
@@ -182,6 +182,7 @@ def test_a_choice_lists_the_solvers_that_users_add(monkeypatch: pytest.MonkeyPat
 
 TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Safety: ("safety", lambda word: sp.OnlineSettings(safety=word).safety),
+    GiveWay: ("give_way", lambda word: sp.OnlineSettings(give_way=word).give_way),
     Regions: ("regions", lambda word: sp.OnlineSettings(regions=word).regions),
     Faulty: ("missing", lambda word: Screening(missing=word).missing),
     Outliers: ("outliers", lambda word: Screening(outliers=word).outliers),
