@@ -1,10 +1,11 @@
 """Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them.
 
-A set may hold the columns of a window alone, which is told by its first column.
+A set holds the cells of a window alone. Windows of one grid have as many columns, but may have other rows.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, floor, sqrt
 
@@ -15,6 +16,19 @@ from scp_planner.certificate.fastest_drive import ROUNDING
 from scp_planner.scenario.limits import Box
 
 EDGE = 1e-9  # of a cell
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a grid: its first column, its first row, and how many rows."""
+
+    column: int
+    row: int
+    rows: int
+
+    def bits_after(self, other: Window, stride: int) -> int:
+        """By how many bits it begins after another one."""
+        return (self.row - other.row) * stride + self.column - other.column
 
 
 class CellGrid:
@@ -42,7 +56,7 @@ class CellGrid:
         self.window = self.columns if window is None else min(window, self.columns)
         self.stride = self.window + room
         self.origin = np.array([ROUNDING - columns_before * cell[0], -(rows_below + 0.5) * cell[1]])
-        self.start_column, self._start_row = columns_before - 1, rows_below
+        self.start_column, self.start_row = columns_before - 1, rows_below
         self._column = np.arange(self.stride, dtype=np.int32)
 
     @property
@@ -51,37 +65,55 @@ class CellGrid:
         lines: Array = self.origin[1] + self.cell[1] * np.arange(self.rows + 1)
         return lines
 
-    def start(self, first: int = 0) -> int:
-        """The cell that holds the origin, in a window."""
-        return 1 << (self._start_row * self.stride + self.start_column - first)
+    @property
+    def whole(self) -> Window:
+        """All rows, from the first column on."""
+        return Window(0, 0, self.rows)
 
-    def column(self, x: Array) -> Index:
-        """Columns that hold, m."""
-        columns: Index = np.clip(np.floor((x - self.origin[0]) / self.cell[0]), 0, self.columns - 1).astype(np.intp)
-        return columns
+    def windows(self, back: Array, half: Array) -> list[Window]:
+        """Windows that begin at or before x = back (n,) m, and hold all rows between y = -half and half, m."""
+        column = np.floor((back - self.origin[0]) / self.cell[0] - EDGE)
+        column = np.clip(column, 0, self.columns - 1).astype(np.intp)
+        # No row is lost by rounding
+        first = np.floor((-half - self.origin[1]) / self.cell[1]) - 1.0
+        last = np.floor((half - self.origin[1]) / self.cell[1]) + 1.0
+        first = np.clip(first, 0, self.start_row).astype(np.intp)
+        last = np.clip(last, self.start_row, self.rows - 1).astype(np.intp)
+        column[0] = min(int(column[0]), self.start_column)
+        return [
+            Window(*where) for where in zip(column.tolist(), first.tolist(), (last - first + 1).tolist(), strict=True)
+        ]
+
+    def start(self, window: Window) -> int:
+        """The cell that holds the origin."""
+        return 1 << ((self.start_row - window.row) * self.stride + self.start_column - window.column)
 
     def packed(self, mask: Mask) -> int:
         """Bits of a mask, (rows, stride)."""
         return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
 
-    def disc(self, center: tuple[float, float], radius: float, first: int = 0) -> Mask:
+    def disc(self, center: tuple[float, float], radius: float, window: Window) -> Mask:
         """Cells of a window that a disc touches, (rows, stride)."""
-        lines = self.lines
+        lines = self.lines[window.row : window.row + window.rows + 1]
         away = np.clip(center[1], lines[:-1], lines[1:]) - center[1]
         half = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
-        begin = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE) - first
-        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE) - first
+        begin = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE) - window.column
+        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE) - window.column
         last[np.abs(away) > radius] = -1.0
         begin = np.clip(begin, 0, self.stride).astype(np.int32)
-        last = np.clip(last, -1, min(self.columns - first, self.window) - 1).astype(np.int32)
+        last = np.clip(last, -1, self._columns_of(window) - 1).astype(np.int32)
         mask: Mask = (self._column >= begin[:, None]) & (self._column <= last[:, None])
         return mask
 
-    def inside(self, box: Box, first: int = 0) -> Mask:
+    def _columns_of(self, window: Window) -> int:
+        return min(self.columns - window.column, self.window)
+
+    def inside(self, box: Box, window: Window) -> Mask:
         """Cells of a window that touch the workspace, (rows, stride)."""
-        x = self.origin[0] + (self._column + first + 0.5) * self.cell[0]
-        y = 0.5 * (self.lines[:-1] + self.lines[1:])
-        mask = np.broadcast_to(self._column < min(self.columns - first, self.window), (self.rows, self.stride)).copy()
+        lines = self.lines[window.row : window.row + window.rows + 1]
+        x = self.origin[0] + (self._column + window.column + 0.5) * self.cell[0]
+        y = 0.5 * (lines[:-1] + lines[1:])
+        mask = np.broadcast_to(self._column < self._columns_of(window), (window.rows, self.stride)).copy()
         for normal, offset in zip(box.normals, box.offsets, strict=True):
             nearest = 0.5 * float(np.abs(normal) @ self.cell)
             mask &= normal[0] * x + normal[1] * y[:, None] - nearest <= offset + ROUNDING

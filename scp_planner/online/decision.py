@@ -35,6 +35,29 @@ AWAY = (Outcome.BRAKING, Outcome.EVADING)
 """Outcomes that do not lead to the goal."""
 
 
+class Waiting:
+    """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it.
+
+    Parameters
+    ----------
+    goal : (x, y)
+        m.
+    """
+
+    def __init__(self, goal: tuple[float, float]) -> None:
+        self._goal = goal
+        self._nearest, self._clock, self._waited = math.inf, math.inf, 0.0
+
+    def waited(self, now: Replan) -> float:
+        """Take note of a replan and return the time, s."""
+        state = now.moment.state
+        away, passed = math.dist(state.position, self._goal), max(state.time - self._clock, 0.0)
+        nearer = away < self._nearest
+        self._waited = max(self._waited + (-passed if nearer else passed), 0.0)
+        self._nearest, self._clock = min(away, self._nearest), state.time
+        return self._waited
+
+
 class Decision:
     """Decides replan by replan what is driven, and remembers how good that is.
 
@@ -48,6 +71,7 @@ class Decision:
         self._looks, self._fallback = Looks(means), Fallback(means)
         self._improved = 0
         self._good_enough = True
+        self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
         """Whether a position, (2,), is the goal: nearly there or within its radius, and the tracking error."""
@@ -56,6 +80,7 @@ class Decision:
 
     def answer(self, now: Replan) -> OnlinePlan:
         """Give the plan of one replan."""
+        self._fallback.be_patient(self._waiting.waited(now))
         plan = self._answer(now)
         if self._means.online.give_way is GiveWay.LATE or plan.arrived or plan.outcome in AWAY:
             return plan

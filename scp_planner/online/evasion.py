@@ -39,6 +39,8 @@ FADING = 0.9
 """A moment: how soon nearness that is to come counts less, since there will be replans until then."""
 BETTER = 0.1
 """Widths of way by which a dodge must do better for the vehicle to leave a trip."""
+PATIENCE = 10.0
+"""Moments without coming nearer to the goal, after which nearness counts half."""
 OUTLOOK = 5.0
 """Moments for which nearness counts."""
 HARM = 50.0
@@ -141,6 +143,16 @@ class Evasion:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._view: _View | None = None
+        self._patience = 1.0
+
+    def be_patient(self, waited: float) -> None:
+        """Say for how long the vehicle has come no nearer to its goal, s: the longer, the less nearness counts.
+
+        So a vehicle does not wait for ever for more room than there is.
+        """
+        vehicle = self._means.given.vehicle
+        lasts = PATIENCE * 2.0 * vehicle.radius / vehicle.max_speed
+        self._patience = lasts / (lasts + waited)
 
     def safest(self, now: Replan) -> Dodge | None:
         """Return the certified dodge that is worth most; None if none is certified."""
@@ -233,7 +245,7 @@ class Evasion:
         width = 2.0 * vehicle.radius
         time = dodges.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
-        worth = gained - width * NEARNESS * nearness(time, near / width)
+        worth = gained - width * NEARNESS * self._patience * nearness(time, near / width)
         return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
 
     def _worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
@@ -246,10 +258,12 @@ class Evasion:
         clock = ahead + (begin - trip.frame.time)
         least = moment.batch_in(trip.frame).distances(clock, place, width).min(axis=1, initial=np.inf)[None]
         time = ahead * vehicle.max_speed / width
-        # All of its way leads to the goal, round what a dodge would end at.
+        # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
-        gained = _at(GAIN, time, driven[None])
-        worth = gained - width * NEARNESS * nearness(time, least / width)
+        over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
+        gained = _at(GAIN, time, (driven + vehicle.max_speed * over)[None])
+        least = np.where(over > 0.0, np.inf, least)
+        worth = gained - width * NEARNESS * self._patience * nearness(time, least / width)
         return float(worth[0] - width * harm(time, least / width)[0])
 
     @staticmethod

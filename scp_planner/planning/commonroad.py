@@ -16,12 +16,15 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
 
-TIMED_WAYS = (0.75, 1.0, 0.5, 0.25, 1.3)
+TIMED_WAYS = (0.8, 0.6, 1.0, 0.4, 1.3)
 """Of the way that a vehicle drives at the speed of its start: where on it goals of time alone are tried, in turn. None
 is sooner than another; to fall back a little is the easiest in traffic."""
 
-DEPTHS = (0.0, 0.5, 1.0)
-"""How far into a goal's region, in turn: where it is first reached, in its middle, and at its end."""
+DEPTHS = (0.5, 1.0)
+"""How far into a goal's region, where it is not reached as soon as it may be."""
+
+SHARE = 0.5
+"""Of the time that is left, that one trial is given: others may do."""
 
 QUICK_RUNS, QUICK_SEARCHES = 2, 4
 """Settings of a look at an aim that is one of several."""
@@ -86,7 +89,7 @@ def plan_commonroad(
     best: CommonRoadPlan | None = None
     for number, state in enumerate(file.goal_states()):
         for trial in _trials(number, state):
-            left = deadline - perf_counter()
+            left = SHARE * (deadline - perf_counter())
             if best is not None and left <= 0.0:
                 break
             scenario = scenario_of(file, model=model, car=car, aim=trial.aim)
@@ -112,8 +115,11 @@ class _Trial:
 def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
     """What is tried in turn for a goal state, until something is certified."""
     if state.places:
+        yield _Trial(GoalAim(number), quick=False)
+        if state.heading is not None:
+            yield _Trial(GoalAim(number, turn=inf), quick=True)
         for depth in DEPTHS:
-            yield _Trial(GoalAim(number, depth=depth), quick=depth != DEPTHS[0])
+            yield _Trial(GoalAim(number, depth=depth), quick=True)
         return
     for quick in (True, False):
         for way in TIMED_WAYS:

@@ -10,7 +10,8 @@ from math import log2
 
 import numpy as np
 
-from scp_planner.planning.attempts import Attempt, OuterSearch, to_beat
+from scp_planner.certificate.lower_bound import bound_among
+from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch, to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
 from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.problem import Problem
@@ -138,9 +139,22 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
                 yield branch
             if count:
                 break
-        if self.settings.effort >= FINER_EFFORT:
+        if self.settings.effort >= FINER_EFFORT and not self._proven():
             for fineness in FINER_GRIDS:
                 yield from self._branches_on(WaySearch(self.problem, fineness=fineness))
+
+    def _proven(self) -> bool:
+        """Whether it is proved that no trip is notably faster than the best so far; the bound is raised to what is."""
+        if not self.certified or self.out_of_time:
+            return False
+        assert self.incumbent is not None
+        known, task = self.incumbent.travel_time, self.runs.task
+        with self.tally.timed("search"):
+            bound = bound_among(task.scenario, known, task.threat_zones, self.deadline)
+        self.runs.lower_bound = max(self.runs.lower_bound, bound)
+        self.enough = max(self.enough, self.runs.lower_bound * (1.0 + GOOD_ENOUGH / self.settings.effort))
+        logger.info("no trip is faster than %.4f units, the best takes %.4f", bound, known)
+        return known <= self.enough
 
     def _branches_on(self, search: WaySearch) -> Iterator[Branch]:
         """Ways round on one grid."""

@@ -44,6 +44,7 @@ from scp_planner.scenario.commonroad_lines import (
     led_through,
     point_ahead,
     rectangle,
+    turned_too_far,
 )
 from scp_planner.scenario.commonroad_models import VehicleModel, car_named, centre_of, default_car, vehicle_of
 from scp_planner.scenario.commonroad_obstacles import obstacle_of
@@ -436,7 +437,8 @@ class _Reader:
     def _arrival(self, drive: Drive, headings: tuple[float, float] | None, vehicle: _Vehicle) -> Arrival:
         """Where on a drive the goal is."""
         if self.goal.places:
-            return arrival(drive, self.goal.places, headings, self._soonest(), self.aim.depth)
+            turned = turned_too_far(drive.headings, headings, self.aim.turn)
+            return arrival(drive, self.goal.places, turned, self._soonest(), self.aim.depth)
         way = self._timed_way(float(self.problem.initial_state.velocity))
         index = min(int(np.searchsorted(drive.stations, way)), len(drive.stations) - 1)
         middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))

@@ -20,9 +20,6 @@ INSIDE = 0.01
 CORE = 0.5
 """Of the radius of the largest disc in a goal's region: what the line is led through lies so far inside."""
 
-WELL_INSIDE = 0.9
-"""Of a range of headings: those that the guide is to end with, if it can."""
-
 STRIDE = 0.1
 """Lengths of the car, of a step in which it is steered."""
 
@@ -142,7 +139,7 @@ def _continued(line: Array, step: float, length: float) -> Array:
     return np.vstack([points, beyond])
 
 
-def arrival(drive: Drive, places: Sequence[Any], headings: Point | None, soonest: float, depth: float) -> Arrival:
+def arrival(drive: Drive, places: Sequence[Any], turned: Array, soonest: float, depth: float) -> Arrival:
     """Return where a drive comes into one of some polygons with a heading that is allowed, or nearest to that.
 
     Parameters
@@ -150,8 +147,8 @@ def arrival(drive: Drive, places: Sequence[Any], headings: Point | None, soonest
     drive : Drive
     places : sequence of shapely polygons
         m.
-    headings : (least, largest) or None
-        rad.
+    turned : (k,) array
+        By how much its headings are not allowed, rad.
     soonest : float
         How far the vehicle drives until it may arrive, m: it comes in so far, or as far as it is inside.
     depth : float
@@ -163,7 +160,6 @@ def arrival(drive: Drive, places: Sequence[Any], headings: Point | None, soonest
     """
     from shapely import contains_xy, distance, points
 
-    turned = _turned_too_far(drive.headings, headings)
     found: list[tuple[tuple[float, float, float], Arrival]] = []
     for place in places:
         inner = place.buffer(-INSIDE * math.sqrt(place.area))
@@ -182,13 +178,13 @@ def arrival(drive: Drive, places: Sequence[Any], headings: Point | None, soonest
     return min(found, key=lambda one: one[0])[1]
 
 
-def _turned_too_far(headings: Array, allowed: Point | None) -> Array:
-    """By how much headings, (k,) rad, are outside of a range, less a little."""
-    if allowed is None:
+def turned_too_far(headings: Array, allowed: Point | None, share: float) -> Array:
+    """Return by how much headings, (k,) rad, are outside of a share of a range, (k,) rad; 0 without a range."""
+    if allowed is None or math.isinf(share):
         return np.zeros(len(headings))
     middle, half = 0.5 * (allowed[0] + allowed[1]), 0.5 * (allowed[1] - allowed[0])
     away = np.abs(np.mod(headings - middle + math.pi, 2.0 * math.pi) - math.pi)
-    return np.asarray(np.maximum(away - WELL_INSIDE * half, 0.0))
+    return np.asarray(np.maximum(away - share * half, 0.0))
 
 
 def _first_stretch(marks: Mask) -> Any:

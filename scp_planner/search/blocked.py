@@ -6,7 +6,7 @@ meet: they are found from looks at the ends of stretches of delays, and only the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -190,6 +190,12 @@ class Cells:
             words = words & self._closed[side]
         return words
 
+    def without_each(self, cases: Sequence[tuple[tuple[int, int], ...]]) -> Words:
+        """Free cells of several cases, (lines, half offsets, cases)."""
+        if len(cases) == 1:
+            return self.without(cases[0])[:, :, None]
+        return np.stack([self.without(closed) for closed in cases], axis=2)
+
     def _cuts_of(self, zone: int) -> Iterator[Cuts]:
         """What one zone blocks."""
         if self._kept is None:
@@ -215,6 +221,12 @@ class Cells:
         last = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
         first, last = np.maximum(first, 0.0).astype(np.intp), np.minimum(last, size - 1.0).astype(np.intp)
         length = np.maximum(last - first + 1, 0)
+        if int(length.sum()) > blocked.size:  # large zones: their ends alone, and what lies between
+            depth = np.zeros((len(blocked), size + 1, DELAYS), dtype=np.int32)
+            np.add.at(depth, (cuts.line, np.minimum(first, size), cuts.delay), 1)
+            np.add.at(depth, (cuts.line, np.minimum(first + length, size), cuts.delay), -1)
+            blocked |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
+            return
         begin = np.cumsum(length) - length
         offset = np.arange(int(length.sum())) - np.repeat(begin - first, length)
         blocked[np.repeat(cuts.line, length), offset, np.repeat(cuts.delay, length)] = True

@@ -12,6 +12,7 @@ from scipy.integrate import quad
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, harm, nearness
 from scp_planner.online.means import Replan
@@ -161,6 +162,39 @@ def test_giving_way_early_keeps_farther_away() -> None:
         least[way] = np.linalg.norm(np.array(places) - (4.0, 0.62), axis=1).min() - 0.6
     assert least[GiveWay.LATE] < 0.05
     assert least[GiveWay.EARLY] > 0.12
+
+
+@pytest.mark.parametrize(
+    ("posts", "half_width"),
+    [([(7.6, 0.75)], 9.0), ([(3.0 + x, side * 0.63) for x in (0.0, 0.5, 1.0) for side in (1.0, -1.0)], 0.95)],
+    ids=["somebody stands beside the goal", "there is hardly room, and no other way"],
+)
+def test_giving_way_early_arrives(posts: list[tuple[float, float]], half_width: float) -> None:
+    """More room is worth waiting for, but not for ever; and who has arrived needs no more of it."""
+    scenario = scene(
+        *(disc(f"post {k}", place, radius=0.3) for k, place in enumerate(posts)),
+        goal={"position": (8.0, 0.0)},
+        start={"speed": 0.0, "position": (2.0, 0.0)},
+        vehicle=SLOW,
+        bounds={"min": (-1.0, -half_width), "max": (9.0, half_width)},
+    )
+    planner = Planner(scenario, online=OnlineSettings(give_way=GiveWay.EARLY))
+    plan, k = planner.replan(0.0, (2.0, 0.0), 0.0, 0.0), 0
+    while not plan.arrived and k < 100:
+        k += 1
+        plan = follow(planner, 0.25 * k)
+        assert plan.safe
+    assert plan.arrived and 0.25 * k < 14.0
+
+
+def test_waiting_is_made_up_for_by_coming_nearer() -> None:
+    means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
+    waiting = Waiting((8.0, 0.0))
+    waited = [
+        waiting.waited(Replan(means.moment(State(time, (x, 0.0), None, 0.0)), 0.0, math.inf, None, 0))
+        for time, x in ((0.0, 0.0), (1.0, 0.0), (3.0, -1.0), (4.0, 0.5), (4.5, 1.0), (9.0, 2.0))
+    ]
+    assert waited == pytest.approx([0.0, 1.0, 3.0, 2.0, 1.5, 0.0])
 
 
 def test_trip_is_worth_what_the_same_dodge_is() -> None:

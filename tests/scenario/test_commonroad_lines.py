@@ -11,7 +11,7 @@ pytest.importorskip("shapely", reason="comes with commonroad-io, which is not in
 
 from shapely import LineString, Point, box
 
-from scp_planner.scenario.commonroad_lines import Steering, arrival, driven, led_through
+from scp_planner.scenario.commonroad_lines import Steering, arrival, driven, led_through, turned_too_far
 
 CAR = Steering(length=4.5, ahead=1.4, bend=0.2, sight=5.4)
 STRAIGHT = np.array([[0.0, 0.0], [100.0, 0.0]])
@@ -58,7 +58,7 @@ def test_a_goal_is_entered_with_a_heading_that_it_allows() -> None:
     place = box(10.0, -5.0, 35.0, 35.0)
 
     def entered(headings: tuple[float, float] | None, soonest: float = 0.0, depth: float = 0.0) -> int:
-        return arrival(drive, [place], headings, soonest, depth).index
+        return arrival(drive, [place], turned_too_far(drive.headings, headings, 1.0), soonest, depth).index
 
     first = entered(None)
     assert place.contains(Point(drive.middles[first]))
@@ -69,6 +69,13 @@ def test_a_goal_is_entered_with_a_heading_that_it_allows() -> None:
     assert drive.stations[entered(None, soonest=20.0)] == pytest.approx(20.0, abs=0.5)
     # Where no heading is allowed that is driven, the nearest one counts; where nothing is inside, the nearest place.
     assert drive.headings[entered((2.5, 3.0))] == pytest.approx(drive.headings[entered(None, depth=1.0)], abs=0.05)
-    far = arrival(drive, [box(40.0, 10.0, 50.0, 20.0)], None, 0.0, 0.0).index
+    far = arrival(drive, [box(40.0, 10.0, 50.0, 20.0)], np.zeros(len(drive.stations)), 0.0, 0.0).index
     away = np.hypot(np.maximum(40.0 - drive.middles[:, 0], 0.0), np.maximum(10.0 - drive.middles[:, 1], 0.0))
     assert far == int(np.argmin(np.hypot(away, np.maximum(drive.middles[:, 1] - 20.0, 0.0))))
+
+
+def test_headings_beyond_a_range() -> None:
+    headings = np.array([0.0, 0.4, 0.6, 0.7, 2.0 * math.pi + 0.6, -2.0])
+    assert turned_too_far(headings, None, 1.0).tolist() == [0.0] * 6
+    assert turned_too_far(headings, (0.2, 0.6), 0.5) == pytest.approx([0.3, 0.0, 0.1, 0.2, 0.1, 2.3])
+    assert turned_too_far(headings, (0.2, 0.6), math.inf).tolist() == [0.0] * 6
