@@ -153,16 +153,13 @@ class Tracks(Sequence[Track]):
         time: float,
         *,
         start: Mapping[str, Any],
-        goal: Mapping[str, Any],
-        vehicle: Mapping[str, Any],
         window: float = 3.0,
         stale: float = 1.0,
         radius: float = 0.3,
         noise: float | None = 0.05,
         order: int = 1,
         process: ProcessModel | None = None,
-        name: str | None = None,
-        **others: Any,
+        **fields: Any,
     ) -> Scenario:
         """Make the scenario of a vehicle that sets off at a moment, from what had been seen by then.
 
@@ -173,8 +170,6 @@ class Tracks(Sequence[Track]):
         start : mapping
             ``position``, ``heading`` and ``speed`` of the vehicle, as in `scp_planner.scenario.models.Start`; its
             time is ``time``.
-        goal, vehicle : mapping
-            As in `scp_planner.scenario.models`.
         window : float, s
             How far back observations are used.
         stale : float, s
@@ -188,10 +183,9 @@ class Tracks(Sequence[Track]):
             enough for.
         process : ProcessModel, optional
             A motion with process noise instead.
-        name : str, optional
-            Of the scenario.
-        **others
-            Further fields of the scenario, such as ``bounds``, ``confidence`` and ``guide``.
+        **fields
+            Further fields of the scenario: its ``vehicle`` and ``goal``, and ``name``, ``bounds``, ``confidence``,
+            ``guide`` or others, as in `scp_planner.scenario.models.Scenario`.
 
         Returns
         -------
@@ -209,31 +203,18 @@ class Tracks(Sequence[Track]):
             seen = track.between(time - window, time)
             if seen is None or seen.times[-1] < time - stale:
                 continue
-            highest = len(seen) - (1 if noise is not None or process is not None else 3)
-            if highest < 0:
-                raise EstimationError(
-                    f"track {track.id!r}: {len(seen)} positions are too few to estimate their noise; give it"
-                )
-            model: dict[str, Any] = {"order": min(order, highest)}
-            if process is not None:
-                model["process"] = process
-            obstacles.append(
-                {
-                    "id": track.id,
-                    "shape": {"disc": radius},
-                    "observations": {
-                        "time": seen.times.tolist(),
-                        "position": seen.positions.tolist(),
-                        "covariance": None if noise is None else [[noise**2, 0.0], [0.0, noise**2]],
-                    },
-                    "model": model,
-                }
-            )
-        return Scenario(
-            name=name or f"{Path(self.source).stem or 'tracks'} at {time:g} s",
-            vehicle=vehicle,
-            start={**start, "time": float(time)},
-            goal=goal,
-            obstacles=obstacles,
-            **others,
-        )
+            model = {"order": _order_of(seen, order, noise is None and process is None), "process": process}
+            covariance = None if noise is None else [[noise**2, 0.0], [0.0, noise**2]]
+            positions = {"time": seen.times.tolist(), "position": seen.positions.tolist(), "covariance": covariance}
+            shape = {"disc": radius}
+            obstacles.append({"id": track.id, "shape": shape, "observations": positions, "model": model})
+        named = {"name": f"{Path(self.source).stem or 'tracks'} at {time:g} s", **fields}
+        return Scenario(start={**start, "time": float(time)}, obstacles=obstacles, **named)
+
+
+def _order_of(seen: Track, order: int, is_noise_estimated: bool) -> int:
+    """Give the highest order up to one asked for that a track is long enough for."""
+    highest = len(seen) - (3 if is_noise_estimated else 1)
+    if highest < 0:
+        raise EstimationError(f"track {seen.id!r}: {len(seen)} positions are too few to estimate their noise; give it")
+    return min(order, highest)

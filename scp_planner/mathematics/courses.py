@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
@@ -12,7 +13,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 LEAD = 1.0  # units of time; the first and the last piece go on for ever
 
 
-def course_polynomials(times: Sequence[float], positions: Sequence[Sequence[float]]) -> PiecewisePolynomials:
+def course_polynomials(times: ArrayLike, positions: ArrayLike) -> PiecewisePolynomials:
     """Return the natural cubic spline through positions (n, 2) m at times (n,) s.
 
     Its second derivative is zero at its ends: so the motion goes straight on there without a jump of its acceleration.

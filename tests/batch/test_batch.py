@@ -23,7 +23,7 @@ from scp_planner import builtin
 from scp_planner.batch import dask_cluster, runner
 from scp_planner.batch.dask_cluster import DaskExecutor
 from scp_planner.batch.executor import Answer, ExecutorError, Fate
-from scp_planner.batch.jobs import Options
+from scp_planner.batch.jobs import Method, Options, Row
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.batch.table import TableError, opened
@@ -37,7 +37,7 @@ R = TypeVar("R")
 
 COLUMNS = ("file", "status", "reason")
 SLOW = Options(
-    "penalty-descent", Settings(path_span=2.5, acceleration_spans=8, samples=80, max_runs=1)
+    Method.PENALTY_DESCENT, Settings(path_span=2.5, acceleration_spans=8, samples=80, max_runs=1)
 )  # a good part of a second for each scenario, so that there is a middle to interrupt
 SLOW_OPTIONS = [option for text in str(SLOW).split()[1:] for option in ("--set", text)]
 
@@ -373,7 +373,7 @@ def test_the_command_tells_of_strange_names(strange: Path, tmp_path: Path) -> No
 
 
 def test_text_that_is_no_unicode_has_a_cell() -> None:
-    made = runner.Row("a.yaml", name="\ud800", reason="one\ntwo  three").texts()
+    made = Row("a.yaml", name="\ud800", reason="one\ntwo  three").texts()
     assert (made["name"], made["reason"]) == (r"\ud800", "one two three")
 
 
@@ -527,7 +527,7 @@ def cluster() -> Iterator[Any]:
 
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as own,
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as own,  # type: ignore[no-untyped-call]
     ):
         yield own
 
@@ -579,7 +579,7 @@ def test_a_scheduler_that_goes_away_is_told_and_the_rows_are_kept(
     from distributed import LocalCluster
 
     take = runner._Batch.take
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as other:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as other:  # type: ignore[no-untyped-call]
 
         def take_and_go(batch: Any, answer: Any) -> None:
             take(batch, answer)
@@ -597,7 +597,7 @@ def test_a_cluster_that_goes_before_the_first_row_is_no_bad_input(
 ) -> None:
     def go(*_: object) -> Generator[Any, None, None]:
         raise ExecutorError("all workers have gone")
-        yield
+        yield  # type: ignore[unreachable]  # makes it a generator
 
     monkeypatch.setattr(LocalExecutor, "run", go)
     result = run("batch", folder, "-o", tmp_path / "t.csv")
@@ -617,7 +617,7 @@ def test_a_cluster_without_workers_is_not_waited_for_for_ever(cluster: Any, monk
     from distributed import LocalCluster
 
     monkeypatch.setattr(dask_cluster, "LOOK_TIME", 0.05)
-    with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:
+    with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as empty:  # type: ignore[no-untyped-call]
         with closing(DaskExecutor(empty.scheduler_address, patience=0.2)) as executor:
             with pytest.raises(ExecutorError, match="has had no workers for"):
                 results_of(executor, batch_work.square, range(3))

@@ -62,7 +62,7 @@ def test_the_signed_distance_to_the_outside_is_the_room_in_the_corridor() -> Non
 def test_a_way_through_lies_in_the_corridor() -> None:
     sides = [(-1, -1, 9, 1), (7, -1, 9, 6), (0, 4, 9, 6), (0, 4, 2, 12), (20, 20, 21, 21)]
     polygons = [rectangle(*each) for each in sides]
-    rings = [tuple(map(tuple, polygon)) for polygon in polygons]
+    rings = [[(float(x), float(y)) for x, y in polygon] for polygon in polygons]
     way = corridor.way_through(rings, (0.0, 0.0), (1.0, 11.0))
     assert len(way) == 3
     union = unary_union([Polygon(polygon) for polygon in polygons])

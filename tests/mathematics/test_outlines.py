@@ -81,7 +81,7 @@ def test_vertices_edges_and_the_middle_of_a_square() -> None:
     place = np.array([[1.0, 1.0], [1.0, 0.2], [2.0, 1.0], [0.0, 0.0], [4.0, 5.0]])
     contact = square.contacts(np.zeros(5, dtype=int), place)
     np.testing.assert_allclose(contact.distance, [0.0, 0.0, 1.0, -1.0, 5.0], atol=1e-15)
-    np.testing.assert_allclose(contact.normal[[1, 2, 4]], [[1, 0], [1, 0], [0.6, 0.8]], atol=1e-15)
+    np.testing.assert_allclose(contact.normal[[1, 2, 4]], np.array([[1.0, 0.0], [1.0, 0.0], [0.6, 0.8]]), atol=1e-15)
 
 
 @pytest.mark.parametrize("kind", ["polygon", "ellipse"])
@@ -149,8 +149,8 @@ def test_headings_and_half_axes() -> None:
 
 
 def test_vertices_in_line_are_left_out() -> None:
-    assert Outline.polygon([[0, 0], [0, 1], [0, 2], [2, 2], [2, 1], [2, 0], [1, 0]]).vertices is not None
-    assert len(Outline.polygon([[0, 0], [0, 1], [0, 2], [2, 2], [2, 1], [2, 0], [1, 0]]).vertices) == 4
+    vertices = Outline.polygon([[0, 0], [0, 1], [0, 2], [2, 2], [2, 1], [2, 0], [1, 0]]).vertices
+    assert vertices is not None and len(vertices) == 4
 
 
 def star(rng: np.random.Generator, corners: int) -> Array:

@@ -14,8 +14,6 @@ from scp_planner.certificate.lower_bound import no_trip_within
 from scp_planner.certificate.verdict import Certificate, Clearance, Violation
 from scp_planner.planning.explain import grave_violations
 
-pytestmark = pytest.mark.numerics
-
 BOX = {"min": [-1.0, -3.0], "max": [21.0, 3.0]}
 
 

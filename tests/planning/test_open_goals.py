@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import scene
 from shapely import Point, Polygon
 
 import scp_planner as sp
@@ -17,7 +18,6 @@ from scp_planner.problem.limits.goals import GoalHeading, GoalRegion, GoalSpeed
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
-from tests.scenes import scene
 from tests.scp.test_linearisation import assert_rows, differences
 
 REGION = [[18.0, -2.0], [24.0, -4.0], [26.0, 3.0], [19.0, 2.0]]

@@ -14,8 +14,6 @@ from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 from verification.dense_check import check_trip
 
-pytestmark = pytest.mark.numerics
-
 GOALS = {
     "ahead": scene(goal={"radius": 2.0}),
     "its middle covered": scene(disc("lid", (20.0, -0.3), radius=0.6), goal={"radius": 2.0}),

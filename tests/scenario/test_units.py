@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import CROSSERS, disc, rewritten, scene
 
 import scp_planner as sp
 from scp_planner.certificate.verdict import UNITS
@@ -15,7 +16,6 @@ from scp_planner.scenario.models import Model
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.units import TOP_SPEED, TRIP_LENGTH, NaturalUnits
 from scp_planner.threat_zones.zone import ThreatZone
-from tests.scenes import CROSSERS, disc, rewritten, scene
 
 POWERS = (2.0**-20, 2.0**-7, 2.0**3, 2.0**20)
 FACTORS = ((0.01, 0.1), (0.075, 0.45), (600.0, 200.0), (1.0, 7.3))

@@ -66,7 +66,8 @@ def test_every_setting_says_what_it_does_and_has_a_default_in_its_range(settings
 @pytest.mark.parametrize(("name", "value"), ENDS)
 def test_the_ends_of_every_range_can_be_planned_with(name: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
     FakeClock(0.02).rule(monkeypatch)  # the limit is 50 looks at the clock, on a busy machine, too
-    settings = replace(sp.Settings(), **{name: value})
+    change: dict[str, Any] = {name: value}
+    settings = replace(sp.Settings(), **change)
     plan = sp.plan(scene(CROSSERS[0]), settings, time_limit=1.0)
     assert 6.0 < plan.travel_time < 60.0
     assert plan.certified or plan.reason
@@ -118,7 +119,8 @@ def test_the_scene_decides_what_is_left_open_and_what_is_too_much() -> None:
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
-    assert sp.Settings(samples=np.int64(20), path_span=np.float64(2.0)) == sp.Settings(samples=20, path_span=2.0)
+    twenty: Any = np.int64(20)
+    assert sp.Settings(samples=twenty, path_span=np.float64(2.0)) == sp.Settings(samples=20, path_span=2.0)
 
 
 def test_settings_survive_pickling_and_replacing() -> None:
@@ -267,6 +269,7 @@ def test_words_become_members_and_others_are_refused(kind: type[Enum]) -> None:
     for member in kind:
         assert take(member) is member
         assert take(member.value) is member
+    wrong: Any
     for wrong in ("sideways", kind.__members__.__iter__().__next__() + "?", 3, None, []):
         with pytest.raises(ValueError, match=rf"{name} = .*: must be one of"):
             take(wrong)

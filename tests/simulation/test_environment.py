@@ -43,7 +43,9 @@ def test_contact_ends_an_episode() -> None:
     ended: dict[str, Any] = {}
     for _ in range(200):
         towards = observed["people"][0, :2]
-        observed, reward, terminated, truncated, info = env.step(towards / max(float(np.hypot(*towards)), 1e-3))
+        observed, reward, terminated, truncated, info = env.step(
+            (towards / max(float(np.hypot(*towards)), 1e-3)).astype(np.float32)
+        )
         if terminated or truncated:
             ended = {"reward": reward, "terminated": terminated, "clearance": info["clearance"]}
             break

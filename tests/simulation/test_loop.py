@@ -80,7 +80,7 @@ def test_vehicle_drives_on_within_the_radius_of_its_goal(speed: float | None, ra
 
 def test_clearance_is_that_of_the_course(run: Run) -> None:
     """Against the true motions, sampled more finely than the run is recorded."""
-    motions = {obstacle.id: obstacle.motion for obstacle in run.scenario.obstacles}
+    motions: dict[str, Any] = {obstacle.id: obstacle.motion for obstacle in run.scenario.obstacles}
     radii = {obstacle.id: obstacle.shape.disc for obstacle in run.scenario.obstacles}  # type: ignore[union-attr]
     least = math.inf
     for record, plan in zip(run.records, run.plans, strict=True):

@@ -112,9 +112,9 @@ def test_episodes_are_those_of_the_protocols(seed: int) -> None:
         assert free.min() >= GAP and gaps(each.people).min() >= GAP - 1e-9
         assert np.hypot(*(goal - start)) >= ARENA_TRIP - 1e-9 and (np.abs([start, goal]) <= ARENA).all()
         assert each.scenario.goal.radius == ROBOT_RADIUS and not each.people.sees_vehicle
-        assert {name: shape.disc for name, shape in each.shapes.items()} == dict(
-            zip(each.people.names, each.people.radii, strict=True)
-        )
+        assert {name: shape.model_dump() for name, shape in each.shapes.items()} == {
+            name: {"disc": radius} for name, radius in zip(each.people.names, each.people.radii, strict=True)
+        }
 
 
 def test_episodes_are_the_same_for_the_same_seed() -> None:

@@ -195,7 +195,7 @@ def test_solve_with_a_fixed_variable(solver: QpSolver) -> None:
 
 
 def test_solve_with_rows_that_depend_on_each_other(solver: QpSolver) -> None:
-    rows = [[1, 1], [1, 1], [2, 2], [1, 0], [0, 1]]
+    rows = [[1.0, 1.0], [1.0, 1.0], [2.0, 2.0], [1.0, 0.0], [0.0, 1.0]]
     solution = solver.solve(with_rows(box(2, 5.0), rows, [2.0, 2.0, 4.0, 1.0, 1.0]))
     assert solution.status is SolverStatus.OPTIMAL
     assert solution.x == pytest.approx([1.0, 1.0], abs=1e-8)
@@ -388,7 +388,9 @@ def test_cvxpy_opens_other_solvers(inner: str) -> None:
 
 
 def test_cvxpy_keeps_extra_constraints_on_what_steps_lead_to() -> None:
-    import cvxpy as cp
+    import cvxpy
+
+    cp: Any = cvxpy  # whose names come by way of stars
 
     from scp_planner.solvers.cvxpy_solver import CvxpySolver
 
@@ -504,7 +506,9 @@ class _Recorder:
         self.programs: list[QuadraticProgram] = []
 
     def solve(self, program: QuadraticProgram) -> Solution:
-        arrays = {name: np.copy(value) for name, value in vars(program).items() if isinstance(value, np.ndarray)}
+        arrays: dict[str, Any] = {
+            name: np.copy(value) for name, value in vars(program).items() if isinstance(value, np.ndarray)
+        }
         self.programs.append(replace(program, **arrays))
         return self.inner.solve(program)
 

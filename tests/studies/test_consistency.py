@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from scp_planner.studies.field import (
     LARGEST_OFFSET,
     MAX_TRAVEL_TIME,
     METRICS,
+    BorderPoint,
     ConsistencySettings,
     Record,
     Study,
@@ -103,8 +105,8 @@ def test_at_the_border_of_the_domain_the_slope_is_infinite_and_from_rest_the_tra
     assert _exponent(resting, "travel_time") == pytest.approx(-0.5, abs=1e-6)
 
 
-def _exponent(points: list[object], name: str) -> float:
-    x = np.log([point.distance for point in points])  # type: ignore[attr-defined]
+def _exponent(points: Sequence[BorderPoint], name: str) -> float:
+    x = np.log([point.distance for point in points])
     return float(np.polyfit(x, np.log([abs(getattr(point, name)) for point in points]), 1)[0])
 
 
@@ -166,7 +168,7 @@ def test_observations_are_n_in_the_window_and_scatter_as_they_should(study: Stud
     observed = study.observed(Task(0.1, 4000, 3))
     for obstacle, true in zip(observed.obstacles, study.scenario.obstacles, strict=True):
         assert obstacle.observations is not None
-        assert true.motion is not None
+        assert isinstance(true.motion, sp.Motion)
         time, seen = np.array(obstacle.observations.time), np.array(obstacle.observations.position)
         assert (len(time), time[0], time[-1]) == (4000, -TINY.window, 0.0)
         truth = (
@@ -288,7 +290,19 @@ def test_one_size_has_no_slope() -> None:
 # results on disk
 
 
-@pytest.mark.slow
+def drawn(settings: ConsistencySettings, task: Task) -> list[Record]:
+    """What a repetition might have measured: how results are kept does not depend on it."""
+    rng = np.random.default_rng([settings.seed, task.size, task.repetition])
+    values = {metric.name: float(rng.gamma(4.0)) for metric in METRICS}
+    return [Record(task, kind, values | {OTHER_WAY: 0.0}) for kind in ZoneKind]
+
+
+@pytest.fixture
+def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(consistency, "_measure", drawn)
+
+
+@pytest.mark.usefixtures("quickly")
 def test_results_are_kept_and_used_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = run_consistency(TINY, folder=tmp_path)
 
@@ -299,10 +313,11 @@ def test_results_are_kept_and_used_again(tmp_path: Path, monkeypatch: pytest.Mon
     assert run_consistency(TINY, folder=tmp_path) == first
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("quickly")
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run_consistency(TINY)
-    measure, done = consistency._measure, []
+    measure = consistency._measure
+    done: list[Task] = []
 
     def interrupted(settings: ConsistencySettings, task: Task) -> list[Record]:
         if len(done) == 2:
@@ -368,6 +383,7 @@ def test_tables_and_figures_are_written(quick: ConsistencyResult, tmp_path: Path
     assert table[12].split()[:3] == ["zones", "noise", "offsets"]
 
 
+@pytest.mark.usefixtures("quickly")
 def test_no_bar_without_a_terminal(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     run_consistency(replace(TINY, sizes=(100,)), folder=tmp_path, progress=True)
     assert capfd.readouterr().err == ""

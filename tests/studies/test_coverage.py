@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def check(results: list[Coverage], runs: int) -> None:
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_many_at_once_are_what_single_estimates_are(order: int, known: bool) -> None:
     rng = np.random.default_rng(1)
-    times = 3.0 + 0.1 * np.arange(7)
+    times = 3.0 + 0.1 * np.arange(7, dtype=np.float64)
     noise = rng.multivariate_normal(np.zeros(2), SIGMA, (20, 7))
     sigma = SIGMA if known else None
     pattern = estimate_motion(times, noise[0], sigma, order)
@@ -101,7 +102,7 @@ def test_few_observations_leave_cases_out() -> None:
 
 
 def test_the_same_seed_gives_the_same_study() -> None:
-    arguments = {"runs": 200, "counts": (6,), "orders": (1,)}
+    arguments: dict[str, Any] = {"runs": 200, "counts": (6,), "orders": (1,)}
     assert repr(measure_coverage(**arguments, seed=3)) == repr(measure_coverage(**arguments, seed=3))
     assert repr(measure_coverage(**arguments, seed=3)) != repr(measure_coverage(**arguments, seed=4))
     # a case does not depend on what other cases there are
@@ -144,7 +145,7 @@ def wanderers(count: int = 60, length: int = 24) -> Tracks:
     rng = np.random.default_rng(5)
     velocity = rng.normal(size=(count, 1, 2)) + 0.15 * rng.normal(size=(count, length, 2)).cumsum(axis=1)
     positions = 0.4 * velocity.cumsum(axis=1) + 0.03 * rng.normal(size=(count, length, 2))
-    return Tracks([Track(str(i), 0.4 * np.arange(length), z) for i, z in enumerate(positions)])
+    return Tracks([Track(str(i), 0.4 * np.arange(length, dtype=np.float64), z) for i, z in enumerate(positions)])
 
 
 def test_recorded_study_counts_what_it_says() -> None:

@@ -14,8 +14,6 @@ from scp_planner.mathematics.ellipse import support
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.widening import Widening, widened
 
-pytestmark = pytest.mark.numerics
-
 Array = np.ndarray
 LENGTH, WIDTH = 4.8, 1.9
 ACROSS = np.array([0.0, 1.0])

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import scene
 
 import scp_planner as sp
 from benchmarks.hostile import __main__ as command
 from benchmarks.hostile import calls, cases, commands, workers
 from benchmarks.hostile.cases import Fault, Kind, Outcome, carry_out, make
 from benchmarks.hostile.wild import Wild, scaled, wild
-from tests.scenes import scene
 
 MEGABYTE = 10**6
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.problem.build import acceleration_breakpoints
-from tests.scenes import disc, scene
 
 
 def ratios(least: float, most: float) -> st.SearchStrategy[float]:
