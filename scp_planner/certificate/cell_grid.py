@@ -1,4 +1,7 @@
-"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them."""
+"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them.
+
+A set may hold the columns of a window alone, which is told by its first column.
+"""
 
 from __future__ import annotations
 
@@ -24,20 +27,23 @@ class CellGrid:
     cell : (2,) array
         Length and width of a cell, m.
     room : int
-        Columns between rows: no step moves by more.
+        Columns between rows: no step moves by more than half of them.
+    window : int, optional
+        Columns of a set, at most; as many as there are without it.
     """
 
-    def __init__(self, low: Array, high: Array, cell: Array, room: int) -> None:
+    def __init__(self, low: Array, high: Array, cell: Array, room: int, window: int | None = None) -> None:
         self.cell = cell
         # The start lies just before the end of its cell, so that nothing is gained by the rest of it.
         columns_before = ceil(-low[0] / cell[0]) + 1
         rows_below = ceil(-low[1] / cell[1] - 0.5) + 1
         self.columns = columns_before + ceil(high[0] / cell[0]) + 1
         self.rows = rows_below + ceil(high[1] / cell[1] + 0.5) + 1
-        self.stride = self.columns + room
+        self.window = self.columns if window is None else min(window, self.columns)
+        self.stride = self.window + room
         self.origin = np.array([ROUNDING - columns_before * cell[0], -(rows_below + 0.5) * cell[1]])
-        self.start = 1 << (rows_below * self.stride + columns_before - 1)
-        self._column = np.arange(self.stride)
+        self.start_column, self._start_row = columns_before - 1, rows_below
+        self._column = np.arange(self.stride, dtype=np.int32)
 
     @property
     def lines(self) -> Array:
@@ -45,26 +51,37 @@ class CellGrid:
         lines: Array = self.origin[1] + self.cell[1] * np.arange(self.rows + 1)
         return lines
 
+    def start(self, first: int = 0) -> int:
+        """The cell that holds the origin, in a window."""
+        return 1 << (self._start_row * self.stride + self.start_column - first)
+
+    def column(self, x: Array) -> Index:
+        """Columns that hold, m."""
+        columns: Index = np.clip(np.floor((x - self.origin[0]) / self.cell[0]), 0, self.columns - 1).astype(np.intp)
+        return columns
+
     def packed(self, mask: Mask) -> int:
         """Bits of a mask, (rows, stride)."""
         return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
 
-    def disc(self, center: tuple[float, float], radius: float) -> Mask:
-        """Cells that a disc touches, (rows, stride)."""
+    def disc(self, center: tuple[float, float], radius: float, first: int = 0) -> Mask:
+        """Cells of a window that a disc touches, (rows, stride)."""
         lines = self.lines
         away = np.clip(center[1], lines[:-1], lines[1:]) - center[1]
         half = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
-        first = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE)
-        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE)
+        begin = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE) - first
+        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE) - first
         last[np.abs(away) > radius] = -1.0
-        mask: Mask = (self._column >= first[:, None]) & (self._column <= np.minimum(last, self.columns - 1)[:, None])
+        begin = np.clip(begin, 0, self.stride).astype(np.int32)
+        last = np.clip(last, -1, min(self.columns - first, self.window) - 1).astype(np.int32)
+        mask: Mask = (self._column >= begin[:, None]) & (self._column <= last[:, None])
         return mask
 
-    def inside(self, box: Box) -> Mask:
-        """Cells that touch the workspace, (rows, stride)."""
-        x = self.origin[0] + (self._column + 0.5) * self.cell[0]
+    def inside(self, box: Box, first: int = 0) -> Mask:
+        """Cells of a window that touch the workspace, (rows, stride)."""
+        x = self.origin[0] + (self._column + first + 0.5) * self.cell[0]
         y = 0.5 * (self.lines[:-1] + self.lines[1:])
-        mask = np.broadcast_to(self._column < self.columns, (self.rows, self.stride)).copy()
+        mask = np.broadcast_to(self._column < min(self.columns - first, self.window), (self.rows, self.stride)).copy()
         for normal, offset in zip(box.normals, box.offsets, strict=True):
             nearest = 0.5 * float(np.abs(normal) @ self.cell)
             mask &= normal[0] * x + normal[1] * y[:, None] - nearest <= offset + ROUNDING

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from math import hypot, sqrt
+from math import ceil, hypot, sqrt
 from time import perf_counter
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.cell_grid import CellGrid
 from scp_planner.certificate.fastest_drive import LONGEST_STEP, ROUNDING, Speeds
 from scp_planner.certificate.inscribed import polygons_inside
@@ -41,6 +40,11 @@ class _Resolution:
 
 
 RESOLUTIONS = (
+    _Resolution(0.1, 64, 64),
+    _Resolution(0.1, 64, 48),
+    _Resolution(0.1, 64, 32),
+    _Resolution(0.1, 64, 24),
+    _Resolution(0.1, 64, 16),
     _Resolution(0.1, 64, 12),
     _Resolution(0.1, 48, 8),
     _Resolution(0.15, 32, 8),
@@ -96,6 +100,12 @@ class Relaxation:
         # What touches a zone is not inside it.
         self.zones = ZoneBatch.of(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
         self.times = self.speeds.instants(step)
+        self.driven = self.speeds.driven(self.times)
+        # Whoever is to arrive in time is not farther back; a window has room for all that can be reached by then.
+        whole = float(self.speeds.driven(np.array([longest]))[0])
+        back = self.grid.column(self.distance - self.radius - ROUNDING - (whole - self.driven))
+        self.first: list[int] = back.tolist()
+        self.first[0] = min(self.first[0], self.grid.start_column)
         self.in_time()
 
     def in_time(self) -> None:
@@ -122,30 +132,34 @@ class Relaxation:
         for resolution in RESOLUTIONS:
             step = self.speeds.top * resolution.time
             cell = np.array([step / resolution.columns, step / resolution.rows])
-            count = float(np.prod((high - low) / cell + 4.0))
+            room = 2 * resolution.columns + 4  # to both sides, and as far as a window moves
+            window = ceil((longest - self.distance + ROUNDING) / cell[0]) + 3
+            rows, columns = ((high - low) / cell + 4.0)[::-1].tolist()
+            count = rows * (min(columns, window) + room)
             if count <= cells:
                 break
         instants = self.speeds.duration / LONGEST_STEP + longest / step
         if instants * (count + ZONE_WORK * zones) > work:
             raise NotDecided
-        return CellGrid(low, high, cell, resolution.columns + 2), ALIGNED * step
+        return CellGrid(low, high, cell, room, window), ALIGNED * step
 
     @cached_property
     def allowed(self) -> list[int]:
         """Cells that are not wholly in a zone, outside the workspace or too far from the start, at each instant."""
-        batch, driven = self.zones, self.speeds.driven(self.times)
-        (standing,) = self._free(batch.subset(batch.standing), self.times[:1])
-        standing &= self.grid.inside(self.box)
-        found = []
-        for distance, free in zip(driven, self._free(batch.subset(batch.moving), self.times), strict=True):
+        batch, grid, found = self.zones, self.grid, []
+        standing = self._spans(batch.subset(batch.standing), self.times[:1])[0]
+        moving = self._spans(batch.subset(batch.moving), self.times)
+        for first, distance, spans in zip(self.first, self.driven.tolist(), moving, strict=True):
             self.in_time()
-            free &= standing
-            free &= self.grid.disc((0.0, 0.0), float(distance) + ROUNDING)
-            found.append(self.grid.packed(free))
+            free = self._outside_of([standing, spans], first)
+            free &= grid.disc((0.0, 0.0), distance + ROUNDING, first)
+            if len(self.box.offsets):
+                free &= grid.inside(self.box, first)
+            found.append(grid.packed(free))
         return found
 
-    def _free(self, batch: ZoneBatch, times: Array) -> Iterator[Mask]:
-        """Cells that are not wholly in some part of a zone, at each time."""
+    def _spans(self, batch: ZoneBatch, times: Array) -> list[Index]:
+        """Rows, first columns, and columns after the last, of cells that are wholly in zones, (3, n) at each time."""
         grid = self.grid
         low, high = grid.origin, grid.origin + grid.cell * [grid.columns, grid.rows]
         spans = [np.zeros((4, 0), dtype=np.intp)]
@@ -154,15 +168,19 @@ class Relaxation:
             place, row, begin, end = grid.covered(polygons)
             spans.append(np.stack([instants[place], row, begin, end]))
         every = np.concatenate(spans, axis=1)
-        instant, row, begin, end = every[:, np.argsort(every[0], kind="stable")]
-        bounds = np.searchsorted(instant, np.arange(len(times) + 1))
-        for first, last in pairwise(bounds.tolist()):
-            mine = slice(first, last)
-            depth = np.zeros((grid.rows, grid.stride), dtype=np.int16)
-            np.add.at(depth, (row[mine], begin[mine]), 1)
-            np.add.at(depth, (row[mine], end[mine]), -1)
-            free: Mask = np.cumsum(depth, axis=1, dtype=np.int16) == 0
-            yield free
+        every = every[:, np.argsort(every[0], kind="stable")]
+        bounds = np.searchsorted(every[0], np.arange(len(times) + 1))
+        return [every[1:, first:last] for first, last in pairwise(bounds.tolist())]
+
+    def _outside_of(self, spans: list[Index], first: int) -> Mask:
+        """Cells of a window that are not in spans, (rows, stride)."""
+        grid = self.grid
+        depth = np.zeros((grid.rows, grid.stride), dtype=np.int16)
+        for row, begin, end in spans:
+            np.add.at(depth, (row, np.clip(begin - first, 0, grid.window)), 1)
+            np.add.at(depth, (row, np.clip(end - first, 0, grid.window)), -1)
+        free: Mask = np.cumsum(depth, axis=1, dtype=np.int16) == 0
+        return free
 
     @cached_property
     def goal_is_free(self) -> list[bool]:
@@ -187,16 +205,17 @@ class Relaxation:
         instants = np.append(times[times < duration], duration)
         driven = speeds.driven(instants)
         steps, remaining = np.diff(driven), driven[-1] - driven
-        reached = grid.start
+        reached = grid.start(self.first[0])
         for k, step in enumerate(steps):
             self.in_time()
             if k > 0:
-                reached = grid.reached_from(reached, float(steps[k - 1])) & self.allowed[k]
-                reached &= grid.packed(grid.disc(goal, float(remaining[k]) + self.radius))
+                reached = grid.reached_from(reached, float(steps[k - 1])) >> (self.first[k] - self.first[k - 1])
+                reached &= self.allowed[k]
+                reached &= grid.packed(grid.disc(goal, float(remaining[k]) + self.radius, self.first[k]))
             if not reached:
                 return False
             near_enough = driven[k + 1] + self.radius + ROUNDING >= self.distance
             if near_enough and instants[k + 1] >= waits_until and self.goal_is_free[k]:
-                if reached & grid.packed(grid.disc(goal, float(step) + self.radius)):
+                if reached & grid.packed(grid.disc(goal, float(step) + self.radius, self.first[k])):
                     return True
         return False

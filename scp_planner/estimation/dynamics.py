@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.scenario.process_model import (
     MeanRevertingVelocity,
     ProcessModel,
@@ -24,7 +25,7 @@ _SERIES = 0.05  # below this many time constants a series is used
 _SERIES_TERMS = 10
 _LAG_DIGITS = 12  # after the point, s, that tell lags apart
 _QUADRATURE = 1.0  # below this many time constants quadrature is used
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)  # exact to rounding for lags that short
+_NODES = 10  # of Gauss' rule: exact to rounding for lags that short
 
 
 @dataclass(frozen=True)
@@ -263,9 +264,9 @@ class Singer(Dynamics):
         for (i, j), twice in closed.items():
             q[..., i, j] = q[..., j, i] = 0.5 * twice
         near = z < _QUADRATURE  # where the closed form cancels
-        half = 0.5 * lag[near][:, None]
-        responses = self._responses(half * (1.0 + _NODES))
-        q[near] = ((half * _WEIGHTS)[:, None] * responses) @ np.swapaxes(responses, -1, -2)
+        half, rule = 0.5 * lag[near][:, None], gauss_rule(_NODES)
+        responses = self._responses(half * (1.0 + rule.nodes))
+        q[near] = ((half * rule.weights)[:, None] * responses) @ np.swapaxes(responses, -1, -2)
         return 2.0 * self.deviation**2 / tau * q
 
     def _responses(self, since: Array) -> Array:
@@ -320,5 +321,5 @@ def _phi2(z: Array) -> Array:
 
 def _quadrature(integrand: Callable[[Array], Array], lag: Array) -> Array:
     """Integrate over [0, lag] for each lag."""
-    half = 0.5 * lag[..., None]
-    return np.sum(half * _WEIGHTS * integrand(half * (1.0 + _NODES)), axis=-1)
+    half, rule = 0.5 * lag[..., None], gauss_rule(_NODES)
+    return np.sum(half * rule.weights * integrand(half * (1.0 + rule.nodes)), axis=-1)

@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
+from scp_planner.planning.attempts import to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
@@ -37,8 +38,11 @@ def over_better_guides(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
         hopeful = not best.holds and not problem.space.guide.straight
         if not (hopeful or may_want_another_guide(problem, trajectory.path)) or task.out_of_time:
             break
+        beat = _to_beat(runs, best)
+        if beat < runs.lower_bound:
+            break
         again = CheckedRuns.along(task, trajectory.path)
-        attempt = again.along_the_guide(trajectory.beta, trajectory.travel_time, _to_beat(best))
+        attempt = again.along_the_guide(trajectory.beta, trajectory.travel_time, beat)
         logger.info("a new guide: %.4f s after %.4f s", attempt.travel_time, best.travel_time)
         if not attempt.better_than(best):
             break
@@ -57,7 +61,8 @@ def with_finer_spans(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
     spans = task.settings.acceleration_spans
     for _ in range(FINER):
         spans *= 3
-        if spans > MOST_SPANS or task.out_of_time:
+        beat = _to_beat(runs, best)
+        if spans > MOST_SPANS or beat < runs.lower_bound or task.out_of_time:
             break
         trip = best.trajectory
         finer = replace(task, settings=replace(task.settings, acceleration_spans=spans))
@@ -66,7 +71,7 @@ def with_finer_spans(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
         degree = space.acceleration.coefficients.shape[1] - 1
         sites = greville_sites(tuple(space.acceleration.breakpoints.tolist()), degree)
         start = Trajectory.of(space, trip.theta, trip.drive_at(sites).acceleration, trip.travel_time)
-        attempt = again.attempt(start, _to_beat(best))
+        attempt = again.attempt(start, beat)
         if not attempt.better_than(best):
             break
         much = _gains(best, attempt, WORTH_MORE_SPANS)
@@ -76,8 +81,8 @@ def with_finer_spans(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
     return best
 
 
-def _to_beat(best: ScpAttempt) -> float:
-    return best.travel_time if best.holds else np.inf
+def _to_beat(runs: CheckedRuns, best: ScpAttempt) -> float:
+    return to_beat(best.travel_time, runs.task.arrival_step) if best.holds else np.inf
 
 
 def _gains(best: ScpAttempt, attempt: ScpAttempt, least: float) -> bool:

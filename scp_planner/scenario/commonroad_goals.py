@@ -31,10 +31,13 @@ class GoalAim:
     timed_way : float
         Where a goal of time alone is planned to be: on the lane, as a ratio to the way that the speed of the start
         leads until then.
+    depth : float
+        Where the goal is a place: how far into it from where it is first reached, as a ratio to the way through it.
     """
 
     state: int = 0
     timed_way: float = 1.0
+    depth: float = 0.0
 
 
 @dataclass(frozen=True)

