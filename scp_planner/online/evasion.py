@@ -246,6 +246,9 @@ class Evasion:
         time = dodges.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
         worth = gained - width * NEARNESS * self._patience * nearness(time, near / width)
+        # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
+        later = np.where((dodges.times > dodges.until[:, None]) & (time <= OUTLOOK), near, np.inf)
+        worth -= width * harm(time, later / width)
         return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
 
     def _worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:

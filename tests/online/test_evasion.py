@@ -187,6 +187,23 @@ def test_giving_way_early_arrives(posts: list[tuple[float, float]], half_width: 
     assert plan.arrived and 0.25 * k < 14.0
 
 
+def test_standing_where_somebody_will_come_is_harmful() -> None:
+    """Nobody comes for as long as a stop has to stay clear; but soon after, and goes right over the vehicle."""
+    worth = {}
+    for start in (-2.2, -20.0):
+        scenario = scene(disc("walker", (0.0, start), (0.0, 1.0), radius=0.3), start={"speed": 0.0}, vehicle=SLOW)
+        means = Planner(scenario, online=OnlineSettings(stay_clear=0.3))._means
+        now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
+        _, seen = Evasion(means)._looked(now)
+        assert np.isinf(seen.clear[0]), "the first dodge stands"
+        worth[start] = seen.worth[0]
+    times = np.linspace(0.0, 3.0, 3001)
+    depth = 0.6 - np.abs(times - 2.2)
+    harmful = 50.0 * np.where(depth > 0.0, depth + 0.1, 0.0) / (1.0 + 0.9 * times / 0.6)
+    assert worth[-20.0] == pytest.approx(0.0, abs=0.01)
+    assert harmful.max() * 0.95 < -worth[-2.2] < harmful.max() + 3.0
+
+
 def test_waiting_is_made_up_for_by_coming_nearer() -> None:
     means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
     waiting = Waiting((8.0, 0.0))
