@@ -29,6 +29,7 @@ from scp_planner.estimation.motion_fitting import fit_motion_model
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.simulation.crowds import LEVEL, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.worlds import Course, track_course
@@ -56,7 +57,6 @@ VEHICLE = sp.Vehicle(
 )
 PERSON = 0.3  # m, radius
 NOISE, RATE, RANGE = 0.05, 10.0, 10.0  # m, Hz, m
-LEVEL = 0.95
 LONGEST = 60.0  # s
 FEWEST = 3  # people there when the vehicle sets off
 LEAD_IN = 3.0  # s
@@ -153,6 +153,7 @@ def drive(tracks: Tracks, row: Mapping[str, Any]) -> dict[str, Any]:
         world=drawn.people,
         sensors=[Sensor(rate=RATE, noise=NOISE, range=RANGE)],
         model=sp.Model(order=1, process=_model(tracks)),
+        online=among_people(VEHICLE, 1.0 / RATE),
         time_limit=LONGEST,
     )
     wall = 1e3 * run.wall_times[1:]

@@ -28,6 +28,7 @@ from benchmarks.online_crowds import recordings
 from scp_planner.estimation.motion_fitting import fit_motion_model
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.simulation.crowds import LEVEL, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
@@ -86,7 +87,7 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
         ),
         start=sp.Start(time=start, position=where.start, heading=where.heading, speed=0.0),
         goal=sp.Goal(position=where.goal, radius=NEAR_EXIT),
-        confidence=sp.Confidence(probability=0.95, level="per_time"),
+        confidence=sp.Confidence(probability=LEVEL, level="per_time"),
         obstacles=(),
     )
     end = start + MOST_STEPS * STEP
@@ -116,7 +117,7 @@ def run(row: Row, folder: str | None = None) -> Row:
         sensors=[Sensor(rate=1.0 / STEP, noise=0.0)],
         history=WAITING * STEP,
         model=sp.Model(order=1, process=_model(tracks)),
-        online=online,
+        online=online or among_people(drawn.scenario.vehicle, STEP),
         time_limit=(MOST_STEPS - WAITING) * STEP,
     )
     return written(done)

@@ -48,7 +48,9 @@ WALKER = Model(
 )
 """How people who avoid each other are taken to move: nearly straight on, but each look may show another velocity."""
 STAY_CLEAR = 0.5
-"""Times in which the vehicle drives its own width, for which a stop stays clear: who stands goes away again in time."""
+"""Times in which the vehicle drives its own width, for which a stop stays clear: who stands can go away in time..."""
+STARTING = 2.0 / 3.0
+"""...and no less than this share of the time to its top speed, since it has to get under way for that."""
 ARENA_RADII, ARENA_SPEEDS = (0.3, 0.5), (0.5, 1.5)  # m, m/s
 
 
@@ -126,7 +128,8 @@ def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
     """
     return OnlineSettings(
         give_way=GiveWay.EARLY,
-        stay_clear=STAY_CLEAR * 2.0 * vehicle.radius / vehicle.max_speed,
+        stay_clear=max(STAY_CLEAR * 2.0 * vehicle.radius, STARTING * vehicle.max_speed**2 / vehicle.max_acceleration)
+        / vehicle.max_speed,
         gate_probability=0.0,
         alarm_probability=0.0,
         forget_after=FORGET_STEPS * step,
