@@ -203,7 +203,7 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
     if step is None or not fastest.holds:
         return fastest
     best = runs.judged(fastest.run, scenario)  # As it is it is certified for another scenario.
-    smooth = _commanded_in_steps(trajectory, step, scenario.vehicle.radius)
+    smooth = commanded_in_steps(trajectory, step, scenario.vehicle.radius)
     first = ceil((trajectory.travel_time - off_a_step(step)) / step)
     for steps in range(first, first + LATER_STEPS):
         arrival = scenario.start.time + steps * step
@@ -223,8 +223,21 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
     return best
 
 
-def _commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:
-    """Whether one acceleration a step drives about as far in each step as the trip, whatever changes within steps."""
+def commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:
+    """Return whether one acceleration a step drives about as far in each step as a trip, whose own may change within.
+
+    Parameters
+    ----------
+    trip : Trajectory
+    step : float
+        s.
+    radius : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    bool
+    """
     times = np.arange(0.0, trip.travel_time, step)
     drive = trip.drive_at(times / trip.travel_time)
     joined = 0.5 * step * (drive.speed[1:] + drive.speed[:-1])

@@ -253,13 +253,17 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None) ->
 
 
 def _swerving(fields: Mapping[str, Any], step: float, speed: float) -> dict[str, Any]:
-    """How fast the curvature of a point mass may change, where steps are so long that the checker would notice.
+    """What curvature a point mass may have, and how fast it may change, where steps are so long that it is noticed.
 
-    It joins states by constant accelerations. Where they change by j h in a step h, its place differs by j h^3 / 12.
+    The checker joins states by constant accelerations. Where they change by j h in a step h, its place differs by
+    j h^3 / 12. The one across, v^2 k, changes by v^2 k' and, where the speed changes by a, by 2 v a k.
     """
-    rate = 12.0 * UNNOTICED / (step**3 * max(speed, SLOWEST) ** 2)
-    across = 2.0 * float(fields["max_total_acceleration"]) / (step * max(speed, SLOWEST) ** 2)
-    return {"max_curvature_rate": rate} if rate < across * COARSE else {}
+    speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * UNNOTICED / step**3
+    rate, hardest = jerk / speed**2, float(fields["max_total_acceleration"])
+    if rate >= COARSE * 2.0 * hardest / (step * speed**2):
+        return {}
+    bend = min(float(fields["max_curvature"]), jerk / (2.0 * speed * hardest))
+    return {"max_curvature_rate": rate, "max_curvature": bend}
 
 
 def _model_named(name: str) -> VehicleModel:

@@ -11,6 +11,10 @@ from scenes import scene
 from scp_planner import plan
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.planning.attempts import to_beat
+from scp_planner.planning.refinements import STRAYING, commanded_in_steps
+from scp_planner.problem.build import build_problem
+from scp_planner.settings.planning import Settings
+from scp_planner.trips.trajectory import Trajectory
 
 
 def step_of(travel_time: float, step: float) -> int:
@@ -41,3 +45,16 @@ def test_no_step_is_given_away() -> None:
         timed = plan(scene(start=start, goal={"arrival_step": step}))
         assert timed.certified
         assert timed.travel_time == pytest.approx(step * math.ceil(fastest / step), abs=off_a_step(step))
+
+
+def test_changes_within_long_steps_are_noticed() -> None:
+    """Who commands one acceleration a step ends such a step elsewhere: by an eighth of the change times its square."""
+    problem = build_problem(scene(start={"speed": 1.0}), (), Settings())
+    edges = problem.space.acceleration.breakpoints
+    beta = np.where(edges[:-1] < edges[len(edges) // 2], 0.4, 0.0)
+    trip = Trajectory.of(problem.space, problem.ends.theta, beta)
+    changed = edges[len(edges) // 2] * trip.travel_time
+    assert commanded_in_steps(trip, 0.5 * changed, 1e-6)
+    elsewhere = 0.125 * 0.4 * (2.0 * changed / 3.0) ** 2  # in the middle of the second step
+    assert commanded_in_steps(trip, 2.0 * changed / 3.0, 1.01 * elsewhere / STRAYING)
+    assert not commanded_in_steps(trip, 2.0 * changed / 3.0, 0.99 * elsewhere / STRAYING)
