@@ -22,13 +22,17 @@ demo: $(INSTALLED)  ## plan a built-in scenario; writes ./demo/
 docs: $(INSTALLED)  ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# Compiled once, where an environment forbids that programs compile as they load: the tests start many.
 test: lint  ## lint, type check and run the tests
-	$(BIN)/pytest -n 2
+	$(BIN)/python -m compileall -q scp_planner
+	$(BIN)/pytest -n 2 --dist worksteal
+	$(MAKE) --no-print-directory test-kernel
 
 # What one processor computes another computes with a different last digit, as its kernel of OpenBLAS sums in another
 # order. So tests of numbers, marked `numerics`, run with a second kernel. Prescott is the one that every x86-64
 # processor can run and none of today takes by itself; it differs most, having neither AVX nor fused multiply-add.
-# Tests that start programs or a browser or draw are left out, for time. Skipped, and told, where it cannot run.
+# They are those of computations, and of single plans: drives and programs are left out, for time. Skipped, and told,
+# where it cannot run.
 test-kernel: $(INSTALLED)  ## run the tests of numbers with another kernel of OpenBLAS
 	$(BIN)/python tools/machines.py --variant kernel-prescott -- -q -m "numerics and not slow"
 

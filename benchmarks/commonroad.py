@@ -35,15 +35,29 @@ logging.disable(logging.WARNING)
 warnings.simplefilter("ignore")
 from commonroad.common.file_reader import CommonRoadFileReader
 from commonroad.common.solution import CommonRoadSolutionReader
-from commonroad_dc.feasibility.solution_checker import valid_solution
+from commonroad_dc.feasibility import solution_checker as checks
 world, problems = CommonRoadFileReader(sys.argv[1]).open()
+answer = CommonRoadSolutionReader.open(sys.argv[2])
 try:
-    valid, _ = valid_solution(world, problems, CommonRoadSolutionReader.open(sys.argv[2]))
-    print("accepted" if valid else "not feasible")
+    valid, results = checks.valid_solution(world, problems, answer)
+    steps = [len(inputs.state_list) for kept, inputs, _ in results.values() if not kept]
+    print("accepted" if valid else f"kinematics of step {steps[0]}")
 except Exception as error:
-    print(type(error).__name__)
+    asked = {
+        "goal": lambda: checks.goal_reached(world, problems, answer),
+        "start": lambda: checks.starts_at_correct_state(answer, problems),
+        "traffic": lambda: checks.obstacle_collision(world, problems, answer),
+        "border": lambda: checks.boundary_collision(world, problems, answer),
+    }
+    failed = []
+    for name, check in asked.items():
+        try:
+            check()
+        except checks.SolutionCheckerException:
+            failed.append(name)
+    print(", ".join(failed) or type(error).__name__)
 """
-"""Run by the checker's Python: prints one line."""
+"""Run by the checker's Python: prints one line, with what it objects to."""
 
 
 @dataclass(frozen=True)
@@ -104,20 +118,24 @@ def row_of(file: Path, model: str, folder: Path, checker: Path | None, time_limi
     return Row(name, str(made.plan.status), made.plan.travel_time, planning_time, verdict)
 
 
-def table_of(rows: list[Row]) -> str:
-    """Lay out the rows, with published travel times beside them."""
-    lines = [
-        "| scenario | travel time, s | published, s | planning, s | checker | plan |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    for row in rows:
-        published = next((time for key, time in PUBLISHED.items() if row.name.startswith(key)), None)
-        times = [None if value is None else f"{value:.2f}" for value in (row.travel_time, published, row.planning_time)]
-        cells = [row.name, *(value or "" for value in times), row.verdict, row.status]
-        lines.append(f"| {' | '.join(cells)} |")
+HEAD = """\
+| scenario | travel time, s | published, s | planning, s | checker | plan |
+| --- | --- | --- | --- | --- | --- |"""
+
+
+def line_of(row: Row) -> str:
+    """Lay out a row, with a published travel time beside it."""
+    published = next((time for key, time in PUBLISHED.items() if row.name.startswith(key)), None)
+    times = [None if value is None else f"{value:.2f}" for value in (row.travel_time, published, row.planning_time)]
+    cells = [row.name, *(value or "" for value in times), row.verdict, row.status]
+    return f"| {' | '.join(cells)} |"
+
+
+def count_of(rows: list[Row]) -> str:
+    """Count what came of the rows."""
     accepted = sum(row.verdict == "accepted" for row in rows)
     planned = sum(row.status == "certified" for row in rows)
-    return "\n".join([*lines, "", f"{len(rows)} scenarios, {planned} certified, {accepted} accepted"])
+    return f"{len(rows)} scenarios, {planned} certified, {accepted} accepted"
 
 
 def main() -> None:
@@ -141,7 +159,12 @@ def main() -> None:
         kept = given.solutions or Path(scratch)
         kept.mkdir(exist_ok=True)
         work = partial(row_of, model=given.model, folder=kept, checker=given.checker, time_limit=given.time_limit)
-        print(table_of(list(pool.map(work, files))))
+        rows = []
+        print(HEAD, flush=True)
+        for row in pool.map(work, files):
+            rows.append(row)
+            print(line_of(row), flush=True)  # at once: a folder may take long
+        print(f"\n{count_of(rows)}")
 
 
 if __name__ == "__main__":

@@ -33,6 +33,8 @@ RECORDED_NOISE = 0.1  # m, added to recorded positions
 BEFORE = 12.0  # s before the start for which a course is known
 
 FAMILIES = ("nominal", "change0.3", "change0.8", "weaving", "noise2", "noise3", "outliers", "walkers")
+BELIEVED = "believed"
+"""Nominal motion, and a planner that believes it: what noticing costs is measured against this."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,12 @@ def world_of(scenario: sp.Scenario, family: str, seed: int, trip: float) -> dict
     return world
 
 
+def _online_of(family: str) -> OnlineSettings:
+    if family == BELIEVED:
+        return OnlineSettings(forget_after=FORGET_AFTER, alarm_probability=0.0, manoeuvre=0.0)
+    return OnlineSettings(forget_after=FORGET_AFTER)
+
+
 def drive(
     row: Mapping[str, Any],
     scene: Callable[[int], tuple[sp.Scenario, float]],
@@ -150,7 +158,7 @@ def drive(
         seed,
         world=world_of(scenario, family, seed, truth),
         sensors=(sensor_of(family),),
-        online=online or OnlineSettings(forget_after=FORGET_AFTER),
+        online=online or _online_of(family),
     )
     wall = 1e3 * run.wall_times[1:]
     return {

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.shapes import PolygonShape as PolygonShape
     from scp_planner.scenario.shapes import Rectangle as Rectangle
     from scp_planner.scp.given import TripVariables as TripVariables
+    from scp_planner.settings.online import GiveWay as GiveWay
     from scp_planner.settings.online import OnlineSettings as OnlineSettings
     from scp_planner.settings.online import Safety as Safety
     from scp_planner.settings.planning import Settings as Settings
@@ -82,6 +83,7 @@ _MODULE_OF = {
     "Rectangle": "scenario.shapes",
     "Planner": "online.planner",
     "Run": "simulation.run",
+    "GiveWay": "settings.online",
     "Safety": "settings.online",
     "Scenario": "scenario.models",
     "SampledTrajectory": "trips.samples",

@@ -1,7 +1,11 @@
-"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them."""
+"""Sets of cells of the plane as bits of one integer, and what reaches, touches or covers them.
+
+A set holds the cells of a window alone. Windows of one grid have as many columns, but may have other rows.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, floor, sqrt
 
@@ -14,6 +18,19 @@ from scp_planner.scenario.limits import Box
 EDGE = 1e-9  # of a cell
 
 
+@dataclass(frozen=True)
+class Window:
+    """A part of a grid: its first column, its first row, and how many rows."""
+
+    column: int
+    row: int
+    rows: int
+
+    def bits_after(self, other: Window, stride: int) -> int:
+        """By how many bits it begins after another one."""
+        return (self.row - other.row) * stride + self.column - other.column
+
+
 class CellGrid:
     """Cells of the planning frame, as bits of one integer: row after row, with room between the rows.
 
@@ -24,20 +41,23 @@ class CellGrid:
     cell : (2,) array
         Length and width of a cell, m.
     room : int
-        Columns between rows: no step moves by more.
+        Columns between rows: no step moves by more than half of them.
+    window : int, optional
+        Columns of a set, at most; as many as there are without it.
     """
 
-    def __init__(self, low: Array, high: Array, cell: Array, room: int) -> None:
+    def __init__(self, low: Array, high: Array, cell: Array, room: int, window: int | None = None) -> None:
         self.cell = cell
         # The start lies just before the end of its cell, so that nothing is gained by the rest of it.
         columns_before = ceil(-low[0] / cell[0]) + 1
         rows_below = ceil(-low[1] / cell[1] - 0.5) + 1
         self.columns = columns_before + ceil(high[0] / cell[0]) + 1
         self.rows = rows_below + ceil(high[1] / cell[1] + 0.5) + 1
-        self.stride = self.columns + room
+        self.window = self.columns if window is None else min(window, self.columns)
+        self.stride = self.window + room
         self.origin = np.array([ROUNDING - columns_before * cell[0], -(rows_below + 0.5) * cell[1]])
-        self.start = 1 << (rows_below * self.stride + columns_before - 1)
-        self._column = np.arange(self.stride)
+        self.start_column, self.start_row = columns_before - 1, rows_below
+        self._column = np.arange(self.stride, dtype=np.int32)
 
     @property
     def lines(self) -> Array:
@@ -45,26 +65,55 @@ class CellGrid:
         lines: Array = self.origin[1] + self.cell[1] * np.arange(self.rows + 1)
         return lines
 
+    @property
+    def whole(self) -> Window:
+        """All rows, from the first column on."""
+        return Window(0, 0, self.rows)
+
+    def windows(self, back: Array, half: Array) -> list[Window]:
+        """Windows that begin at or before x = back (n,) m, and hold all rows between y = -half and half, m."""
+        column = np.floor((back - self.origin[0]) / self.cell[0] - EDGE)
+        column = np.clip(column, 0, self.columns - 1).astype(np.intp)
+        # No row is lost by rounding
+        first = np.floor((-half - self.origin[1]) / self.cell[1]) - 1.0
+        last = np.floor((half - self.origin[1]) / self.cell[1]) + 1.0
+        first = np.clip(first, 0, self.start_row).astype(np.intp)
+        last = np.clip(last, self.start_row, self.rows - 1).astype(np.intp)
+        column[0] = min(int(column[0]), self.start_column)
+        return [
+            Window(*where) for where in zip(column.tolist(), first.tolist(), (last - first + 1).tolist(), strict=True)
+        ]
+
+    def start(self, window: Window) -> int:
+        """The cell that holds the origin."""
+        return 1 << ((self.start_row - window.row) * self.stride + self.start_column - window.column)
+
     def packed(self, mask: Mask) -> int:
         """Bits of a mask, (rows, stride)."""
         return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
 
-    def disc(self, center: tuple[float, float], radius: float) -> Mask:
-        """Cells that a disc touches, (rows, stride)."""
-        lines = self.lines
+    def disc(self, center: tuple[float, float], radius: float, window: Window) -> Mask:
+        """Cells of a window that a disc touches, (rows, stride)."""
+        lines = self.lines[window.row : window.row + window.rows + 1]
         away = np.clip(center[1], lines[:-1], lines[1:]) - center[1]
         half = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
-        first = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE)
-        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE)
+        begin = np.floor((center[0] - half - self.origin[0]) / self.cell[0] - EDGE) - window.column
+        last = np.floor((center[0] + half - self.origin[0]) / self.cell[0] + EDGE) - window.column
         last[np.abs(away) > radius] = -1.0
-        mask: Mask = (self._column >= first[:, None]) & (self._column <= np.minimum(last, self.columns - 1)[:, None])
+        begin = np.clip(begin, 0, self.stride).astype(np.int32)
+        last = np.clip(last, -1, self._columns_of(window) - 1).astype(np.int32)
+        mask: Mask = (self._column >= begin[:, None]) & (self._column <= last[:, None])
         return mask
 
-    def inside(self, box: Box) -> Mask:
-        """Cells that touch the workspace, (rows, stride)."""
-        x = self.origin[0] + (self._column + 0.5) * self.cell[0]
-        y = 0.5 * (self.lines[:-1] + self.lines[1:])
-        mask = np.broadcast_to(self._column < self.columns, (self.rows, self.stride)).copy()
+    def _columns_of(self, window: Window) -> int:
+        return min(self.columns - window.column, self.window)
+
+    def inside(self, box: Box, window: Window) -> Mask:
+        """Cells of a window that touch the workspace, (rows, stride)."""
+        lines = self.lines[window.row : window.row + window.rows + 1]
+        x = self.origin[0] + (self._column + window.column + 0.5) * self.cell[0]
+        y = 0.5 * (lines[:-1] + lines[1:])
+        mask = np.broadcast_to(self._column < self._columns_of(window), (window.rows, self.stride)).copy()
         for normal, offset in zip(box.normals, box.offsets, strict=True):
             nearest = 0.5 * float(np.abs(normal) @ self.cell)
             mask &= normal[0] * x + normal[1] * y[:, None] - nearest <= offset + ROUNDING

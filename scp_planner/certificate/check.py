@@ -22,6 +22,7 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -41,6 +42,7 @@ from scp_planner.certificate.verdict import (
     Ends,
     Violation,
 )
+from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.files import LARGEST_COORDINATE
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
@@ -65,7 +67,11 @@ class HasTrip(Protocol):
 
 
 def certify(
-    scenario: Scenario, plan: HasTrip | SampledTrajectory, threat_zones: Sequence[ThreatZone] | None = None
+    scenario: Scenario,
+    plan: HasTrip | SampledTrajectory,
+    threat_zones: Sequence[ThreatZone] | None = None,
+    *,
+    tube: TrackingTube | None = None,
 ) -> Certificate:
     """Check a plan against a scenario in continuous time, whoever made it.
 
@@ -76,17 +82,32 @@ def certify(
         Or whatever else has a ``trip``.
     threat_zones : sequence of ThreatZone, optional
         The scenario's zones, if they are at hand.
+    tube : TrackingTube, optional
+        How far the vehicle may be from the trip, by speed and lateral acceleration. Wherever it may be, it is to keep
+        clear, and in the workspace. On each piece of a trip that is by its own speed and turns; for samples it is the
+        largest that the vehicle may make of it.
 
     Returns
     -------
     Certificate
+
+    Raises
+    ------
+    EstimationError
+        If the vehicle may drive or turn faster than the tube was recorded for.
     """
+    if tube is not None:
+        widest = tube.bound(scenario.vehicle)
     if isinstance(plan, SampledTrajectory):
+        if tube is not None:
+            wider = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + widest})
+            scenario = scenario.model_copy(update={"vehicle": wider})
         return certify_samples(scenario, plan, threat_zones)
     units = NaturalUnits.to_check(scenario)
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
-    return certify_trip(inside, trip, found).outside(units)
+    within = None if tube is None else tube.inside(units)
+    return certify_trip(inside, trip, found, tube=within).outside(units)
 
 
 def certify_trip(
@@ -100,6 +121,7 @@ def certify_trip(
     precision: float = REPORT_PRECISION,
     batch: ZoneBatch | None = None,
     motions: Motions | None = None,
+    tube: TrackingTube | None = None,
 ) -> Certificate:
     """Check a trip against a scenario, both in its natural units, in continuous time. See :func:`certify`.
 
@@ -122,6 +144,8 @@ def certify_trip(
         The zones in the trip's frame, inflated by the vehicle's radius, if they are at hand.
     motions : Motions, optional
         What was found of trips that were checked before; what is found now is added.
+    tube : TrackingTube, optional
+        In which the vehicle stays round the trip; see :func:`certify`.
 
     Returns
     -------
@@ -132,7 +156,7 @@ def certify_trip(
         return Certificate(False, Clearance(-np.inf), {}, (unfit,))
     if batch is None:
         batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
-    checked = CheckedTrip.of(scenario, trip, batch, since, until)
+    checked = replace(CheckedTrip.of(scenario, trip, batch, since, until), tube=tube)
     beyond = _goes_beyond(checked, threat_zones)
     if beyond is not None:
         return Certificate(False, Clearance(-np.inf), {}, (beyond,))
@@ -153,9 +177,10 @@ def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     findings = limits_found(checked, limits, pieces, enclosure)
     violations += [violation for finding in findings.values() for violation in finding.violations]
     uses = {name: finding.use for name, finding in findings.items()}
-    discs = tuple(Disc.on(enclosure, offset) for offset in checked.scenario.vehicle.discs)
+    discs = tuple(Disc.on(enclosure, offset, checked.tube) for offset in checked.scenario.vehicle.discs)
     outside = [one for one in (leaves_bounds(checked, pieces, disc) for disc in discs) if one is not None]
-    if motions is not None and not violations and not outside and keeps_speed_later(checked, limits):
+    known = motions is not None and checked.tube is None and not violations and not outside
+    if motions is not None and known and keeps_speed_later(checked, limits):
         space, scenario = checked.trajectory.space, checked.scenario
         motions.add(checked.trip, Motion(space, scenario, ends, checked.first, checked.last, pieces, discs, uses))
     kept = least_clearance(checked, pieces, discs, precision)

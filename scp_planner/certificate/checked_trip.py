@@ -9,6 +9,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.verdict import LimitUse, Violation
+from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import CELLS_PER_SPAN
@@ -52,6 +53,8 @@ class CheckedTrip:
         From when to when it is checked, in normalised time.
     start_speed : float
         Driving faster than allowed at the start is the scenario's business, not the plan's: up to this, m/s.
+    tube : TrackingTube or None
+        Round the trip, in which the vehicle stays.
     """
 
     scenario: Scenario
@@ -60,6 +63,7 @@ class CheckedTrip:
     first: float
     last: float
     start_speed: float
+    tube: TrackingTube | None = None
 
     @classmethod
     def of(

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Index
+from scp_planner.arrays import Array, Index
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, END_TOLERANCE, Clearance, Violation
+from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
@@ -31,19 +32,30 @@ class Disc:
         How far it is ahead of the reference point, m.
     center : MovingPoint
         On the pieces.
+    off, most_off : (n,) arrays
+        How far the vehicle may be from there, in the middle of each piece and at most on it, m.
     """
 
     offset: float
     center: MovingPoint
+    off: Array
+    most_off: Array
 
     @classmethod
-    def on(cls, enclosure: Enclosure, offset: float) -> Disc:
-        """Return a disc that is so far ahead on the pieces of an enclosure."""
-        return cls(offset, enclosure.disc(offset))
+    def on(cls, enclosure: Enclosure, offset: float, tube: TrackingTube | None = None) -> Disc:
+        """Return a disc that is so far ahead on the pieces of an enclosure, and how far it may be off there."""
+        center = enclosure.disc(offset)
+        if tube is None:
+            nothing = np.zeros(len(enclosure.time))
+            return cls(offset, center, nothing, nothing)
+        fastest = enclosure.speed + enclosure.acceleration_bound * enclosure.half
+        off = tube.standing + tube.per_speed * enclosure.speed + tube.per_lateral * np.abs(enclosure.lateral)
+        most = tube.standing + tube.per_speed * fastest + tube.per_lateral * enclosure.lateral_bound
+        return cls(offset, center, off, np.maximum(off, most))
 
     def part(self, index: slice) -> Disc:
         """Return the disc on some of the pieces."""
-        return Disc(self.offset, self.center.take(index))
+        return Disc(self.offset, self.center.take(index), self.off[index], self.most_off[index])
 
 
 @dataclass(frozen=True)
@@ -79,14 +91,14 @@ def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[Disc, ...
     -------
     Kept
     """
-    near = _near_batch(checked)
+    near = _near_batch(checked, max(float(disc.most_off.max(initial=0.0)) for disc in discs))
     found = [_Search(checked, near, disc, precision).kept(pieces) for disc in discs]
     least = min(found, key=lambda one: one.clearance.minimum).clearance
     return Kept(least, tuple(violation for one in found for violation in one.violations))
 
 
-def _near_batch(checked: CheckedTrip) -> ZoneBatch:
-    """The zones that could be the nearest one, or nearer than allowed, at some time of the trip."""
+def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
+    """The zones that could be the nearest one, or nearer than allowed, to a vehicle that is off by so much at most."""
     batch, trajectory = checked.batch, checked.trajectory
     if batch.size <= MANY_ZONES:
         return batch
@@ -102,7 +114,8 @@ def _near_batch(checked: CheckedTrip) -> ZoneBatch:
         bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
         # The nearest zone comes at least as near as any zone is seen to be.
         seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
-        batch = batch.subset(np.flatnonzero(bounds <= max(float(seen.distances(points.time, position).min()), 0.0)))
+        nearest = max(float(seen.distances(points.time, position).min()), 0.0)
+        batch = batch.subset(np.flatnonzero(bounds <= nearest + most_off))
     return batch
 
 
@@ -142,13 +155,14 @@ class _Search:
         """Return the clearance, and the violation if it is none."""
         if self.batch.size == 0:
             return Kept(Clearance(float("inf")))
-        crude = ZoneBounds(self.batch).crude(self.disc.center)
+        disc = self.disc
+        crude = ZoneBounds(self.batch).crude(disc.center) - disc.most_off[:, None]
         place, zone = divmod(int(np.argmin(crude)), self.batch.size)
         nearest, enough = _Nearest(np.inf, float(pieces.middle[place]), zone), 0.0
         if np.isfinite(self.precision):
             some = np.argsort(crude, axis=None)[:FIRST_PAIRS]
             interval, zones = np.divmod(some, self.batch.size)
-            value = ZoneBounds(self.batch).fine(zones, interval, self.disc.center).value
+            value = ZoneBounds(self.batch).fine(zones, interval, disc.center).value - disc.off[interval]
             worst = int(np.argmin(value))
             nearest = _Nearest(float(value[worst]), float(pieces.middle[interval[worst]]), int(zones[worst]))
             enough = max(nearest.distance - self.precision, 0.0)
@@ -158,13 +172,14 @@ class _Search:
 
     def _refined(self, pieces: Pieces, left: _Open, certified: float, nearest: _Nearest) -> _Bound:
         """Halve pieces on which a zone's bound does not decide, until all are decided or one is touched."""
-        center = self.disc.center
+        disc = self.disc
         for _ in range(MAX_HALVINGS):
             if not len(left.interval):
                 return _Bound(certified, nearest)
-            bound = ZoneBounds(self.batch).fine(left.zone, left.interval, center)
-            worst = int(np.argmin(bound.value))
-            value = float(bound.value[worst])
+            bound = ZoneBounds(self.batch).fine(left.zone, left.interval, disc.center)
+            values, lower = bound.value - disc.off[left.interval], bound.lower - disc.most_off[left.interval]
+            worst = int(np.argmin(values))
+            value = float(values[worst])
             if value < nearest.distance:
                 nearest = _Nearest(value, float(pieces.middle[left.interval[worst]]), int(left.zone[worst]))
             if not nearest.distance >= -CLEARANCE_TOLERANCE:
@@ -172,9 +187,9 @@ class _Search:
             if not np.isfinite(value):
                 break
             # Good enough: certainly outside, and not far below the least value found.
-            done = (bound.lower >= 0.0) & (bound.lower >= nearest.distance - self.precision)
+            done = (lower >= 0.0) & (lower >= nearest.distance - self.precision)
             if done.any():
-                certified = min(certified, float(bound.lower[done].min()))
+                certified = min(certified, float(lower[done].min()))
             if done.all():
                 return _Bound(certified, nearest)
             open_pieces, inverse = np.unique(left.interval[~done], return_inverse=True)
@@ -187,7 +202,7 @@ class _Search:
                 np.concatenate([inverse, inverse + len(open_pieces)]),
                 np.concatenate([left.zone[~done], left.zone[~done]]),
             )
-            center = self.checked.enclosed(pieces).disc(self.disc.offset)
+            disc = Disc.on(self.checked.enclosed(pieces), disc.offset, self.checked.tube)
         return _Bound(-np.inf, nearest)
 
     def _told(self, bound: _Bound) -> Kept:
@@ -218,15 +233,17 @@ def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: Disc) -> Violation
     box = checked.scenario.bounds
     if box is None:
         return None
-    frame, center = checked.trip.frame, disc.center
+    frame = checked.trip.frame
     radius = checked.scenario.vehicle.radius
     offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius
     at = 0.0
     for _ in range(MAX_HALVINGS):
-        inside = frame.to_world(center.position) @ _SIDES.T - offsets
+        center = disc.center
+        inside = frame.to_world(center.position) @ _SIDES.T - offsets - disc.off[:, None]
         slope = np.abs(frame.vectors_to_world(center.velocity) @ _SIDES.T)
         half = center.half[:, None]
         lower = inside - slope * half - 0.5 * center.acceleration[:, None] * half * half
+        lower -= (disc.most_off - disc.off)[:, None]
         worst = np.unravel_index(np.argmin(inside), inside.shape)
         at = float(pieces.middle[worst[0]])
         if inside[worst] < -END_TOLERANCE:
@@ -235,5 +252,5 @@ def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: Disc) -> Violation
         if not undecided.any():
             return None
         pieces = pieces.halves(undecided)
-        center = checked.enclosed(pieces).disc(disc.offset)
+        disc = Disc.on(checked.enclosed(pieces), disc.offset, checked.tube)
     return checked.broken("workspace bounds", float(inside[worst]), 0.0, at)

@@ -25,7 +25,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.fastest_drive import SPEED_ROUNDING
-from scp_planner.certificate.relaxation import FEW_CELLS, NotDecided, Relaxation
+from scp_planner.certificate.relaxation import CELLS, FEW_CELLS, SOME_CELLS, NotDecided, Relaxation
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -92,15 +92,32 @@ def lower_bound(
     inside = units.scenario(scenario)
     found = tuple(ZonesOf(inside)) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     deadline = np.inf if time_limit is None else began + time_limit
-    return _bound(inside, None if at_most is None else at_most / units.time, found, deadline) * units.time
+    return bound_among(inside, None if at_most is None else at_most / units.time, found, deadline) * units.time
 
 
-def _bound(scenario: Scenario, at_most: float | None, found: tuple[ThreatZone, ...], deadline: float) -> float:
-    """:func:`lower_bound` in natural units."""
+def bound_among(
+    scenario: Scenario, at_most: float | None, threat_zones: Sequence[ThreatZone], deadline: float = np.inf
+) -> float:
+    """Return :func:`lower_bound` of a scenario in natural units.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    at_most : float, optional
+        Travel time of a trip that is known, s.
+    threat_zones : sequence of ThreatZone
+    deadline : float
+        Of the clock of :func:`time.perf_counter`, s.
+
+    Returns
+    -------
+    float
+        s.
+    """
     least = kinematic_bound(scenario)
     if not scenario.obstacles:
         return least
-    return _Bisection(scenario, found, least, deadline).bound(at_most)
+    return _Bisection(scenario, tuple(threat_zones), least, deadline).bound(at_most)
 
 
 class _Bisection:
@@ -131,19 +148,25 @@ class _Bisection:
 
     def _look(self, at_most: float | None) -> None:
         if at_most is None:
-            for growth in GROWTH:
-                longest = growth * self.least
-                relaxation = self._relaxation(longest)
-                if relaxation.possible(longest):
-                    break
-                self.excluded = longest
-            else:
-                return
-        else:
-            longest = at_most
-            if longest <= self.least * (1.0 + PRECISION):
-                return
-            relaxation = self._relaxation(longest)
+            at_most = self._first_possible()
+        if at_most is None:
+            return
+        for cells in (SOME_CELLS, CELLS):
+            if at_most - self.excluded > PRECISION * self.least:
+                self._bisect(at_most, cells)
+
+    def _first_possible(self) -> float | None:
+        """A duration that cannot be excluded, s; None if there is none that is looked at."""
+        for growth in GROWTH:
+            longest = growth * self.least
+            if self._relaxation(longest, SOME_CELLS).possible(longest):
+                return longest
+            self.excluded = longest
+        return None
+
+    def _bisect(self, longest: float, cells: int) -> None:
+        """Exclude what can be excluded below a duration, with so many cells."""
+        relaxation = self._relaxation(longest, cells)
         while longest - self.excluded > PRECISION * self.least:
             middle = 0.5 * (self.excluded + longest)
             if relaxation.possible(middle):
@@ -151,8 +174,8 @@ class _Bisection:
             else:
                 self.excluded = middle
 
-    def _relaxation(self, longest: float) -> Relaxation:
-        return Relaxation(self.scenario, self.threat_zones, longest, deadline=self.deadline)
+    def _relaxation(self, longest: float, cells: int) -> Relaxation:
+        return Relaxation(self.scenario, self.threat_zones, longest, cells, self.deadline)
 
 
 def no_trip_within(

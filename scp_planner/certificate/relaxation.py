@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from math import hypot, sqrt
+from math import ceil, hypot, sqrt
 from time import perf_counter
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
-from scp_planner.certificate.cell_grid import CellGrid
+from scp_planner.arrays import Array, Index, Mask
+from scp_planner.certificate.cell_grid import CellGrid, Window
 from scp_planner.certificate.fastest_drive import LONGEST_STEP, ROUNDING, Speeds
 from scp_planner.certificate.inscribed import polygons_inside
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE
@@ -24,10 +23,12 @@ from scp_planner.threat_zones.bounds import ZoneBounds
 from scp_planner.threat_zones.zone import ThreatZone
 
 ALIGNED = 1.0 - 1e-6  # of a step that moves by whole cells
-CELLS = 700_000  # at most
+CELLS = 350_000  # at most, at an instant on average
+SOME_CELLS = 90_000  # for what a coarse look can exclude
 FEW_CELLS = 60_000  # for an answer in hundredths of a second
 MOST_WORK = 2e9  # cells at all instants together, and what zones cost: what a bound looks at, at most
 QUICK_WORK = 1e8  # the same of a quick proof
+LOOKS = 33  # at how far from the line a trip may be
 ZONE_WORK = 1000  # cells that cost as much as a zone
 
 
@@ -41,6 +42,11 @@ class _Resolution:
 
 
 RESOLUTIONS = (
+    _Resolution(0.1, 64, 64),
+    _Resolution(0.1, 64, 48),
+    _Resolution(0.1, 64, 32),
+    _Resolution(0.1, 64, 24),
+    _Resolution(0.1, 64, 16),
     _Resolution(0.1, 64, 12),
     _Resolution(0.1, 48, 8),
     _Resolution(0.15, 32, 8),
@@ -92,10 +98,15 @@ class Relaxation:
         self.frame = PlanningFrame.between(start.position, goal.position, start.time)
         self.box = Box.of(scenario, self.frame, 0.0)
         self.speeds = Speeds(scenario, longest)
+        self._most_driven = float(self.speeds.driven(np.array([longest]))[0])
         self.grid, step = self._grid(cells, len(threat_zones))
         # What touches a zone is not inside it.
         self.zones = ZoneBatch.of(threat_zones, self.frame, scenario.vehicle.radius - ROUNDING)
         self.times = self.speeds.instants(step)
+        self.driven = self.speeds.driven(self.times)
+        # Whoever is to arrive in time is not farther back; a window has room for all that can be reached by then.
+        back = self.distance - self.radius - ROUNDING - (self._most_driven - self.driven)
+        self.windows = self.grid.windows(back, self._aside(self.driven))
         self.in_time()
 
     def in_time(self) -> None:
@@ -105,7 +116,7 @@ class Relaxation:
 
     def _grid(self, cells: int, zones: int) -> tuple[CellGrid, float]:
         """The finest grid that has not too many cells, and its step, m."""
-        longest = float(self.speeds.driven(np.array([self.speeds.duration]))[0]) + self.radius + ROUNDING
+        longest = self._most_driven + self.radius + ROUNDING
         half = max(0.5 * longest, 0.5 * self.distance)
         across = sqrt(max(half**2 - 0.25 * self.distance**2, 0.0))
         low = np.array([0.5 * self.distance - half, -across])
@@ -122,30 +133,46 @@ class Relaxation:
         for resolution in RESOLUTIONS:
             step = self.speeds.top * resolution.time
             cell = np.array([step / resolution.columns, step / resolution.rows])
-            count = float(np.prod((high - low) / cell + 4.0))
+            room = 2 * resolution.columns + 4  # to both sides, and as far as a window moves
+            window = ceil((longest - self.distance + ROUNDING) / cell[0]) + 3
+            driven = np.linspace(0.0, self._most_driven, LOOKS)
+            aside = np.minimum(self._aside(driven), 0.5 * (high[1] - low[1]))
+            rows = float(np.mean(2.0 * aside)) / cell[1] + 4.0
+            count = rows * (min((high[0] - low[0]) / cell[0] + 4.0, window) + room)
             if count <= cells:
                 break
         instants = self.speeds.duration / LONGEST_STEP + longest / step
         if instants * (count + ZONE_WORK * zones) > work:
             raise NotDecided
-        return CellGrid(low, high, cell, resolution.columns + 2), ALIGNED * step
+        return CellGrid(low, high, cell, room, window), ALIGNED * step
+
+    def _aside(self, driven: Array) -> Array:
+        """How far from the line a trip may be that has driven so far at most, m, and is to arrive in time, m."""
+        here, there = driven + ROUNDING, self._most_driven - driven + self.radius + ROUNDING
+        # Half of the lens in which two discs meet, or of the smaller of them
+        apart = max(self.distance, ROUNDING)
+        along = (apart**2 + here**2 - there**2) / (2.0 * apart)
+        lens = np.sqrt(np.maximum(here**2 - along**2, 0.0))
+        aside: Array = np.where(along <= 0.0, here, np.where(along >= apart, there, lens))
+        return aside
 
     @cached_property
     def allowed(self) -> list[int]:
         """Cells that are not wholly in a zone, outside the workspace or too far from the start, at each instant."""
-        batch, driven = self.zones, self.speeds.driven(self.times)
-        (standing,) = self._free(batch.subset(batch.standing), self.times[:1])
-        standing &= self.grid.inside(self.box)
-        found = []
-        for distance, free in zip(driven, self._free(batch.subset(batch.moving), self.times), strict=True):
+        batch, grid, found = self.zones, self.grid, []
+        standing = self._spans(batch.subset(batch.standing), self.times[:1])[0]
+        moving = self._spans(batch.subset(batch.moving), self.times)
+        for window, distance, spans in zip(self.windows, self.driven.tolist(), moving, strict=True):
             self.in_time()
-            free &= standing
-            free &= self.grid.disc((0.0, 0.0), float(distance) + ROUNDING)
-            found.append(self.grid.packed(free))
+            free = self._outside_of([standing, spans], window)
+            free &= grid.disc((0.0, 0.0), distance + ROUNDING, window)
+            if len(self.box.offsets):
+                free &= grid.inside(self.box, window)
+            found.append(grid.packed(free))
         return found
 
-    def _free(self, batch: ZoneBatch, times: Array) -> Iterator[Mask]:
-        """Cells that are not wholly in some part of a zone, at each time."""
+    def _spans(self, batch: ZoneBatch, times: Array) -> list[Index]:
+        """Rows, first columns, and columns after the last, of cells that are wholly in zones, (3, n) at each time."""
         grid = self.grid
         low, high = grid.origin, grid.origin + grid.cell * [grid.columns, grid.rows]
         spans = [np.zeros((4, 0), dtype=np.intp)]
@@ -154,15 +181,21 @@ class Relaxation:
             place, row, begin, end = grid.covered(polygons)
             spans.append(np.stack([instants[place], row, begin, end]))
         every = np.concatenate(spans, axis=1)
-        instant, row, begin, end = every[:, np.argsort(every[0], kind="stable")]
-        bounds = np.searchsorted(instant, np.arange(len(times) + 1))
-        for first, last in pairwise(bounds.tolist()):
-            mine = slice(first, last)
-            depth = np.zeros((grid.rows, grid.stride), dtype=np.int16)
-            np.add.at(depth, (row[mine], begin[mine]), 1)
-            np.add.at(depth, (row[mine], end[mine]), -1)
-            free: Mask = np.cumsum(depth, axis=1, dtype=np.int16) == 0
-            yield free
+        every = every[:, np.argsort(every[0], kind="stable")]
+        bounds = np.searchsorted(every[0], np.arange(len(times) + 1))
+        return [every[1:, first:last] for first, last in pairwise(bounds.tolist())]
+
+    def _outside_of(self, spans: list[Index], window: Window) -> Mask:
+        """Cells of a window that are not in spans, (rows, stride)."""
+        grid = self.grid
+        depth = np.zeros((window.rows, grid.stride), dtype=np.int16)
+        for some in spans:
+            row, begin, end = some[:, (some[0] >= window.row) & (some[0] < window.row + window.rows)]
+            row = row - window.row
+            np.add.at(depth, (row, np.clip(begin - window.column, 0, grid.window)), 1)
+            np.add.at(depth, (row, np.clip(end - window.column, 0, grid.window)), -1)
+        free: Mask = np.cumsum(depth, axis=1, dtype=np.int16) == 0
+        return free
 
     @cached_property
     def goal_is_free(self) -> list[bool]:
@@ -187,16 +220,19 @@ class Relaxation:
         instants = np.append(times[times < duration], duration)
         driven = speeds.driven(instants)
         steps, remaining = np.diff(driven), driven[-1] - driven
-        reached = grid.start
-        for k, step in enumerate(steps):
+        reached = grid.start(self.windows[0])
+        for k, (step, window) in enumerate(zip(steps, self.windows, strict=False)):
             self.in_time()
             if k > 0:
-                reached = grid.reached_from(reached, float(steps[k - 1])) & self.allowed[k]
-                reached &= grid.packed(grid.disc(goal, float(remaining[k]) + self.radius))
+                moved = window.bits_after(self.windows[k - 1], grid.stride)
+                reached = grid.reached_from(reached, float(steps[k - 1]))
+                reached = reached >> moved if moved >= 0 else reached << -moved
+                reached &= self.allowed[k]
+                reached &= grid.packed(grid.disc(goal, float(remaining[k]) + self.radius, window))
             if not reached:
                 return False
             near_enough = driven[k + 1] + self.radius + ROUNDING >= self.distance
             if near_enough and instants[k + 1] >= waits_until and self.goal_is_free[k]:
-                if reached & grid.packed(grid.disc(goal, float(step) + self.radius)):
+                if reached & grid.packed(grid.disc(goal, float(step) + self.radius, window)):
                     return True
         return False

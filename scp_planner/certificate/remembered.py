@@ -59,6 +59,7 @@ class Motion:
         mine, other = self.scenario, checked.scenario
         return (
             self.space is checked.trajectory.space
+            and checked.tube is None  # the discs are without one
             and mine.vehicle is other.vehicle
             and mine.goal is other.goal
             and mine.bounds is other.bounds

@@ -38,6 +38,7 @@ from scp_planner.cli.options import (
     load_scenario,
 )
 from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
+from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
     from scp_planner.batch.executor import Executor
@@ -202,8 +203,8 @@ def compare(
 
     start_logging(quiet, verbose)
     check_target("--output", output)
-    pictures.check_picture("--plot", plot, suffixes=pictures.FIGURE_SUFFIXES)
-    settings = replace(Settings(), **keyword_settings(assignments, None))
+    pictures.check_picture("--plot", plot, suffixes=FIGURE_SUFFIXES)
+    settings = Settings.from_text(assignments or ())
     scenarios = [load_scenario(file) for file in scenario_files]
     chosen = methods or [compared.Method.SCP, compared.Method.LBFGS]
     with progress_bar(len(scenarios) * starts * len(chosen), "trial", quiet) as bar:

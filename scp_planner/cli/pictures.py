@@ -4,27 +4,17 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from scp_planner.cli.options import bad_option, check_target
+from scp_planner.settings.pictures import FIGURE_SUFFIXES, FILM_SUFFIXES, View
 
 PAGE_SUFFIX = ".html"
-FILM_SUFFIXES = (".gif", ".mp4")
-FIGURE_SUFFIXES = (".pdf", ".png", ".svg")
 MOVING_SUFFIXES = (*FILM_SUFFIXES, PAGE_SUFFIX)
 PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *MOVING_SUFFIXES)
-
-
-class View(StrEnum):
-    """What a figure shows."""
-
-    MAP = "map"
-    SPACE_TIME = "space-time"
-    PROFILES = "profiles"
 
 
 PictureView = Annotated[

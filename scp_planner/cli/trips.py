@@ -36,6 +36,7 @@ from scp_planner.cli.options import (
     load_scenario,
 )
 from scp_planner.cli.output import progress_bar, report, start_logging, tell, waiting
+from scp_planner.settings.pictures import FIGURE_SUFFIXES, View
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -87,7 +88,7 @@ def plan(
         Path | None,
         typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
     ] = None,
-    view: pictures.PictureView = pictures.View.MAP,
+    view: pictures.PictureView = View.MAP,
     motion: MotionModel = None,
     method: MethodName = Method.SCP,
     solver: SolverName = None,
@@ -143,7 +144,7 @@ def simulate(
         Path | None, typer.Option("--animate", help="Animate the run: .gif, .mp4; .html to look at in a browser.")
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the run: .png, .pdf or .svg.")] = None,
-    view: pictures.PictureView = pictures.View.MAP,
+    view: pictures.PictureView = View.MAP,
     noise: Annotated[
         float | None,
         typer.Option(
@@ -175,7 +176,7 @@ def simulate(
     check_number("--rate", rate, SLOWEST_RATE)
     check_target("--output", output, scenario_file)
     pictures.check_picture("--animate", animation, scenario_file, pictures.MOVING_SUFFIXES)
-    pictures.check_picture("--plot", plot, scenario_file, pictures.FIGURE_SUFFIXES, view)
+    pictures.check_picture("--plot", plot, scenario_file, FIGURE_SUFFIXES, view)
     run = _drive(load_scenario(scenario_file, motion), noise, rate, seed, quiet, solver, assignments)
     if output is not None:
         run.save(output)

@@ -8,11 +8,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.scenario.process_model import (
     MeanRevertingVelocity,
     ProcessModel,
@@ -25,7 +25,7 @@ _SERIES = 0.05  # below this many time constants a series is used
 _SERIES_TERMS = 10
 _LAG_DIGITS = 12  # after the point, s, that tell lags apart
 _QUADRATURE = 1.0  # below this many time constants quadrature is used
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)  # exact to rounding for lags that short
+_NODES = 10  # of Gauss' rule: exact to rounding for lags that short
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,9 @@ class MeanReverting(Dynamics):
         q = np.zeros((*lag.shape, 3, 3))
         # (z - 2 (1 - e^-z) + (1 - e^-2z) / 2) tau^3, by series where it cancels
         long = tau**3 * (z - 2.0 * fall - 0.5 * np.expm1(-2.0 * z))
-        q[..., 0, 0] = np.where(z < _QUADRATURE, _quadrature(lambda s: (s * _phi1(s / tau)) ** 2, lag), long)
+        near = z < _QUADRATURE
+        q[..., 0, 0] = long
+        q[near, 0, 0] = _quadrature(lambda s: (s * _phi1(s / tau)) ** 2, lag[near])
         q[..., 0, 1] = q[..., 1, 0] = 0.5 * (tau * fall) ** 2
         q[..., 1, 1] = -0.5 * tau * np.expm1(-2.0 * z)
         return self.diffusion * q
@@ -260,15 +262,17 @@ class Singer(Dynamics):
         }
         q = np.empty((*lag.shape, 3, 3))
         for (i, j), twice in closed.items():
-            short = _quadrature(partial(self._response, i, j), lag)
-            q[..., i, j] = q[..., j, i] = np.where(z < _QUADRATURE, short, 0.5 * twice)
+            q[..., i, j] = q[..., j, i] = 0.5 * twice
+        near = z < _QUADRATURE  # where the closed form cancels
+        half, rule = 0.5 * lag[near][:, None], gauss_rule(_NODES)
+        responses = self._responses(half * (1.0 + rule.nodes))
+        q[near] = ((half * rule.weights)[:, None] * responses) @ np.swapaxes(responses, -1, -2)
         return 2.0 * self.deviation**2 / tau * q
 
-    def _response(self, i: int, j: int, since: Array) -> Array:
-        """Multiply the responses of states i and j to a unit impulse on the acceleration, a time ago."""
+    def _responses(self, since: Array) -> Array:
+        """Respond to a unit impulse on the acceleration, times since (n, K) ago: states (n, 3, K)."""
         z = since / self.time_constant
-        states = (since**2 * _phi2(z), since * _phi1(z), np.exp(-z))
-        return states[i] * states[j]
+        return np.stack((since**2 * _phi2(z), since * _phi1(z), np.exp(-z)), axis=1)
 
     def prior(self, velocity_variance: float) -> Array:
         """Spread the velocities; accelerations as always."""
@@ -317,5 +321,5 @@ def _phi2(z: Array) -> Array:
 
 def _quadrature(integrand: Callable[[Array], Array], lag: Array) -> Array:
     """Integrate over [0, lag] for each lag."""
-    half = 0.5 * lag[..., None]
-    return np.sum(half * _WEIGHTS * integrand(half * (1.0 + _NODES)), axis=-1)
+    half, rule = 0.5 * lag[..., None], gauss_rule(_NODES)
+    return np.sum(half * rule.weights * integrand(half * (1.0 + rule.nodes)), axis=-1)

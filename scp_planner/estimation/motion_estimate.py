@@ -11,7 +11,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors
+from scp_planner.mathematics.quadrature import gauss_rule
 
 POLYNOMIAL_TERMS = 5  # degree 4: the covariance of a quadratic motion
 _LENGTH_TOLERANCE = 1e-7  # relative, of a standardised length
@@ -311,22 +311,15 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
 
 def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> float:
     """Integrate a smooth function >= 0 by Gauss-Legendre panels, doubled until two answers agree."""
-    previous, panels = math.inf, 2
-    nodes, weights = _gauss_legendre()
+    previous, panels, rule = math.inf, 2, gauss_rule(_PANEL_NODES)
     while True:
         edges = np.linspace(start, stop, panels + 1)
         half = 0.5 * (stop - start) / panels
-        values = speed((edges[:-1, None] + half * (1.0 + nodes)).ravel())
-        total = half * float(values.reshape(panels, -1).sum(axis=0) @ weights)
+        values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
+        total = half * float(values.reshape(panels, -1).sum(axis=0) @ rule.weights)
         if abs(total - previous) <= _LENGTH_TOLERANCE * total or panels >= _MOST_PANELS:
             return total
         previous, panels = total, 2 * panels
-
-
-@lru_cache(maxsize=1)
-def _gauss_legendre() -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(_PANEL_NODES)
-    return nodes, weights
 
 
 def shift_powers(count: int, shift: float, scale: float) -> Array:

@@ -11,7 +11,8 @@ with at least the probability asked for, if it could have stood at any place amo
 load, controller and ground. It says nothing of speeds and turns that were not recorded, and refuses to.
 
 The tube increases in v and in v^2 |kappa|, so its value at the largest of both bounds it over a whole trip: `bound`
-gives that of all that a vehicle may do, as one number for ``OnlineSettings.tracking_error``.
+gives that of all that a vehicle may do, as one number for ``OnlineSettings.tracking_error``. ``certify`` takes the tube
+itself: then each piece of a trip has the room that its own speed and its own turns need.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from scp_planner.estimation.conformal import conformal_quantile
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Vehicle
+    from scp_planner.scenario.units import NaturalUnits
 
 LEAST_FORM = 0.01
 """Of the mean error: what the form is at least, so that no error is infinitely many times as large."""
@@ -146,6 +148,18 @@ class TrackingTube:
                 raise EstimationError(f"{name}: must be from 0 to {most:g}, the largest one recorded")
         radius: Array = self.standing + self.per_speed * pace + self.per_lateral * turn
         return radius
+
+    def inside(self, units: NaturalUnits) -> TrackingTube:
+        """Return the tube in the units of a scene."""
+        return TrackingTube(
+            self.standing / units.length,
+            self.per_speed / units.time,
+            self.per_lateral / units.time**2,
+            self.max_speed / units.speed,
+            self.max_lateral / units.factor("m/s2"),
+            self.probability,
+            self.records,
+        )
 
     def bound(self, vehicle: Vehicle) -> float:
         """Return the largest radius over all that a vehicle may do.

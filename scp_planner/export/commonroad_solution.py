@@ -78,7 +78,8 @@ def export_commonroad_solution(
     body = car_named(name, moved)
     if cost not in COSTS:
         raise ValueError(f"cost: must be one of {', '.join(COSTS)}, not {cost!r}")
-    world, chosen = read_commonroad(commonroad_file, problem)
+    file = read_commonroad(commonroad_file, problem)
+    world, chosen = file.world, file.problem
     from commonroad.common import solution
     from commonroad.scenario.trajectory import Trajectory
 

@@ -17,6 +17,7 @@ from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Vetted
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
@@ -28,6 +29,33 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
+
+
+AWAY = (Outcome.BRAKING, Outcome.EVADING)
+"""Outcomes that do not lead to the goal."""
+
+
+class Waiting:
+    """Counts the time in which the vehicle comes no nearer to its goal than it was; coming nearer makes up for it.
+
+    Parameters
+    ----------
+    goal : (x, y)
+        m.
+    """
+
+    def __init__(self, goal: tuple[float, float]) -> None:
+        self._goal = goal
+        self._nearest, self._clock, self._waited = math.inf, math.inf, 0.0
+
+    def waited(self, now: Replan) -> float:
+        """Take note of a replan and return the time, s."""
+        state = now.moment.state
+        away, passed = math.dist(state.position, self._goal), max(state.time - self._clock, 0.0)
+        nearer = away < self._nearest
+        self._waited = max(self._waited + (-passed if nearer else passed), 0.0)
+        self._nearest, self._clock = min(away, self._nearest), state.time
+        return self._waited
 
 
 class Decision:
@@ -43,6 +71,7 @@ class Decision:
         self._looks, self._fallback = Looks(means), Fallback(means)
         self._improved = 0
         self._good_enough = True
+        self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
         """Whether a position, (2,), is the goal: nearly there or within its radius, and the tracking error."""
@@ -51,8 +80,15 @@ class Decision:
 
     def answer(self, now: Replan) -> OnlinePlan:
         """Give the plan of one replan."""
+        self._fallback.be_patient(self._waiting.waited(now))
+        plan = self._answer(now)
+        if self._means.online.give_way is GiveWay.LATE or plan.arrived or plan.outcome in AWAY:
+            return plan
+        return self._fallback.sooner(now, plan)
+
+    def _answer(self, now: Replan) -> OnlinePlan:
         last = now.last
-        if last is not None and last.outcome in (Outcome.BRAKING, Outcome.EVADING):
+        if last is not None and last.outcome in AWAY:
             last = None
         if self.is_there(now.moment.state.position):
             return self._at_the_goal(now, last)

@@ -1,15 +1,16 @@
 """Out of the way: what is driven where no trip to the goal can be left for a stop that stays clear.
 
 What is promised is that the vehicle is not hit, not that it stands. So it leaves along a dodge
-(`scp_planner.online.dodges`) that keeps clear until it stands, and for a while after that. Of several such the one that
-ends nearest to the goal is driven, so that a goal that is blocked for now is approached as near as is safe. Where
-there is none, the one that keeps clear for longest is driven, and of those the one that comes least deep into zones.
+(`scp_planner.online.dodges`) that keeps clear until it stands, and for a while after that. Of several such the one is
+driven that soon gains most of the way to the goal, less what its nearness to zones is worth: people turn by more than
+their zones allow for, and who is near cannot be evaded then. Where there is none, what counts too is how soon and how
+deep they come into zones.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,17 +21,32 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import Outcome
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
+from scp_planner.online.way_left import way_left
 from scp_planner.scenario.limits import Box, Limits
+from scp_planner.scenario.models import Steering
 from scp_planner.trips.trip import Trip
 
 TRIED = 4
 """Dodges that are certified in one replan, at most."""
-ROOM = 1.0
-"""Widths of the vehicle. More room than this is no better."""
-ROOM_WORTH = 0.5
-"""Of the room that a dodge keeps, against the way to the goal that it leads on."""
-ENOUGH = 1.0
-"""Times that a stop must stay clear. Where no dodge is safe, keeping clear for longer than this is no better."""
+GAIN = 5.0 / 3.0
+"""Moments: the times in which the vehicle drives its own width at top speed. The way to the goal that a dodge gains is
+taken at this time: what comes later is decided by later replans."""
+NEARNESS = 2.0
+"""Widths of way that a moment of touching a zone is worth, if it were now."""
+CLOSE, CLOSER = 1.0 / 6.0, 1.0 / 20.0
+"""Widths, and widths a moment: by so much more clearance nearness falls to 1 / e, now, and how this grows with time."""
+FADING = 0.9
+"""A moment: how soon nearness that is to come counts less, since there will be replans until then."""
+BETTER = 0.1
+"""Widths of way by which a dodge must do better for the vehicle to leave a trip."""
+PATIENCE = 10.0
+"""Moments without coming nearer to the goal, after which nearness counts half."""
+OUTLOOK = 5.0
+"""Moments for which nearness counts."""
+HARM = 50.0
+"""Widths of way that a width of depth in a zone is worth, if it were now, where nothing is safe..."""
+HARM_AT_ALL = 1.0 / 6.0
+"""...and widths that count for any depth."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +108,28 @@ class _Outlook:
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
     away : (C, J) array
-        What is left of the way to the goal, m.
+        What is left of the way to the goal, m, as the vehicle can turn.
+    worth : (C,) array
+        What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones.
+    harm : (C,) array
+        What speaks against those that are not safe, m.
     """
 
     least: Array
     whose: Index
     clear: Array
     away: Array
+    worth: Array
+    harm: Array
+
+
+@dataclass(frozen=True)
+class _View:
+    """A moment, its dodges, and what is seen of them."""
+
+    moment: Moment
+    dodges: Dodges
+    seen: _Outlook
 
 
 class Evasion:
@@ -111,15 +142,49 @@ class Evasion:
 
     def __init__(self, means: Means) -> None:
         self._means = means
+        self._view: _View | None = None
+        self._patience = 1.0
 
-    def safest(self, now: Replan) -> Dodge:
-        """Return the dodge that is certified and ends nearest to the goal, or the one that is clear for longest."""
+    def be_patient(self, waited: float) -> None:
+        """Say for how long the vehicle has come no nearer to its goal, s: the longer, the less nearness counts.
+
+        So a vehicle does not wait for ever for more room than there is.
+        """
+        vehicle = self._means.given.vehicle
+        lasts = PATIENCE * 2.0 * vehicle.radius / vehicle.max_speed
+        self._patience = lasts / (lasts + waited)
+
+    def safest(self, now: Replan) -> Dodge | None:
+        """Return the certified dodge that is worth most; None if none is certified."""
+        dodges, seen = self._looked(now)
+        return self._first_safe(now, now.moment, dodges, seen)
+
+    def least_harmful(self, now: Replan) -> Dodge:
+        """Return the dodge that does least harm, where none is safe."""
+        dodges, seen = self._looked(now)
+        return self._made(now.moment, dodges, seen, self._least_harm(seen))
+
+    def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
+        """A certified dodge that does clearly better than going on with a trip; None if there is none.
+
+        Parameters
+        ----------
+        now : Replan
+        trip : Trip
+            That is safe too.
+
+        Returns
+        -------
+        Dodge or None
+        """
         moment = now.moment
-        dodges = self._dodges(moment)
-        seen = self._look(moment, dodges)
+        dodges, seen = self._looked(now)
+        worth = self._worth_of(moment, trip, dodges.times)
         now.lap("evasion")
-        safe = self._first_safe(now, moment, dodges, seen)
-        return safe or self._made(moment, dodges, seen, self._longest_clear(moment, dodges, seen))
+        better = seen.worth > worth + BETTER * 2.0 * moment.scenario.vehicle.radius
+        if not (better & np.isinf(seen.clear)).any():
+            return None
+        return self._first_safe(now, moment, dodges, replace(seen, clear=np.where(better, seen.clear, 0.0)))
 
     def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
         """Where no dodge is safe: one that is at the highest lower level at which any is.
@@ -146,15 +211,22 @@ class Evasion:
         return None
 
     def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: _Outlook) -> Dodge | None:
-        """The certified one that ends nearest to the goal, among the zones of a moment; None if there is none."""
+        """The certified one that is worth most, among the zones of a moment; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
-        worth = self._worth(moment, seen, np.full(len(seen.clear), -1))
-        for number in clear[np.argsort(-worth[clear], kind="stable")][:TRIED].tolist():
+        for number in clear[np.argsort(-seen.worth[clear], kind="stable")][:TRIED].tolist():
             found = self._made(moment, dodges, seen, number)
             now.lap("certificate")
             if found.safe:
                 return found
         return None
+
+    def _looked(self, now: Replan) -> tuple[Dodges, _Outlook]:
+        """The dodges of a moment and what is seen of them, which is looked at once."""
+        if self._view is None or self._view.moment is not now.moment:
+            dodges = self._dodges(now.moment)
+            self._view = _View(now.moment, dodges, self._look(now.moment, dodges))
+            now.lap("evasion")
+        return self._view.dodges, self._view.seen
 
     def _dodges(self, moment: Moment) -> Dodges:
         state = moment.state
@@ -164,35 +236,48 @@ class Evasion:
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
         vehicle = moment.scenario.vehicle
-        least, whose = dodges.distances(moment.batch, Box.of(moment.scenario, moment.frame, 0.0), vehicle)
-        least = np.where(dodges.times > dodges.until[:, None], np.inf, least)
+        near, whose = dodges.distances(moment.batch, Box.of(moment.scenario, moment.frame, 0.0), vehicle)
+        least = np.where(dodges.times > dodges.until[:, None], np.inf, near)
         entered = least < self._means.settings.clearance_margin
         clear = np.where(entered.any(axis=1), dodges.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        away = np.hypot(dodges.position[..., 0] - goal[0], dodges.position[..., 1] - goal[1])
-        return _Outlook(least, whose, clear, away)
+        away = way_left(dodges.position, dodges.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
+        width = 2.0 * vehicle.radius
+        time = dodges.times * vehicle.max_speed / width
+        gained = away[:, 0] - _at(GAIN, time, away)
+        worth = gained - width * NEARNESS * self._patience * nearness(time, near / width)
+        return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
 
-    def _worth(self, moment: Moment, seen: _Outlook, sample: Index) -> Array:
-        """What speaks for each dodge besides being safe, (C,) m: how near to the goal it is at a sample, and room."""
-        width = 2.0 * moment.scenario.vehicle.radius
-        room = np.minimum(seen.least.min(axis=1), ROOM * width)
-        worth: Array = ROOM_WORTH * room - seen.away[np.arange(len(sample)), sample]
-        return worth
+    def _worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
+        """What speaks for a trip, m, as for dodges; foreseen zones, where it is not certified, speak against it."""
+        vehicle, begin = moment.scenario.vehicle, moment.state.time
+        width = 2.0 * vehicle.radius
+        ahead = times[times <= (OUTLOOK + 1.0) * width / vehicle.max_speed]
+        points, _ = trip.at(begin + ahead)
+        place = points.path.position
+        clock = ahead + (begin - trip.frame.time)
+        least = moment.batch_in(trip.frame).distances(clock, place, width).min(axis=1, initial=np.inf)[None]
+        time = ahead * vehicle.max_speed / width
+        # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
+        driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
+        over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
+        gained = _at(GAIN, time, (driven + vehicle.max_speed * over)[None])
+        least = np.where(over > 0.0, np.inf, least)
+        worth = gained - width * NEARNESS * self._patience * nearness(time, least / width)
+        return float(worth[0] - width * harm(time, least / width)[0])
 
-    def _longest_clear(self, moment: Moment, dodges: Dodges, seen: _Outlook) -> int:
-        """Where no dodge is safe: the one that keeps clear for longest, and of those the one that comes least deep.
+    @staticmethod
+    def _least_harm(seen: _Outlook) -> int:
+        """Where no dodge is safe: the one that does best, by what it gains and by how soon and deep it enters zones."""
+        return int(np.argmax(seen.worth - seen.harm))
 
-        What enters a zone before the vehicle could stop is judged by depth alone: late is not gentle.
-        """
-        soon = self._soon(moment)
-        long = min(self._means.wait * ENOUGH, float(dodges.times[-1]))
-        lasts = np.minimum(np.minimum(seen.clear, dodges.until), max(long, soon))
-        lasts = np.where(lasts > soon, lasts, 0.0)
-        depth = -np.minimum(seen.least, 0.0).sum(axis=1)
-        worth = self._worth(moment, seen, np.searchsorted(dodges.times, lasts).clip(max=len(dodges.times) - 1))
-        if lasts.any():
-            return int(np.lexsort((depth, -worth, -lasts))[0])
-        return int(np.lexsort((-worth, depth))[0])
+    @staticmethod
+    def _tightest(moment: Moment) -> float:
+        """Radius of the tightest turn of a vehicle that drives along its heading, m; 0 where that is free."""
+        vehicle = moment.scenario.vehicle
+        if moment.state.heading is None or vehicle.steering is not Steering.AHEAD or not vehicle.max_curvature:
+            return 0.0
+        return 1.0 / vehicle.max_curvature
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""
@@ -227,3 +312,53 @@ class Evasion:
         if nearest == number or np.isinf(seen.clear[nearest]):
             return None
         return self._threat(moment, seen, nearest)
+
+
+def nearness(time: Array, clearance: Array) -> Array:
+    """How near dodges come to zones, and how soon: the integral over time of exp(-clearance / close) / (1 + fading t).
+
+    Who is near may turn towards the vehicle at any moment, by more than any zone allows for; who is far is evaded then.
+
+    Parameters
+    ----------
+    time : (J,) array
+        From now on, in moments, see `GAIN`; evenly spaced.
+    clearance : (C, J) array
+        In widths of the vehicle.
+
+    Returns
+    -------
+    (C,) array
+        Moments of touching now that would be as near.
+    """
+    weight = np.where(time <= OUTLOOK, time[1] - time[0], 0.0) / (1.0 + FADING * time)
+    # How deep it is inside of a zone is not judged here.
+    near: Array = np.exp(-np.maximum(clearance, -CLOSE) / (CLOSE + CLOSER * time)) @ weight
+    return near
+
+
+def harm(time: Array, clearance: Array) -> Array:
+    """What entering zones does, the worst of it: its depth, and less if it is later.
+
+    Parameters
+    ----------
+    time : (J,) array
+        From now on, in moments.
+    clearance : (C, J) array
+        In widths of the vehicle.
+
+    Returns
+    -------
+    (C,) array
+        Widths of way.
+    """
+    depth = np.where(clearance < 0.0, HARM_AT_ALL - clearance, 0.0)
+    worst: Array = HARM * (depth / (1.0 + FADING * time)).max(axis=1)
+    return worst
+
+
+def _at(time: float, times: Array, values: Array) -> Array:
+    """Values (C, J) at a time, (C,), of those at times (J,)."""
+    after = int(np.searchsorted(times, time).clip(1, len(times) - 1))
+    share = min((time - times[after - 1]) / (times[after] - times[after - 1]), 1.0)
+    return np.asarray(values[:, after - 1] + share * (values[:, after] - values[:, after - 1]))

@@ -19,6 +19,7 @@ from scp_planner.online.vetting import Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
+from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -42,6 +43,10 @@ class Fallback:
         self._means = means
         self._evasion = Evasion(means)
 
+    def be_patient(self, waited: float) -> None:
+        """Say for how long the vehicle has come no nearer to its goal, s."""
+        self._evasion.be_patient(waited)
+
     def fall_back(
         self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, why: str
     ) -> OnlinePlan:
@@ -62,19 +67,29 @@ class Fallback:
                 return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
         return self._give_way(now, problem, ahead, why)
 
+    def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:
+        """Get out of the way where that is clearly better than a plan that would do."""
+        dodge = self._evasion.sooner(now, plan.trip)
+        if dodge is None:
+            return plan
+        return self._dodging(now, dodge, "there is more room for it than on the way")
+
+    def _dodging(self, now: Replan, dodge: Dodge, why: str) -> OnlinePlan:
+        stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
+        text = f"{_what(dodge)}: {why}{'' if dodge.moves else '; the vehicle stands'}"
+        return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
+
     def _give_way(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
-        """Get out of the way, or stand where that is as safe; or else do what is clear for longest."""
+        """Get out of the way, or stand where that is as safe; or else do what does least harm."""
         dodge = self._evasion.safest(now)
-        if dodge.safe:
-            stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
-            text = f"{_what(dodge)}: {why}{'' if dodge.moves else '; the vehicle stands'}"
-            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
+        if dodge is not None:
+            return self._dodging(now, dodge, why)
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower
             text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
             return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
-        return self._brake(now, problem, ahead, why, dodge)
+        return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
@@ -136,8 +151,11 @@ class Fallback:
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
-        if stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
-            text = f"{why}; nothing is safe, this keeps clear for longest, {dodge.clear * self._means.units.time:.3g} s"
+        early = self._means.online.give_way is GiveWay.EARLY
+        if early or stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
+            text = (
+                f"{why}; nothing is safe, this does least harm, clear for {dodge.clear * self._means.units.time:.3g} s"
+            )
             threat = "" if dodge.threat is None else f", then comes near to {dodge.threat}"
             return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text + threat)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"

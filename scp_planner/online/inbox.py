@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from threading import Lock
 
 from scp_planner.arrays import Array
+from scp_planner.online import frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.track import Seen
 from scp_planner.online.updates import Forecast, Update
 from scp_planner.scenario.units import NaturalUnits
 
@@ -34,12 +37,6 @@ class Sighting:
     time: float
     position: tuple[float, float]
     covariance: Array | None
-
-    def taken_in(self, obstacles: ObstacleTracks) -> str | None:
-        """Let the obstacles take it in; say what is wrong with it, if it was not used."""
-        if self.obstacle not in obstacles.tracks:
-            return None
-        return obstacles.observe(self.obstacle, self.time, self.position, self.covariance)
 
 
 class Inbox:
@@ -73,8 +70,17 @@ class Inbox:
         return bool(self._queue)
 
     def put(self, one: Sighting | Update | Forecast) -> None:
-        """Take an observation, or what a tracker or a predictor says; a replan that is at work takes it in itself."""
+        """Take an observation, or what a tracker or a predictor says.
+
+        What is seen at about the same time is taken in together: when it is needed, or when there is as much of it as
+        there are obstacles. A replan that is at work takes it in itself.
+        """
         self._queue.append(one)
+        if len(self._queue) >= len(self.obstacles.tracks):
+            self.settle()
+
+    def settle(self) -> None:
+        """Let the obstacles take in what has been observed, if nobody is at work on them."""
         if self.work.acquire(blocking=False):
             try:
                 self.take_in()
@@ -83,14 +89,34 @@ class Inbox:
 
     def take_in(self) -> None:
         """Let the obstacles take in what has been observed."""
+        frame: dict[str, Sighting] = {}
         while self._queue:
             one = self._queue.popleft()
-            if isinstance(one, Forecast):
-                one.taken_in(self.obstacles)
+            if isinstance(one, Sighting) and one.obstacle not in frame:
+                frame[one.obstacle] = one
                 continue
-            fault = one.taken_in(self.obstacles)
-            if fault is not None:
-                self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
+            self._take_in_frame(frame)
+            frame = {}
+            if isinstance(one, Sighting):
+                frame[one.obstacle] = one
+            elif isinstance(one, Forecast):
+                one.taken_in(self.obstacles)
+            else:
+                self._note(one, one.taken_in(self.obstacles))
+        self._take_in_frame(frame)
+
+    def _take_in_frame(self, frame: Mapping[str, Sighting]) -> None:
+        some = [one for name, one in frame.items() if name in self.obstacles.tracks]
+        if not some:
+            return
+        seen = [Seen(one.time, one.position, one.covariance) for one in some]
+        said = frames.take_in(self.obstacles, [one.obstacle for one in some], seen)
+        for one, fault in zip(some, said, strict=True):
+            self._note(one, fault)
+
+    def _note(self, one: Sighting | Update, fault: str | None) -> None:
+        if fault is not None:
+            self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 
     def forget(self, time: float) -> None:
         """Forget the obstacles that have not been seen for long, at a time, s."""

@@ -46,24 +46,31 @@ def _limits(probability: float) -> Array:
     return np.asarray(2.0 * gammainccinv(np.array(WINDOWS, dtype=float), probability))
 
 
-def windows_of(innovations: Array, probability: float = RARE) -> Array:
+def cut(innovations: Array) -> Array:
+    """Give standardised innovations (2, ...) as windows look at them: cut at `WILD`, and their squares, (3, ...)."""
+    x, y = innovations
+    squares = x * x + y * y
+    within = np.minimum(squares, WILD**2)
+    share = np.sqrt(within / np.maximum(squares, WILD**2 * 1e-9))
+    return np.stack([share * x, share * y, within])
+
+
+def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) -> Array:
     """How improbable the newest innovations are, window by window.
 
     Parameters
     ----------
-    innovations : (..., ring, 2)
-        Standardised, the newest last; 0 where there is none.
+    x, y, squares : (..., ring, n)
+        Of the newest innovations, as `cut` gives them, the newest last; 0 where there is none.
     probability : float
         Of a window to be called improbable though all is as it is taken for.
 
     Returns
     -------
-    (..., windows)
+    (..., windows, n)
         The larger of what trend and size are as multiples of their limits; above 1: improbable.
     """
-    x, y = innovations[..., 0], innovations[..., 1]
-    squares = x * x + y * y
-    cut = np.minimum(squares, WILD**2)
-    share = np.sqrt(cut / np.maximum(squares, WILD**2 * 1e-9))
-    trends = ((share * x) @ _weights()) ** 2 + ((share * y) @ _weights()) ** 2
-    return np.asarray(np.maximum(trends / (-2.0 * np.log(probability)), cut @ _members() / _limits(probability)))
+    trends = (_weights().T @ x) ** 2
+    trends += (_weights().T @ y) ** 2
+    trends /= -2.0 * np.log(probability)
+    return np.asarray(np.maximum(trends, (_members() / _limits(probability)).T @ squares))

@@ -14,6 +14,7 @@ from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
+from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.track import Prediction, Track
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
@@ -189,6 +190,10 @@ def _made(
     tracks: Sequence[Track], start: float, center: Array, covariance: Array, scales: Sequence[float]
 ) -> list[ThreatZone]:
     """Zones of centres (K, p, 2) and covariances (K, m, 3), polynomials of the time since the start, and scales."""
+    first = tracks[0].estimator
+    if first is not None and first.bank is not None:
+        slots = [track.estimator.slot for track in tracks if track.estimator is not None]
+        first.bank.foretold.put(np.array(slots, dtype=np.intp), start, center, covariance)
     scaled = np.array(scales)[:, None, None] * covariance
     breaks = np.array([[start, start + HORIZON]])
     zones = []
@@ -285,7 +290,7 @@ def _lengths(spread: Array, start: Array, stop: Array) -> Array:
 
 @cache
 def _quadrature() -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    rule = gauss_rule(NODES)
     edges = np.arange(PANELS) / PANELS
-    points = (edges[:, None] + (0.5 + 0.5 * nodes) / PANELS).ravel()
-    return points, np.tile(0.5 * weights / PANELS, PANELS)
+    points = (edges[:, None] + (0.5 + 0.5 * rule.nodes) / PANELS).ravel()
+    return points, np.tile(0.5 * rule.weights / PANELS, PANELS)

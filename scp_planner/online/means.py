@@ -25,7 +25,7 @@ from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.ways import WaySearch, ways
-from scp_planner.settings.online import Safety, SceneOnlineSettings
+from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -35,6 +35,8 @@ from scp_planner.trips.trip import Trip
 
 LOOK_GAIN_TIME = 0.1
 """Units of time by which another way round must be faster for the vehicle to change over."""
+SPARE_WIDTHS = 0.15
+"""Widths of the vehicle, by which trips keep farther away than they must where it gives way early."""
 CLEAR_WIDTHS = 4.0
 """Widths of the vehicle: a stop stays clear for the time in which it drives these at top speed, unless that is set."""
 
@@ -117,6 +119,9 @@ class Means:
         self.vetting = Vetting(online.period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
         self.breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
         stopping = given.vehicle.max_speed / given.vehicle.max_deceleration
+        self.spare = settings.clearance_margin
+        if online.give_way is GiveWay.EARLY:
+            self.spare += SPARE_WIDTHS * 2.0 * given.vehicle.radius
         self._foresight = online.period + online.reaction_time + stopping + 0.5 * COMMITMENT
         if online.foresight is not None:
             self._foresight = online.foresight
@@ -148,7 +153,7 @@ class Means:
         """Return the problem of a moment, among foreseen zones."""
         problem = build_problem(now.moment.scenario, (), self.settings, self.breakpoints)
         batch = self.foreseen(now.moment.batch)
-        return problem.among(batch.inflated(np.full(batch.size, self.settings.clearance_margin)))
+        return problem.among(batch.inflated(np.full(batch.size, self.spare)))
 
     def vet(
         self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
 JERKS = (0.03, 0.3, 3.0)
@@ -61,54 +61,76 @@ class Widening:
         return np.array([[squares[0], squares[1] * (jerk > 0.0)] for jerk in self.diffusions[:, 1]])
 
 
+_ROWS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Where each element of a symmetric matrix is in `FilterStates.spread`."""
+
+
 @dataclass
 class FilterStates:
-    """States of filters, position, velocity, acceleration, in units of the covariance of the noise.
+    """States of M filters of each of K obstacles, in units of the covariance of the noise.
+
+    Obstacles are the last axis: what is done to them is done to neighbours in memory.
 
     Attributes
     ----------
-    mean : (..., 3, 2)
-        m, m/s, m/s^2.
-    spread : (..., 3, 3)
-        The covariance of the state is this times that of the noise that is declared.
+    mean : (3, 2, M, K)
+        Position, velocity, acceleration, m, m/s, m/s^2.
+    spread : (6, M, K)
+        The covariance of the state is this times that of the noise that is declared: its upper triangle, row by row.
     """
 
     mean: Array
     spread: Array
 
-    def predict(self, lag: Array, intensity: Array) -> None:
-        """Move on by lags (...), s, with intensities of acceleration and jerk (..., 2) in units of the noise."""
-        dt = lag[..., None]
-        x, p = self.mean, self.spread
-        x[..., 0, :] += dt * (x[..., 1, :] + 0.5 * dt * x[..., 2, :])
-        x[..., 1, :] += dt * x[..., 2, :]
-        half = 0.5 * dt * dt
-        # F P F' row by row, then column by column, with F = [[1, t, t^2 / 2], [0, 1, t], [0, 0, 1]].
-        p[..., 0, :] += dt * p[..., 1, :] + half * p[..., 2, :]
-        p[..., 1, :] += dt * p[..., 2, :]
-        p[..., :, 0] += dt * p[..., :, 1] + half * p[..., :, 2]
-        p[..., :, 1] += dt * p[..., :, 2]
-        swerve, jerk = lag * intensity[..., 0], lag * intensity[..., 1]
+    def of(self, slots: Index | slice) -> FilterStates:
+        """Copy the states of some obstacles, (n,)."""
+        return FilterStates(self.mean[..., slots].copy(), self.spread[..., slots].copy())
+
+    def put(self, slots: Index | slice, part: FilterStates) -> None:
+        """Put states where those of some obstacles are, (n,)."""
+        self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
+
+    @property
+    def means(self) -> Array:
+        """The mean with obstacles first, (K, M, 3, 2)."""
+        return self.mean.transpose(3, 2, 0, 1)
+
+    @property
+    def spreads(self) -> Array:
+        """The whole of the spread with obstacles first, (K, M, 3, 3)."""
+        return np.asarray(self.spread[_ROWS].transpose(3, 2, 0, 1))
+
+    def predict(self, lag: Array, swerve: Array, jerk: Array) -> None:
+        """Move on by lags (K,), s, with intensities of acceleration and of jerk, (M, K) each, in units of the noise."""
+        x, (xx, xv, xa, vv, va, aa) = self.mean, self.spread
         square = lag * lag
-        p[..., 0, 0] += square * (swerve / 3.0 + square * jerk / 20.0)
-        p[..., 1, 1] += swerve + square * jerk / 3.0
-        p[..., 2, 2] += jerk
-        for (i, j), added in {
-            (0, 1): lag * (0.5 * swerve + square * jerk / 8.0),
-            (0, 2): square * jerk / 6.0,
-            (1, 2): 0.5 * lag * jerk,
-        }.items():
-            p[..., i, j] += added
-            p[..., j, i] += added
+        half, cube = 0.5 * square, square * lag
+        x[0] += lag * x[1] + half * x[2]
+        x[1] += lag * x[2]
+        # F P F' with F = [[1, t, t^2 / 2], [0, 1, t], [0, 0, 1]]: F P first, of which these are new, in place...
+        xx += lag * xv + half * xa
+        xv += lag * vv + half * va
+        xa += lag * va + half * aa
+        vv += lag * va
+        # ...and columns then, in which v has become the row of the velocity. The noise comes on top.
+        after = va + lag * aa
+        xx += lag * xv + half * xa + cube * (swerve / 3.0 + (square / 20.0) * jerk)
+        xv += lag * xa + half * swerve + (square * square / 8.0) * jerk
+        xa += (cube / 6.0) * jerk
+        vv += lag * after + lag * swerve + (cube / 3.0) * jerk
+        va[...] = after + half * jerk
+        aa += lag * jerk
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
-        """Take in positions (..., 2) m; return what they differ by, m, and its variance in units of the noise."""
-        x, p = self.mean, self.spread
-        innovation = positions - x[..., 0, :]
-        variance = p[..., 0, 0] + noise
-        gain = p[..., :, 0] / variance[..., None]
-        x += gain[..., :, None] * innovation[..., None, :]
-        p -= gain[..., :, None] * p[..., None, 0, :].copy()
+        """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
+        p = self.spread
+        innovation = positions[:, None] - self.mean[0]
+        variance = p[0] + noise
+        gain = p[:3] / variance
+        self.mean += gain[:, None] * innovation
+        p[3:5] -= gain[1] * p[1:3]
+        p[5] -= gain[2] * p[2]
+        p[:3] *= noise / variance
         return innovation, variance
 
 

@@ -15,11 +15,15 @@ All of it is done for many obstacles at once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.recursive import RecursiveEstimator
-from scp_planner.online.innovations import WINDOWS, windows_of
+from scp_planner.online.foretold import Foretold, longer
+from scp_planner.online.innovations import WINDOWS, cut, windows_of
 from scp_planner.online.mixtures import FilterStates, Mixture, Widening
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.settings.online import RARE
@@ -29,6 +33,12 @@ CALM = 3.0
 EVIDENCE = 32
 """Newest observations by whose probability the filters are compared."""
 _RING = WINDOWS[-1]
+_RINGS = ("_innovations", "_cut", "_evidence")
+"""Arrays (..., ring, K)."""
+
+
+Where = Index | slice
+"""Some slots."""
 
 
 class Bank:
@@ -47,7 +57,7 @@ class Bank:
     polynomials : RecursiveEstimator
         Of the polynomial motions.
     states : FilterStates
-        Of the filters, (K, M).
+        Of the filters.
     noise : float
         Variance of the noise, as a multiple of what is declared.
     count : (K,)
@@ -58,6 +68,8 @@ class Bank:
         Whether zones go by the filters, and not by the polynomial motion any more.
     weights : (K, M)
         Of the filters, of those that are alarmed.
+    foretold : Foretold
+        Where the next observations are expected.
     """
 
     def __init__(self, order: int, widening: Widening, alarm_probability: float = RARE) -> None:
@@ -68,14 +80,17 @@ class Bank:
         self.count = np.zeros(0, dtype=np.intp)
         self.alarmed = np.zeros(0, dtype=bool)
         self.weights = np.zeros((0, levels))
-        self.states = FilterStates(np.zeros((0, levels, 3, 2)), np.zeros((0, levels, 3, 3)))
+        self.states = FilterStates(np.zeros((3, 2, levels, 0)), np.zeros((6, levels, 0)))
         self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0)
         self._times, self._positions = np.zeros((0, NEIGHBOURS)), np.zeros((0, NEIGHBOURS, 2))
-        # rings, in which observation number n is at the place n modulo their length
-        self._innovations = np.zeros((0, _RING, 1 + levels, 2))
-        self._evidence = np.zeros((0, EVIDENCE, 1 + levels))
+        # Rings, in which observation number n is at the place n modulo their length. What windows look at is there
+        # twice, one ring after the other: so the newest are always in a row.
+        self._innovations = np.zeros((2, 1 + levels, _RING, 0))
+        self._cut = np.zeros((3, 1 + levels, 2 * _RING, 0))
+        self._evidence = np.zeros((1 + levels, EVIDENCE, 0))
         self._since = np.zeros(0, dtype=np.intp)  # observations since an alarm
         self._free: list[int] = []
+        self.foretold = Foretold()
 
     # slots
 
@@ -94,9 +109,12 @@ class Bank:
     def clear(self, slot: int) -> None:
         """Forget all that was seen of the obstacle in a slot."""
         self.polynomials.reset(slot)
-        for array in (self.count, self.alarmed, self.weights, self._since, self._innovations, self._evidence):
+        for array in (self.count, self.alarmed, self.weights, self._since):
             array[slot] = 0
+        for ring in (self._innovations, self._cut, self._evidence):
+            ring[..., slot] = 0.0
         self._times[slot] = -np.inf
+        self.foretold.known[slot] = False
 
     def give_back(self, slot: int) -> None:
         """Leave a slot to others."""
@@ -105,6 +123,7 @@ class Bank:
     def set_noise(self, factor: float) -> None:
         """Take the variance of the noise for so many times what is declared."""
         self._innovations *= np.sqrt(self.noise / factor)
+        self._cut[...] = np.concatenate(2 * [cut(self._innovations)], axis=-2)
         self.noise = factor
         for slot, sigma in enumerate(self._sigma):
             self.polynomials.set_covariance(slot, factor * sigma)
@@ -112,10 +131,24 @@ class Bank:
     def _grow(self, size: int) -> None:
         self._free.extend(range(size - 1, len(self.count) - 1, -1))
         self.polynomials.grow(size)
+        self.foretold.grow(size)
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                setattr(self, name, _longer(value, size))
-        self.states = FilterStates(_longer(self.states.mean, size), _longer(self.states.spread, size))
+                setattr(self, name, longer(value, size, -1 if name in _RINGS else 0))
+        self.states = FilterStates(longer(self.states.mean, size, -1), longer(self.states.spread, size, -1))
+
+    def noise_of(self, slots: Index) -> Array:
+        """What the covariances of observations are taken for, (n, 2, 2) m^2."""
+        return np.asarray(self.noise * self._sigma[slots])
+
+    def is_declared(self, slots: Index, covariances: Sequence[Array | None]) -> Mask:
+        """Whether observations of some obstacles, (n,), come with the covariance that is known, or without one."""
+        given = [number for number, one in enumerate(covariances) if one is not None]
+        same = np.ones(len(slots), dtype=bool)
+        if given:
+            own = np.array([covariances[number] for number in given])
+            same[given] = (own == self._sigma[slots[given]]).all(axis=(1, 2))
+        return same
 
     @property
     def last(self) -> Array:
@@ -133,20 +166,28 @@ class Bank:
         times : (n,) s
         positions : (n, 2) m
         """
-        innovations = np.zeros((len(slots), *self._innovations.shape[2:]))
-        evidence = np.zeros(innovations.shape[:2])
-        innovations[:, 0], evidence[:, 0] = self._polynomial_innovations(slots, times, positions)
+        if not len(slots):
+            return
+        where, before = _run(slots), self.count[slots]
+        innovations = np.zeros((*self._innovations.shape[:2], len(slots)))
+        evidence = np.zeros(innovations.shape[1:])
+        innovations[:, 0], evidence[0] = self._polynomial_innovations(where, times, positions)
         self._feed(slots, times, positions)
-        begin, old = slots[self.count[slots] == 0], self.count[slots] > 0
-        if len(begin):
-            self._begin(begin, positions[~old])
-        if old.any():
-            evidence[old, 1:], innovations[old, 1:] = self._filter(slots[old], times[old], positions[old])
-        self._times[slots] = _pushed(self._times[slots], times)
-        self._positions[slots] = _pushed(self._positions[slots], positions)
-        self._evidence[slots, self.count[slots] % EVIDENCE] = evidence
-        self._innovations[slots, self.count[slots] % _RING] = innovations
-        self.count[slots] += 1
+        if before.all():
+            evidence[1:], innovations[:, 1:] = self._filter(where, times, positions)
+        else:
+            old = before > 0
+            self._begin(slots[~old], positions[~old])
+            evidence[1:, old], innovations[:, 1:, old] = self._filter(slots[old], times[old], positions[old])
+        self._times[where] = _pushed(self._times[where], times)
+        self._positions[where] = _pushed(self._positions[where], positions)
+        place = _Places.of(where, before % _RING)
+        place.put(self._innovations, innovations)
+        looked_at = cut(innovations)
+        place.put(self._cut, looked_at)
+        place.put(self._cut[..., _RING:, :], looked_at)
+        _Places.of(where, before % EVIDENCE).put(self._evidence, evidence)
+        self.count[where] += 1
         self._notice(slots)
 
     def take_in_late(self, slot: int, time: float, position: Array) -> None:
@@ -159,14 +200,22 @@ class Bank:
         Of the freest filter, which nothing that moves surprises; and of the polynomial motion, where it is believed.
         """
         found, _ = self._polynomial_innovations(slots, times, positions)
-        squares = np.where(self.alarmed[slots], 0.0, (found * found).sum(axis=1))
+        squares = np.where(self.alarmed[slots], 0.0, (found * found).sum(axis=0))
         known = self.count[slots] > 0
         which, lag = slots[known], times[known] - self.last[slots[known]]
-        part = FilterStates(self.states.mean[which, -1], self.states.spread[which, -1])
-        part.predict(lag, self.widening.diffusions[-1] / self._least[which][:, None])
-        offset = (self._whiten[which] @ (positions[known] - part.mean[:, 0])[:, :, None])[:, :, 0]
-        squares[known] = np.maximum(squares[known], (offset * offset).sum(axis=1) / (part.spread[:, 0, 0] + self.noise))
+        part = FilterStates(self.states.mean[:, :, -1:, which], self.states.spread[:, -1:, which])
+        swerve, jerk = self.widening.diffusions[-1][:, None, None] / self._least[which]
+        part.predict(lag, swerve, jerk)
+        offset = self._whitened(which, positions[known].T[:, None] - part.mean[0])[:, 0]
+        squares[known] = np.maximum(squares[known], (offset * offset).sum(axis=0) / (part.spread[0, 0] + self.noise))
         return np.asarray(squares)
+
+    def _whitened(self, where: Where, offsets: Array) -> Array:
+        """Standardise offsets (2, ..., n), m, by what is declared of the noise; the factor is triangular."""
+        whiten = self._whiten[where]
+        x = whiten[:, 0, 0] * offsets[0]
+        y = whiten[:, 1, 0] * offsets[0] + whiten[:, 1, 1] * offsets[1]
+        return np.stack([x, y])
 
     def _feed(self, slots: Index, times: Array, positions: Array) -> None:
         size = len(self.count)
@@ -174,84 +223,94 @@ class Bank:
         t[slots], z[slots], seen[slots] = times, positions, True
         self.polynomials.update(t, z, seen=seen)
 
-    def _polynomial_innovations(self, slots: Index, times: Array, positions: Array) -> tuple[Array, Array]:
-        """Standardised, (n, 2), and log densities (n,), as of filters; 0 of those of which too little was seen."""
-        roots = self.polynomials.roots
-        factor, found, evidence = roots.factor[slots], np.zeros((len(slots), 2)), np.zeros(len(slots))
-        diagonal = np.abs(np.diagonal(factor, axis1=1, axis2=2))
-        sure = np.flatnonzero(diagonal.min(axis=1) > 1e-9 * diagonal.max(axis=1))
-        if not len(sure):
-            return found, evidence
-        which = slots[sure]
-        powers = (times[sure] - roots.center[which])[:, None] ** np.arange(self.order + 1)
-        row = np.linalg.solve(factor[sure].transpose(0, 2, 1), powers[:, :, None])[:, :, 0]
-        expected = (row[:, :, None] * roots.right[which]).sum(axis=1) + roots.origin[which]
-        size = np.sqrt(self.noise * (1.0 + (row * row).sum(axis=1)))
-        offset = (self._whiten[which] @ (positions[sure] - expected)[:, :, None])[:, :, 0]
-        found[sure] = offset / size[:, None]
-        evidence[sure] = -0.5 * (found[sure] ** 2).sum(axis=1) - 2.0 * np.log(size)
+    def _polynomial_innovations(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
+        """Standardised, (2, n), and log densities (n,), as of filters; 0 of those of which too little was seen."""
+        roots, count = self.polynomials.roots, len(times)
+        factor, right = (part.transpose(1, 2, 0)[..., where] for part in (roots.factor, roots.right))
+        u, offset = times - roots.center[where], (positions - roots.origin[where]).T
+        diagonal = np.abs(np.einsum("jjk->jk", factor))
+        sure = diagonal.min(axis=0) > 1e-9 * diagonal.max(axis=0)
+        power, variance, rows = np.ones(count), np.ones(count), list[Array]()
+        for j in range(self.order + 1):  # R' row = powers, from the top
+            row = power.copy()
+            for i, before in enumerate(rows):
+                row -= factor[i, j] * before
+            row /= np.where(sure, factor[j, j], 1.0)
+            rows.append(row)
+            variance += row * row
+            offset = offset - row * right[j]
+            power = power * u
+        variance *= self.noise
+        found = np.where(sure, self._whitened(where, offset) / np.sqrt(variance), 0.0)
+        evidence = np.where(sure, -0.5 * (found[0] * found[0] + found[1] * found[1]) - np.log(variance), 0.0)
         return found, evidence
 
     def _begin(self, slots: Index, positions: Array) -> None:
-        states = self.states
-        states.mean[slots], states.spread[slots] = 0.0, 0.0
-        states.mean[slots, :, 0] = positions[:, None]
-        states.spread[slots, :, 0, 0] = self.noise
-        priors = self.widening.priors / self._least[slots][:, None, None]
-        states.spread[slots, :, 1, 1], states.spread[slots, :, 2, 2] = priors[..., 0], priors[..., 1]
+        part = self.states.of(slots)
+        part.mean[...], part.spread[...] = 0.0, 0.0
+        part.mean[0] = positions.T[:, None]
+        part.spread[0] = self.noise
+        part.spread[3], part.spread[5] = self.widening.priors.T[:, :, None] / self._least[slots]
+        self.states.put(slots, part)
 
-    def _filter(self, slots: Index, times: Array, positions: Array) -> tuple[Array, Array]:
-        """Log densities of the observations under each filter (n, M), but for a constant, and innovations (n, M, 2)."""
-        part = FilterStates(self.states.mean[slots], self.states.spread[slots])
-        lag = np.broadcast_to((times - self._times[slots, -1])[:, None], part.mean.shape[:2])
-        part.predict(lag, self.widening.diffusions / self._least[slots][:, None, None])
-        innovation, variance = part.update(positions[:, None], self.noise)
-        self.states.mean[slots], self.states.spread[slots] = part.mean, part.spread
-        offset = (innovation @ self._whiten[slots].transpose(0, 2, 1)) / np.sqrt(variance)[..., None]
-        return -0.5 * (offset * offset).sum(axis=-1) - np.log(variance), offset
+    def _filter(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
+        """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
+        part = self._predicted(where, times - self._times[where, -1])
+        innovation, variance = part.update(positions.T, self.noise)
+        self.states.put(where, part)
+        offset = self._whitened(where, innovation) / np.sqrt(variance)
+        return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
+
+    def _predicted(self, where: Where, lag: Array) -> FilterStates:
+        """States of the filters of some obstacles, moved on by lags (n,), s."""
+        part = self.states.of(where)
+        swerve, jerk = self.widening.diffusions.T[:, :, None] / self._least[where]
+        part.predict(lag, swerve, jerk)
+        return part
 
     # tests
 
     def _notice(self, slots: Index) -> None:
         """Alarm those whose polynomial motion does not hold, and weigh the filters of those that are alarmed."""
-        order = (self.count[slots, None] + np.arange(_RING)) % _RING  # the oldest first
-        worst = windows_of(self._innovations[slots[:, None], order, 0], self.alarm_probability)
-        fresh = (worst.max(axis=1) > 1.0) & ~self.alarmed[slots]
+        begin = self.count[slots] % _RING  # the oldest
+        x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 0])
+        worst = windows_of(x, y, squares, self.alarm_probability)
+        most = worst.max(axis=0)
+        fresh = (most > 1.0) & ~self.alarmed[slots]
         if fresh.any():
-            self.alarm(slots[fresh], np.array(WINDOWS)[worst[fresh].argmax(axis=1)])
+            self.alarm(slots[fresh], np.array(WINDOWS)[worst[:, fresh].argmax(axis=0)])
         some = self.alarmed[slots]
         if some.any():
-            self._weigh(slots[some], order[some], worst[some].max(axis=1) <= 1.0)
+            self._weigh(slots[some], begin[some], most[some] <= 1.0)
 
     def alarm(self, slots: Index, windows: Index) -> None:
         """Go by the filters from now on, and by what was seen in the newest windows of so many observations, (n,)."""
         self.alarmed[slots], self._since[slots] = True, windows
-        age = (self.count[slots, None] - 1 - np.arange(EVIDENCE)) % EVIDENCE  # of each place in the ring
-        self._evidence[slots] *= (age < windows[:, None])[..., None]
+        age = (self.count[slots] - 1 - np.arange(EVIDENCE)[:, None]) % EVIDENCE  # of each place in the ring
+        self._evidence[..., slots] *= age < windows
 
-    def _weigh(self, slots: Index, order: Index, calm: Mask) -> None:
+    def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
-        innovations = self._innovations[slots[:, None], order, 1:].swapaxes(1, 2)
-        holds = windows_of(innovations, self.alarm_probability).max(axis=2) <= 1.0
-        holds[~holds.any(axis=1), -1] = True
+        x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 1:])
+        holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0  # (M, n)
+        holds[-1, ~holds.any(axis=0)] = True
         self._since[slots] += 1
-        evidence = self._evidence[slots].sum(axis=1)
-        among = np.where(holds, evidence[:, 1:], -np.inf)
-        most = among.max(axis=1)
-        weights = np.exp(among - most[:, None])
-        self.weights[slots] = weights / weights.sum(axis=1, keepdims=True)
-        false = calm & (self._since[slots] >= EVIDENCE) & (evidence[:, 0] > most + CALM)
+        evidence = self._evidence[..., _run(slots)].sum(axis=-2)
+        among = np.where(holds, evidence[1:], -np.inf)
+        most = among.max(axis=0)
+        weights = np.exp(among - most)
+        self.weights[slots] = (weights / weights.sum(axis=0)).T
+        false = calm & (self._since[slots] >= EVIDENCE) & (evidence[0] > most + CALM)
         self.alarmed[slots[false]] = False
 
     def mixed(self, slots: Index, times: Array) -> Mixture:
         """What the filters together predict for times (n,), s, not before the last observations."""
-        part = FilterStates(self.states.mean[slots], self.states.spread[slots])
-        lag = np.broadcast_to((times - self.last[slots])[:, None], part.mean.shape[:2])
-        part.predict(np.maximum(lag, 0.0), self.widening.diffusions / self._least[slots][:, None, None])
+        part = self._predicted(slots, np.maximum(times - self.last[slots], 0.0))
+        means = part.means
         weights = self.weights[slots]
-        mean = (weights[..., None, None] * part.mean).sum(axis=1)
-        offset = part.mean - mean[:, None]
-        spread = (weights[..., None, None] * part.spread).sum(axis=1)
+        mean = (weights[..., None, None] * means).sum(axis=1)
+        offset = means - mean[:, None]
+        spread = (weights[..., None, None] * part.spreads).sum(axis=1)
         covariance = np.einsum("nij,nab->niajb", spread, self._sigma[slots])
         covariance += np.einsum("nm,nmia,nmjb->niajb", weights, offset, offset)
         change = self._sigma[slots] / self._least[slots][:, None, None]
@@ -266,10 +325,38 @@ class Bank:
         return third_differences(self._times[slots], self._positions[slots], self._whiten[slots])
 
 
-def _longer(array: Array, size: int) -> Array:
-    grown = np.zeros((size, *array.shape[1:]), dtype=array.dtype)
-    grown[: len(array)] = array
-    return grown
+def _run(slots: Index) -> Where:
+    """Some slots, as a slice if they are one after the other: what is there is then looked at where it is."""
+    first = int(slots[0]) if len(slots) else 0
+    one_by_one = np.array_equal(slots, np.arange(first, first + len(slots)))
+    return slice(first, first + len(slots)) if one_by_one else slots
+
+
+@dataclass(frozen=True)
+class _Places:
+    """A place in the ring of each of some obstacles."""
+
+    where: Where
+    place: Index | int
+
+    @classmethod
+    def of(cls, where: Where, place: Index) -> _Places:
+        """Places (n,) of obstacles; if all are the same, they are looked at where they are."""
+        if isinstance(where, slice):
+            if len(place) and (place == place[0]).all():
+                return cls(where, int(place[0]))
+            where = np.arange(where.start, where.stop)
+        return cls(where, place)
+
+    def put(self, rings: Array, values: Array) -> None:
+        """Put values (..., n) at these places of rings (..., ring, K)."""
+        rings[..., self.place, self.where] = values
+
+    def rows(self, rings: Array) -> Array:
+        """What is in double rings (..., 2 ring, K) from these places on, (..., ring, n)."""
+        if isinstance(self.place, int):
+            return rings[..., self.place : self.place + _RING, self.where]
+        return np.asarray(rings[..., self.place + np.arange(_RING)[:, None], self.where])
 
 
 def _pushed(newest: Array, one: Array) -> Array:

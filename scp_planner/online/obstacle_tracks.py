@@ -117,7 +117,7 @@ class ObstacleTracks:
             track.begin(self._make)
         for track in tracks:
             whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(track.covariance)))
-            self._judge_noise(neighbour_differences(np.array(track.times), np.array(track.positions), whiten))
+            self.judge_noise(neighbour_differences(np.array(track.times), np.array(track.positions), whiten))
         for order, bank in self._banks.items():
             self._replay(bank, [track for track in tracks if track.model.order == order])
 
@@ -162,7 +162,7 @@ class ObstacleTracks:
             bank.set_noise(self.noise.factor)
         return bank
 
-    def _judge_noise(self, differences: Array) -> None:
+    def judge_noise(self, differences: Array) -> None:
         """Take the noise for what it is seen to be."""
         if not self.noise.take_in(differences):
             return
@@ -238,8 +238,18 @@ class ObstacleTracks:
             self._compare(track, one)
         track.insert(one, self.newcomers, self._make)
         if track.estimator is not None and track.estimator.bank is not None:
-            self._judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
+            self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
         return None
+
+    def remember(self, tracks: Sequence[Track], seen: Sequence[Seen]) -> None:
+        """Put down the newest observations of some obstacles, which their bank takes in."""
+        if self.watch.regions is Regions.ADAPTIVE:
+            for track, one in zip(tracks, seen, strict=True):
+                self._compare(track, one)
+        for track, one in zip(tracks, seen, strict=True):
+            track.times.append(one.time)
+            track.positions.append(one.position)
+            track.covariances.append(one.covariance)
 
     def update(self, name: str, given: Estimate) -> str | None:
         """Take what a tracker says of an obstacle in place of all that was known of it.
@@ -343,6 +353,9 @@ class ObstacleTracks:
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
+        if track.estimator is not None and track.estimator.bank is not None:
+            slot = np.array([track.estimator.slot], dtype=np.intp)
+            track.estimator.bank.foretold.put(slot, start, pieces.center, pieces.covariance)
         body = track.body if self._bounds_headings(self.tracks.values()) else replace(track.body, turning=None)
         shaped = Embodied(track.id, track.shape, body, track.margin)
         return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)

@@ -22,8 +22,8 @@ class Outcome(StrEnum):
     REPAIRED = "repaired"
     """The path of the last plan, driven slower."""
     EVADING = "evading"
-    """Out of the way: a short trip to where the vehicle can stand; or, if that is not safe, what keeps clear for
-    longest, or of the zones of a lower level."""
+    """Out of the way: a short trip to where the vehicle can stand; or, if that is not safe, what does least harm,
+    or keeps clear of the zones of a lower level."""
     BRAKING = "braking"
     """Standing, or a stop along the path."""
 

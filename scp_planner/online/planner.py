@@ -79,8 +79,6 @@ class Planner:
         The last answer.
     online : OnlineSettings
         With the period that the scene decides, if that was left open.
-    notes : deque of str
-        What was odd about observations, the newest last.
     doubts : deque of str
         Which assumptions of what was promised of the last plan did not hold, the newest last.
 
@@ -113,18 +111,17 @@ class Planner:
         self.plan: OnlinePlan | None = None
         self._last: OnlinePlan | None = None
         self._zones: tuple[ThreatZone, ...] = ()
-        self.obstacles = ObstacleTracks(
+        self._obstacles = ObstacleTracks(
             scenario.confidence,
             self._online.margin(scenario.vehicle.max_speed),
             self._online.newcomers,
             self._online.watch,
         )
-        self.obstacles.add(*scenario.obstacles)
+        self._obstacles.add(*scenario.obstacles)
         # Late or not, the vehicle drives on as fast as it may.
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
-        self._inbox = Inbox(self.obstacles, units, self._online.forget_after)
-        self.notes = self._inbox.notes
+        self._inbox = Inbox(self._obstacles, units, self._online.forget_after)
         self.doubts = deque[str](maxlen=MOST_NOTES)
         self._means = Means(
             self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
@@ -149,6 +146,18 @@ class Planner:
         """The zones that the last plan was made with: with the planner's margin."""
         return tuple(zone.outside(self._units) for zone in self._zones)
 
+    @property
+    def obstacles(self) -> ObstacleTracks:
+        """The obstacles that it knows of, in the units of its scene."""
+        self._inbox.settle()
+        return self._obstacles
+
+    @property
+    def notes(self) -> deque[str]:
+        """What was odd about observations, the newest last."""
+        self._inbox.settle()
+        return self._inbox.notes
+
     # what is seen
 
     def observe(self, obstacle: str, time: float, position: ArrayLike, covariance: ArrayLike | None = None) -> None:
@@ -170,7 +179,7 @@ class Planner:
         ValueError
             If the id is unknown, or a number is not finite.
         """
-        if obstacle not in self.obstacles.tracks:
+        if obstacle not in self._obstacles.tracks:
             raise ValueError(f"observe: there is no obstacle {obstacle!r}; add_obstacle adds one")
         place = _point("position", position)
         check_number("time", time)
@@ -206,7 +215,7 @@ class Planner:
         ValueError
             If the id is unknown, a number is not finite, or the covariance is none.
         """
-        if obstacle not in self.obstacles.tracks:
+        if obstacle not in self._obstacles.tracks:
             raise ValueError(f"update_obstacle: there is no obstacle {obstacle!r}; add_obstacle adds one")
         given = self._units.estimate(checked_estimate(time, position, velocity, acceleration, covariance))
         self._inbox.put(Update(obstacle, given))
@@ -229,7 +238,7 @@ class Planner:
         ValueError
             If the id is unknown or a value is not allowed.
         """
-        if obstacle not in self.obstacles.tracks:
+        if obstacle not in self._obstacles.tracks:
             raise ValueError(f"update_motion: there is no obstacle {obstacle!r}; add_obstacle adds one")
         self._inbox.put(Forecast(obstacle, self._units.motion(checked_motion(obstacle, motion))))
 
@@ -265,17 +274,17 @@ class Planner:
         if not isinstance(obstacle, str):
             whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle.model_validate(obstacle)
             self._check_new(whole.id)
-            self.obstacles.add(self._units.obstacle(whole))
+            self._obstacles.add(self._units.obstacle(whole))
             return
         still = {"position": [0.0, 0.0]}
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
         checked = self._units.obstacle(Obstacle.model_validate(parts))
         self._check_new(obstacle)
         noise = None if covariance is None else _covariance(covariance) / self._units.length**2
-        self.obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
+        self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
 
     def _check_new(self, name: str) -> None:
-        if name in self.obstacles.tracks:
+        if name in self._obstacles.tracks:
             raise ValueError(f"add_obstacle: there is an obstacle {name!r} already")
 
     def remove_obstacle(self, obstacle: str) -> None:
@@ -291,9 +300,10 @@ class Planner:
         ValueError
             If the id is unknown.
         """
-        if obstacle not in self.obstacles.tracks:
+        if obstacle not in self._obstacles.tracks:
             raise ValueError(f"remove_obstacle: there is no obstacle {obstacle!r}")
-        self.obstacles.remove(obstacle)
+        self._inbox.settle()  # what waits is of this one, and not of the next of that name
+        self._obstacles.remove(obstacle)
 
     @property
     def scenario(self) -> Scenario:

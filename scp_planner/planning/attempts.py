@@ -6,11 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import ceil
 from time import perf_counter
 from typing import Generic, Protocol, TypeVar
 
 from scp_planner.certificate.lower_bound import kinematic_bound
-from scp_planner.certificate.verdict import Certificate
+from scp_planner.certificate.verdict import Certificate, off_a_step
 from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
@@ -154,6 +155,27 @@ class ReadyProblem:
         return cls(everything, near, least)
 
 
+def to_beat(travel_time: float, step: float | None) -> float:
+    """Return what another trip has to be faster than, to be the better one where arrivals count in steps of time.
+
+    Parameters
+    ----------
+    travel_time : float
+        s.
+    step : float or None
+        s; None: every moment counts.
+
+    Returns
+    -------
+    float
+        s: where there are steps the last one before the trip would arrive, and as much more as may be missed.
+    """
+    if step is None:
+        return travel_time
+    off = off_a_step(step)
+    return (ceil((travel_time - off) / step) - 1) * step + off
+
+
 def met_what_was_left_out(problem: Problem, certificate: Certificate) -> bool:
     """Whether a trip, longer than expected, met an obstacle that its problem took for too far away to matter."""
     return any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations)
@@ -170,6 +192,8 @@ class OuterSearch(ABC, Generic[StartT, RunT]):
         1 as usual; with more the search goes on nearer to the bound.
     deadline : float
         Value of :func:`time.perf_counter` at which it ends.
+    arrival_step : float, optional
+        s; the trip is to arrive on one of these: a gain within one is none.
 
     Attributes
     ----------
@@ -179,9 +203,9 @@ class OuterSearch(ABC, Generic[StartT, RunT]):
         Of the start of that, s.
     """
 
-    def __init__(self, lower_bound: float, effort: float, deadline: float) -> None:
+    def __init__(self, lower_bound: float, effort: float, deadline: float, arrival_step: float | None = None) -> None:
+        self.lower_bound, self.deadline, self.arrival_step = lower_bound, deadline, arrival_step
         self.enough = lower_bound * (1.0 + GOOD_ENOUGH / effort)
-        self.deadline = deadline
         self.incumbent: Attempt[RunT] | None = None
         self.estimate = 0.0
 
@@ -198,6 +222,12 @@ class OuterSearch(ABC, Generic[StartT, RunT]):
     def out_of_time(self) -> bool:
         """Whether the deadline has passed."""
         return perf_counter() > self.deadline
+
+    def _good_enough(self) -> bool:
+        best = self.incumbent
+        if best is None or not best.holds:
+            return False
+        return best.travel_time <= self.enough or to_beat(best.travel_time, self.arrival_step) < self.lower_bound
 
     def try_all(self, starts: Iterable[StartT]) -> Attempt[RunT] | None:
         """Try starts until one is good enough; return the best attempt.
@@ -216,7 +246,6 @@ class OuterSearch(ABC, Generic[StartT, RunT]):
             attempt = self.tried(start)
             if attempt.better_than(self.incumbent):
                 self.incumbent, self.estimate = attempt, start.estimate
-            best = self.incumbent
-            if self.out_of_time or (best is not None and best.holds and best.travel_time <= self.enough):
+            if self.out_of_time or self._good_enough():
                 break
         return self.incumbent

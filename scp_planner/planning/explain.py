@@ -289,7 +289,7 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
     every = {name: several for name, several in by_obstacle(zones).items() if name in culprits}
     covering = [name for name, several in every.items() if _covers_goal(scenario, several, least, horizon)]
     if covering:
-        yield f"No trip at all arrives {until}: {_listed(covering)} covers the goal"
+        yield f"No trip at all arrives {until}: {_listed(covering)} cover{'s' if len(covering) == 1 else ''} the goal"
         return
     others = {name: tuple(zone for zone in zones if zone.id != name) for name in culprits}
     needed = [name for name, rest in others.items() if not no_trip_within(scenario, horizon, rest, deadline)]

@@ -82,6 +82,7 @@ def plan(
         np.inf if time_limit is None else began + time_limit,
         own_solver=solver,
         given=None if constraints is None else Given(constraints, units),
+        arrival_step=inside.goal.arrival_step,
     )
     runs = CheckedRuns(task)
     best = WaysRound(runs).best()

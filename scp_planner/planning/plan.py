@@ -71,7 +71,7 @@ class Plan:
         ``speed``, ``acceleration``, ``lateral_acceleration``, ``curvature``.
     lower_bound : float
         No trip of this scenario is shorter than this, s: without obstacles, unless :func:`scp_planner.lower_bound`
-        was asked for more.
+        was asked for more, or an effort of 2 or more was.
     timings : dict of str to float
         Wall time of each stage, s; not saved.
     converged : bool or None

@@ -15,6 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
+from scp_planner.planning.attempts import to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
@@ -39,6 +40,7 @@ HARDLY = 0.15  # largest violation of a trip that may be mended by finer spans
 FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
 WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
 FEWEST_STEPS, MOST_STEPS = 8, 2  # to a trip whose accelerations change on them; times the wanted number of spans
+STRAYING = 0.03  # radii of the vehicle, by which it may be elsewhere after a step of one acceleration
 LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked to arrive
 
 
@@ -61,13 +63,14 @@ class Found:
 
     @property
     def exhausted(self) -> bool:
-        """Whether there is no time for anything further, or it would be too much work."""
-        return self.runs.task.out_of_time or self.runs.task.tally.iterations > self.most
+        """Whether there is no time for anything further, it would be too much work, or no trip can be fast enough."""
+        task = self.runs.task
+        return task.out_of_time or task.tally.iterations > self.most or self.to_beat < self.runs.lower_bound
 
     @property
     def to_beat(self) -> float:
-        """Its travel time, s; inf if it is not certified."""
-        return self.best.travel_time if self.best.holds else np.inf
+        """What a trip has to take less than to arrive a step sooner, s; inf if it is not certified."""
+        return to_beat(self.best.travel_time, self.runs.task.arrival_step) if self.best.holds else np.inf
 
     def gains(self, other: Found, least: float) -> bool:
         """Whether it gains at least so much on another one that it is better than, relative to its travel time."""
@@ -196,11 +199,12 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
     if step is None or not fastest.holds:
         return fastest
     best = runs.judged(fastest.run, scenario)  # As it is it is certified for another scenario.
+    smooth = _commanded_in_steps(trajectory, step, scenario.vehicle.radius)
     first = ceil((trajectory.travel_time - off_a_step(step)) / step)
     for steps in range(first, first + LATER_STEPS):
         arrival = scenario.start.time + steps * step
         too_late = goal.latest_arrival is not None and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE
-        if best.holds or too_late or task.out_of_time:
+        if (best.holds and smooth) or too_late or task.out_of_time:
             break
         # The step itself is planned for, not the margin later: it may be missed to both sides.
         timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival - EARLIEST_MARGIN))
@@ -208,8 +212,19 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
         spans = len(trajectory.space.path.widths)
         again = CheckedRuns(replace(task, scenario=timed), trajectory.space.guide, breakpoints, spans)
         attempt = again.attempt(_driven_over(again.problem.space, trajectory), loop=again.patient_loop)
+        if best.holds:
+            return attempt if attempt.holds else best
         best = attempt if attempt.better_than(best) else best
+        smooth = True
     return best
+
+
+def _commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:
+    """Whether one acceleration a step drives about as far in each step as the trip, whatever changes within steps."""
+    times = np.arange(0.0, trip.travel_time, step)
+    drive = trip.drive_at(times / trip.travel_time)
+    joined = 0.5 * step * (drive.speed[1:] + drive.speed[:-1])
+    return bool(np.abs(np.diff(drive.distance) - joined).max(initial=0.0) <= STRAYING * radius)
 
 
 def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[float, ...]:

@@ -63,6 +63,8 @@ class Task:
         Value of :func:`time.perf_counter` at which it ends.
     own_solver : QpSolver, optional
     given : Given, optional
+    arrival_step : float, optional
+        s; what the scenario does not ask for: the trip is brought to one of these at last.
     tally : Tally
         What has been done.
     """
@@ -73,6 +75,7 @@ class Task:
     deadline: float
     own_solver: QpSolver | None = None
     given: Given | None = None
+    arrival_step: float | None = None
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
     @property

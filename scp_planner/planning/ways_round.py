@@ -10,14 +10,15 @@ from math import log2
 
 import numpy as np
 
-from scp_planner.planning.attempts import Attempt, OuterSearch
+from scp_planner.certificate.lower_bound import bound_among
+from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch, to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
 from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
 from scp_planner.search.grid import Fineness
-from scp_planner.search.starts import COARSENESSES
+from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import WaySearch, WayTree
 from scp_planner.trips.trajectory import Trajectory
 
@@ -55,7 +56,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
     def __init__(self, runs: CheckedRuns) -> None:
         self.runs, self.problem = runs, runs.problem
         self.settings, self.tally = runs.task.settings, runs.task.tally
-        super().__init__(runs.lower_bound, self.settings.effort, runs.task.deadline)
+        super().__init__(runs.lower_bound, self.settings.effort, runs.task.deadline, runs.task.arrival_step)
         self._failed: list[Branch] = []
 
     def best(self) -> ScpAttempt:
@@ -76,7 +77,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
     def tried(self, start: Branch) -> ScpAttempt:
         """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""
         rival = self.incumbent if self.certified else None
-        cutoff = np.inf if rival is None else rival.travel_time
+        cutoff = self._cutoff(rival)
         self.tally.tried += 1
         attempt = self.runs.attempt(start.start(SMOOTHING), cutoff, rival)
         run = attempt.run
@@ -101,7 +102,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
     def _from_bows(self, rival: ScpAttempt | None = None) -> ScpAttempt:
         """Run the loop from bows, in a race, where the search finds no way, or leads to none that is fast."""
         logger.info("starting from bows")
-        cutoff = np.inf if rival is None else rival.travel_time
+        cutoff = self._cutoff(rival)
         with self.tally.timed("scp"):
             starts, most = list(bows(self.problem)), self.settings.max_iterations
             starts = starts[:1] if self.out_of_time else starts
@@ -114,6 +115,10 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         # Once more from where it ended, with what the samples missed
         return self.runs.attempt(best.evaluation.trajectory, cutoff)
 
+    def _cutoff(self, rival: ScpAttempt | None) -> float:
+        """What another trip has to be faster than, s."""
+        return np.inf if rival is None else to_beat(rival.travel_time, self.arrival_step)
+
     def _may_be_poor(self, best: ScpAttempt) -> bool:
         """Whether bows are worth a trial, with more effort than usual: the search itself hardly ever needs them."""
         far = best.travel_time > FAR_FROM_BOUND * self.runs.lower_bound
@@ -124,20 +129,33 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         if self.incumbent is None or not self.incumbent.holds:
             return np.inf
         error = ESTIMATE_ERROR * search.grid.delay_step * (1.0 + log2(max(self.settings.effort, 1.0)))
-        return self.incumbent.travel_time + error
+        return self._cutoff(self.incumbent) + error
 
     def _branches(self) -> Iterator[Branch]:
         """Ways round with starts for the loop."""
-        for coarseness in COARSENESSES:
+        for coarseness in coarsenesses(self.problem):
             count = 0
             for branch in self._branches_on(WaySearch(self.problem, coarseness, deadline=self.deadline)):
                 count += 1
                 yield branch
             if count or self.out_of_time:
                 break
-        if self.settings.effort >= FINER_EFFORT:
+        if self.settings.effort >= FINER_EFFORT and not self._proven():
             for fineness in FINER_GRIDS:
                 yield from self._branches_on(WaySearch(self.problem, fineness=fineness, deadline=self.deadline))
+
+    def _proven(self) -> bool:
+        """Whether it is proved that no trip is notably faster than the best so far; the bound is raised to what is."""
+        if not self.certified or self.out_of_time:
+            return False
+        assert self.incumbent is not None
+        known, task = self.incumbent.travel_time, self.runs.task
+        with self.tally.timed("search"):
+            bound = bound_among(task.scenario, known, task.threat_zones, self.deadline)
+        self.runs.lower_bound = max(self.runs.lower_bound, bound)
+        self.enough = max(self.enough, self.runs.lower_bound * (1.0 + GOOD_ENOUGH / self.settings.effort))
+        logger.info("no trip is faster than %.4f units, the best takes %.4f", bound, known)
+        return known <= self.enough
 
     def _branches_on(self, search: WaySearch) -> Iterator[Branch]:
         """Ways round on one grid."""

@@ -20,6 +20,7 @@ from scp_planner.plotting.maps import border_of, draw_ends, draw_tracks, key_to_
 from scp_planner.plotting.profiles import draw_clearance, draw_profile
 from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
 from scp_planner.plotting.style import COLOURS, FAINT, INK, check_suffix, settle, style
+from scp_planner.settings.pictures import FILM_SUFFIXES
 from scp_planner.trips.trip import discs_at
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 
-ANIMATION_SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 1200
 WIDTH, PROFILES_HEIGHT = 7.2, 1.75
 """inches"""
@@ -68,7 +68,7 @@ def animate_plan(
     ValueError
         If the suffix is another one, there is no ffmpeg, or `truth` names an unknown obstacle.
     """
-    check_suffix(path, ANIMATION_SUFFIXES)
+    check_suffix(path, FILM_SUFFIXES)
     frames = int(np.clip(math.ceil(plan.travel_time * frames_per_second), 2, MOST_FRAMES))
     animate(record_plan(plan, scenario, frames + 1, truth), path)
 
@@ -89,7 +89,7 @@ def animate(recording: Recording, path: str | PathLike[str], *, hold: float = 1.
     ValueError
         If the suffix is another one, or there is no ffmpeg.
     """
-    suffix = check_suffix(path, ANIMATION_SUFFIXES)
+    suffix = check_suffix(path, FILM_SUFFIXES)
     ffmpeg = shutil.which("ffmpeg")
     if suffix == ".mp4" and ffmpeg is None:
         raise ValueError(f"{path}: .mp4 needs ffmpeg, which is not installed; .gif does without")

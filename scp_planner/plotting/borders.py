@@ -169,3 +169,8 @@ def walls_of(scenario: Scenario) -> tuple[Array, ...]:
 def corridor_of(scenario: Scenario) -> tuple[Array, ...]:
     """Give the polygons of a scenario's corridor, anticlockwise, (k, 2) m each; none without one."""
     return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ())
+
+
+def region_of(scenario: Scenario) -> Array | None:
+    """Return the polygon of a scenario's goal, (k, 2) m; None where the goal is none."""
+    return None if scenario.goal.region is None else np.array(scenario.goal.region)

@@ -15,7 +15,8 @@ from scp_planner.plotting.profiles import draw_profiles
 from scp_planner.plotting.recording import Recording, Truth, record_plan
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.scales import nearest_indices, nice_times
-from scp_planner.plotting.style import COLOURS, FIGURE_SUFFIXES, check_suffix, save, settle, style
+from scp_planner.plotting.style import COLOURS, check_suffix, save, settle, style
+from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

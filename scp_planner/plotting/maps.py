@@ -127,7 +127,7 @@ def border_of(obstacle: ObstacleRecord, index: int) -> Path:
 
 def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
     """Mark start and goal; return the marks."""
-    from matplotlib.patches import Circle
+    from matplotlib.patches import Circle, Polygon
 
     start, goal = recording.position[0], recording.goal
     marks: list[Artist] = [
@@ -137,6 +137,9 @@ def draw_ends(axes: Axes, recording: Recording) -> list[Artist]:
     if recording.goal_radius > 0.0:
         area = Circle(goal, recording.goal_radius, fill=False, edgecolor=INK, linestyle=(0, (3, 2)), zorder=1.8)
         marks.append(axes.add_patch(area))
+    if recording.goal_region is not None:
+        region = Polygon(recording.goal_region, fill=False, edgecolor=INK, linestyle=(0, (3, 2)), zorder=1.8)
+        marks.append(axes.add_patch(region))
     return marks
 
 

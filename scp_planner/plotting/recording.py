@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, walls_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, region_of, walls_of
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
@@ -170,6 +170,8 @@ class Recording:
         Where the vehicle may not be as fast as elsewhere.
     replans : tuple of ReplanRecord
         Of a closed loop, in order.
+    goal_region : (k, 2) array or None
+        Polygon that the trip ends in, m.
     """
 
     name: str
@@ -193,6 +195,7 @@ class Recording:
     guide: Array | None = None
     stretches: tuple[Stretch, ...] = ()
     replans: tuple[ReplanRecord, ...] = ()
+    goal_region: Array | None = None
 
     @property
     def epoch(self) -> float:
@@ -288,6 +291,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         max_speed=vehicle.max_speed,
         goal=scenario.goal.position,
         goal_radius=scenario.goal.radius,
+        goal_region=region_of(scenario),
         bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=(plan.position(np.linspace(plan.start_time, plan.arrival_time, 400)),),
         path_index=np.zeros(len(time), dtype=np.intp),

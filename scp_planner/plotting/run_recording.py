@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, walls_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, region_of, walls_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
@@ -78,6 +78,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
         max_speed=vehicle.max_speed,
         goal=run.scenario.goal.position,
         goal_radius=run.scenario.goal.radius,
+        goal_region=region_of(run.scenario),
         bounds=None if bounds is None else (bounds.min, bounds.max),
         paths=tuple(
             plan.position(np.linspace(moment, max(moment, plan.arrival_time), PATH_POINTS))

@@ -14,7 +14,6 @@ from scp_planner.arrays import Array
 from scp_planner.plotting.scales import clock_of, unit_of
 from scp_planner.plotting.style import (
     COLOURS,
-    FIGURE_SUFFIXES,
     GREY,
     INK,
     check_suffix,
@@ -24,6 +23,7 @@ from scp_planner.plotting.style import (
     style,
     time_label,
 )
+from scp_planner.settings.pictures import FIGURE_SUFFIXES
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.threat_zones.zone import by_obstacle
 

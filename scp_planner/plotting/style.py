@@ -12,6 +12,7 @@ import numpy as np
 
 from scp_planner.files import replacing
 from scp_planner.plotting.scales import METRES, Unit
+from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +27,6 @@ INK, GREY, FAINT, WARNING = "#222222", "#777777", "#C8C8C8", "#B2182B"
 FORBIDDEN, SLOW, SLOW_TEXT = "#DCDCDC", "#E8C547", "#6B5500"
 """Of ground: where the vehicle may not be, and where it may not be fast."""
 DOTTED = (0, (1, 1.2))
-
-FIGURE_SUFFIXES = (".png", ".pdf", ".svg")
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9.0,

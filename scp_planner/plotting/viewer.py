@@ -110,6 +110,7 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "maxSpeed": recording.max_speed,
         "goal": rounding.of(np.asarray(recording.goal) - origin),
         "goalRadius": recording.goal_radius,
+        "goalRegion": None if recording.goal_region is None else rounding.of(recording.goal_region - origin),
         "bounds": None if bounds is None else rounding.of(np.asarray(bounds) - origin),
         "corridor": [rounding.of(polygon - origin) for polygon in recording.corridor],
         "corridorBorder": rounding.of(borders_of(recording.corridor) - origin) if recording.corridor else [],

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from os import PathLike
 from typing import TYPE_CHECKING
 
-from scp_planner.plotting.animation import ANIMATION_SUFFIXES, animate, animate_plan
+from scp_planner.plotting.animation import animate, animate_plan
 from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plot_run_profiles
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
-from scp_planner.plotting.style import FIGURE_SUFFIXES, check_suffix
+from scp_planner.plotting.style import check_suffix
 from scp_planner.plotting.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
 from scp_planner.settings.knobs import word_of
+from scp_planner.settings.pictures import FIGURE_SUFFIXES, FILM_SUFFIXES, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,19 +21,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
     from scp_planner.simulation.run import Run
 
-PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *ANIMATION_SUFFIXES, *VIEWER_SUFFIXES)
-
-
-class View(StrEnum):
-    """What a figure shows.
-
-    ``map``: the map at several times, and profiles. ``space-time``: which part of the way is taken when.
-    ``profiles``: speed, accelerations, curvature and clearance against their limits.
-    """
-
-    MAP = "map"
-    SPACE_TIME = "space-time"
-    PROFILES = "profiles"
+PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *FILM_SUFFIXES, *VIEWER_SUFFIXES)
 
 
 def plot_view(
@@ -115,7 +103,7 @@ def draw_plan(plan: Plan, scenario: Scenario, path: str | PathLike[str], view: V
     suffix = check_suffix(path, PICTURE_SUFFIXES)
     if suffix in VIEWER_SUFFIXES:
         save_viewer(plan, scenario, path)
-    elif suffix in ANIMATION_SUFFIXES:
+    elif suffix in FILM_SUFFIXES:
         animate_plan(plan, scenario, path)
     else:
         plot_view(plan, scenario, path, view)
@@ -140,7 +128,7 @@ def draw_run(run: Run, path: str | PathLike[str], view: View | str = View.MAP) -
     suffix = check_suffix(path, PICTURE_SUFFIXES)
     if suffix in VIEWER_SUFFIXES:
         save_recording(record_run(run), path)
-    elif suffix in ANIMATION_SUFFIXES:
+    elif suffix in FILM_SUFFIXES:
         animate(record_run(run), path)
     else:
         plot_run_view(run, path, view)

@@ -31,12 +31,25 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.scenario.commonroad_goals import GoalAim, GoalState, goal_states, seen_heading
-from scp_planner.scenario.commonroad_lines import Point, cut, entry, from_beside, point_ahead, rectangle
+from scp_planner.scenario.commonroad_lines import (
+    SIGHT,
+    SIGHT_TIME,
+    Arrival,
+    Drive,
+    Point,
+    Steering,
+    arrival,
+    driven,
+    heading_near,
+    led_through,
+    point_ahead,
+    rectangle,
+    turned_too_far,
+)
 from scp_planner.scenario.commonroad_models import VehicleModel, car_named, centre_of, default_car, vehicle_of
 from scp_planner.scenario.commonroad_obstacles import obstacle_of
 from scp_planner.scenario.commonroad_roads import (
     GUIDE_STEP,
-    Route,
     drivable,
     route_ahead,
     route_to,
@@ -71,7 +84,10 @@ SLOWEST = 2.0
 """m/s of the file, that a goal of time alone is planned with at least."""
 
 BLEND = 1.5
-"""s of the file, at the speed of the start, in which the guide comes from there to the centre of the lane."""
+"""s of the file, at the speed of the start, in which the line comes from the centre of the lane to the goal."""
+
+BEYOND = 1.5
+"""Times the way to a goal of time alone, that the line goes on for at least."""
 
 UNNOTICED = 0.01
 """m of the file; the official checker takes places for the same that differ by less than twice as much."""
@@ -90,6 +106,27 @@ REACH = 8.0
 
 
 @dataclass(frozen=True)
+class CommonRoadFile:
+    """A file that has been read.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    world : commonroad.scenario.scenario.Scenario
+    problem : commonroad.planning.planning_problem.PlanningProblem
+    """
+
+    name: str
+    world: Any
+    problem: Any
+
+    def goal_states(self) -> list[GoalState]:
+        """Return the goal's states; ScenarioError if there is none."""
+        return goal_states(self.problem, float(self.world.dt), self.name)
+
+
+@dataclass(frozen=True)
 class _Vehicle:
     """What is planned with: fields of the vehicle, its length and width in m, and how far ahead its middle is, m."""
 
@@ -97,6 +134,12 @@ class _Vehicle:
     width: float
     length: float
     centre: float
+
+    def steering(self, speed: float) -> Steering:
+        """How it is steered along a line from a speed on, m/s."""
+        given = self.fields.max_curvature if isinstance(self.fields, Vehicle) else self.fields.get("max_curvature")
+        bend = given if given is not None and math.isfinite(given) else 1.0 / self.length
+        return Steering(self.length, self.centre, bend, max(SIGHT * self.length, SIGHT_TIME * speed))
 
 
 def load_commonroad(
@@ -146,16 +189,47 @@ def load_commonroad(
     ImportError, OSError
         If commonroad-io is not installed; if the file cannot be read.
     """
+    return scenario_of(
+        read_commonroad(path, problem), vehicle, guide=guide, model=model, car=car, aim=aim, borders=borders
+    )
+
+
+def scenario_of(
+    file: CommonRoadFile,
+    vehicle: Vehicle | Mapping[str, Any] | None = None,
+    *,
+    guide: bool = True,
+    model: str | None = None,
+    car: str | None = None,
+    aim: GoalAim | None = None,
+    borders: bool = True,
+) -> Scenario:
+    """Make the scenario of a file that has been read, as `load_commonroad` does.
+
+    Parameters
+    ----------
+    file : CommonRoadFile
+    vehicle, guide, model, car, aim, borders
+        As in `load_commonroad`.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError, ValueError
+        As `load_commonroad`.
+    """
     if vehicle is not None and model is not None:
         raise ValueError("vehicle: a model has its own car; give the one or the other")
-    aim, name = aim or GoalAim(), str(path)
-    world, chosen = read_commonroad(path, problem)
-    states = goal_states(chosen, float(world.dt), name)
+    aim = aim or GoalAim()
+    states = file.goal_states()
     if not 0 <= aim.state < len(states):
-        raise ScenarioError(name, [Fault("goalState", aim.state, f"must be less than {len(states)}")])
-    reader = _Reader(name, world, chosen, states[aim.state], guide, borders, aim.timed_way)
+        raise ScenarioError(file.name, [Fault("goalState", aim.state, f"must be less than {len(states)}")])
+    reader = _Reader(file.name, file.world, file.problem, states[aim.state], guide, borders, aim)
     if model is None:
-        return reader.scenario(_default_vehicle(vehicle, chosen.initial_state), None, None)
+        return reader.scenario(_default_vehicle(vehicle, file.problem.initial_state), None, None)
     return _with_enough_discs(reader, _model_named(model), car)
 
 
@@ -195,7 +269,7 @@ def _model_named(name: str) -> VehicleModel:
         raise ValueError(f"model: must be one of {', '.join(VehicleModel)}, not {name!r}") from None
 
 
-def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> tuple[Any, Any]:
+def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> CommonRoadFile:
     """Read a CommonRoad file with commonroad-io.
 
     Parameters
@@ -207,8 +281,7 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> tu
 
     Returns
     -------
-    (scenario, problem)
-        Objects of commonroad-io.
+    CommonRoadFile
 
     Raises
     ------
@@ -235,7 +308,7 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> tu
         raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
     finally:
         reader_log.setLevel(level)
-    return world, _chosen(problems.planning_problem_dict, problem, name)
+    return CommonRoadFile(name, world, _chosen(problems.planning_problem_dict, problem, name))
 
 
 def _chosen(problems: dict[int, Any], wanted: int | None, name: str) -> Any:
@@ -247,6 +320,13 @@ def _chosen(problems: dict[int, Any], wanted: int | None, name: str) -> Any:
         ids = ", ".join(str(each) for each in problems)
         raise ScenarioError(name, [Fault("planningProblem", wanted, f"must be one of {ids}")])
     return problems[wanted]
+
+
+def _straight_to(start: Point, place: Any) -> Array:
+    """A line from a point through the middle of a polygon, and as far beyond that as it may reach, m."""
+    middle = place.representative_point()
+    turn = math.atan2(middle.y - start[1], middle.x - start[0])
+    return np.array([start, point_ahead((middle.x, middle.y), turn, math.sqrt(place.area))])
 
 
 def _default_vehicle(vehicle: Vehicle | Mapping[str, Any] | None, start: Any) -> _Vehicle:
@@ -273,8 +353,7 @@ class _Reader:
     goal : GoalState
     guided, bordered : bool
         Whether lanes make a guide, and borders walls.
-    timed_way : float
-        As in `GoalAim`.
+    aim : GoalAim
     """
 
     name: str
@@ -283,7 +362,7 @@ class _Reader:
     goal: GoalState
     guided: bool
     bordered: bool
-    timed_way: float
+    aim: GoalAim
 
     def scenario(self, vehicle: _Vehicle, arrival_step: float | None, model: VehicleModel | None) -> Scenario:
         """Make the scenario of a vehicle, which arrives on steps of time, s, if given, and moves like a model."""
@@ -292,51 +371,56 @@ class _Reader:
         heading, speed = float(state.orientation), float(state.velocity)
         start = point_ahead(middle, heading, -vehicle.centre)
         line = self._line(middle, heading, speed)
-        goal, line = self._goal(from_beside(line, middle, BLEND * speed), start, middle, vehicle)
-        walls = self._walls(line, middle, heading, vehicle) if self.bordered else []
+        drive = driven(line, start, heading, vehicle.steering(speed))
+        headings = self._headings(model, line)
+        end = self._arrival(drive, headings, vehicle)
+        guide = spaced(drive.places[: end.index + 1], GUIDE_STEP) if end.index > 1 else np.array([start])
+        walls = self._walls(guide, middle, heading, vehicle) if self.bordered else []
+        goal = {
+            "position": tuple(drive.places[end.index].tolist()),
+            "region": [(float(x), float(y)) for x, y in end.place.exterior.coords[:-1]],
+            "heading_range": headings,
+            "arrival_step": arrival_step,
+        }
         return Scenario(
             name=Path(self.name).stem,
             vehicle=vehicle.fields,
             start={"time": step * state.time_step, "position": start, "heading": heading, "speed": speed},
-            goal={**self.goal.fields(), **goal, **self._heading(model, line), "arrival_step": arrival_step},
-            guide=line.tolist() if self.guided and len(line) > 2 else None,
+            goal={**self.goal.fields(), **goal},
+            guide=guide.tolist() if self.guided and len(guide) > 1 else None,
             walls=walls,
             obstacles=[obstacle_of(obstacle, step, self.name) for obstacle in self.world.obstacles],
         )
 
     def _line(self, start: Point, heading: float, speed: float) -> Array:
-        """The line of the route, (k, 2) m; none where no lanes lead to the goal."""
-        network = self.world.lanelet_network
-        route: Route | None
-        if self.goal.places:
-            route = route_to(network, start, heading, self.goal.places)
-            places = self.goal.places
+        """The line of the route, (k, 2) m, as far as it may be wanted; a straight one where no lanes lead there."""
+        network, places = self.world.lanelet_network, self.goal.places
+        if places:
+            route = route_to(network, start, heading, places)
             if route is None:
-                return np.zeros((0, 2))
+                return _straight_to(start, places[0])
             last = route.lanes[-1].polygon.shapely_object
             at = max(places, key=lambda place: place.intersection(last).area).representative_point()
-            return np.vstack([route.line(start, (at.x, at.y)), route.beyond((at.x, at.y))[1:]])
+            line = np.vstack([route.line(start, (at.x, at.y)), route.beyond((at.x, at.y))[1:]])
+            return led_through(line, places, max(BLEND * speed, 2.0 * GUIDE_STEP)) if len(line) > 1 else line
         way = self._timed_way(speed)
-        route = route_ahead(network, start, heading, way)
+        route = route_ahead(network, start, heading, BEYOND * way)
         line = np.zeros((0, 2)) if route is None else route.line(start)
-        if len(line) < 2:
-            return np.array([start, point_ahead(start, heading, way)])
-        return cut(line, way)
+        return line if len(line) > 1 else np.array([start, point_ahead(start, heading, BEYOND * way)])
 
-    def _heading(self, model: VehicleModel | None, line: Array) -> dict[str, Any]:
-        """The range of headings at the goal where a point mass is judged by another one than its own."""
+    def _headings(self, model: VehicleModel | None, line: Array) -> tuple[float, float] | None:
+        """The headings at the goal; for a point mass those that the official checker takes for them."""
         given = self.goal.heading
         if given is None or model is not VehicleModel.PM:
-            return {}
-        leg = line[-1] - line[-2]
-        seen = seen_heading(given, math.atan2(leg[1], leg[0]))
+            return given
+        seen = seen_heading(given, heading_near(line, self.goal.places[0]) if self.goal.places else 0.0)
         if seen is None:
             text = (
                 f"no point mass gets there: the official checker takes atan(sin h) for its heading h, which is never in"
                 f" [{given[0]:g}, {given[1]:g}]; plan with model KS"
             )
             raise ScenarioError(self.name, [Fault("goalState.orientation", MISSING, text)])
-        return {"heading_range": seen}
+        return seen
 
     def _soonest(self) -> float:
         """How far the vehicle drives, a little slower than it starts, until it may arrive, m."""
@@ -348,31 +432,17 @@ class _Reader:
         """How far the vehicle drives at the speed of its start until the goal's time, m."""
         begin = float(self.world.dt) * self.problem.initial_state.time_step
         time = (self.goal.earliest or self.goal.latest or begin) - begin
-        return self.timed_way * max(speed, SLOWEST) * max(time, float(self.world.dt))
+        return self.aim.timed_way * max(speed, SLOWEST) * max(time, float(self.world.dt))
 
-    def _goal(self, line: Array, start: Point, middle: Point, vehicle: _Vehicle) -> tuple[dict[str, Any], Array]:
-        """Where the goal is, as fields of the scenario's goal, and the line up to there, m."""
-        ahead = vehicle.centre
-        if not self.goal.places:
-            end = line[-1] - line[-2]
-            turn = math.atan2(end[1], end[0])
-            at = (float(line[-1, 0]), float(line[-1, 1]))
-            region = rectangle(at, turn, vehicle.length, 2.0 * vehicle.width)
-            return self._arriving(line, start, at, turn, ahead, region)
-        at, region, line = entry(line, self.goal.places, middle, self._soonest())
-        leg = np.subtract(at, line[-2] if len(line) > 1 else middle)
-        return self._arriving(line, start, at, math.atan2(leg[1], leg[0]), ahead, region)
-
-    def _arriving(
-        self, line: Array, start: Point, at: Point, turn: float, ahead: float, region: Any
-    ) -> tuple[dict[str, Any], Array]:
-        position = point_ahead(at, turn, -ahead)
-        goal = {"position": position, "region": [(float(x), float(y)) for x, y in region.exterior.coords[:-1]]}
-        ends = np.array([start, position])
-        # Close to the ends the line would have to jump to them.
-        away = np.linalg.norm(ends[:, None] - line[None], axis=2).min(axis=0) if len(line) else np.zeros(0)
-        inner = line[away > 2.0 * GUIDE_STEP]
-        return goal, spaced(np.vstack([ends[:1], inner, ends[1:]])) if len(inner) else ends
+    def _arrival(self, drive: Drive, headings: tuple[float, float] | None, vehicle: _Vehicle) -> Arrival:
+        """Where on a drive the goal is."""
+        if self.goal.places:
+            turned = turned_too_far(drive.headings, headings, self.aim.turn)
+            return arrival(drive, self.goal.places, turned, self._soonest(), self.aim.depth)
+        way = self._timed_way(float(self.problem.initial_state.velocity))
+        index = min(int(np.searchsorted(drive.stations, way)), len(drive.stations) - 1)
+        middle = (float(drive.middles[index, 0]), float(drive.middles[index, 1]))
+        return Arrival(index, rectangle(middle, float(drive.headings[index]), vehicle.length, 2.0 * vehicle.width))
 
     def _walls(self, line: Array, middle: Point, heading: float, vehicle: _Vehicle) -> list[list[Point]]:
         if not self.world.lanelet_network.lanelets:

@@ -31,10 +31,17 @@ class GoalAim:
     timed_way : float
         Where a goal of time alone is planned to be: on the lane, as a ratio to the way that the speed of the start
         leads until then.
+    depth : float
+        Where the goal is a place: how far into it from where it is first reached, as a ratio to the way through it.
+    turn : float
+        With which headings the guide may end there, as a ratio to the half range of those that are allowed: the more,
+        the sooner it is there, and the more the path has to turn off it.
     """
 
     state: int = 0
     timed_way: float = 1.0
+    depth: float = 0.0
+    turn: float = 0.9
 
 
 @dataclass(frozen=True)

@@ -1,77 +1,229 @@
-"""Lines of routes on CommonRoad's maps, and where they come into a goal's region."""
+"""Guides on CommonRoad's maps: what a car drives that is steered along the line of a route, into a goal's region."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.scenario.commonroad_roads import GUIDE_STEP, spaced
-from scp_planner.scenario.goals import aim_at
 
 Point: TypeAlias = tuple[float, float]
 
 INSIDE = 0.01
-"""Of the size of a goal's region: how far inside its border the line ends."""
+"""Of the size of a goal's region: how far inside its border the guide ends."""
+
+CORE = 0.5
+"""Of the radius of the largest disc in a goal's region: what the line is led through lies so far inside."""
+
+STRIDE = 0.1
+"""Lengths of the car, of a step in which it is steered."""
+
+SIGHT = 1.2
+"""Lengths of the car: how far ahead on the line it is steered to, at least."""
+
+SIGHT_TIME = 0.4
+"""s of the file, at the speed of the start: how far ahead it looks where that is farther."""
+
+LONGEST = 3.0
+"""Times the length of the line, after which a car that does not get to its end is no longer steered."""
 
 
-def entry(line: Array, places: Sequence[Any], start: Point, soonest: float) -> tuple[Point, Any, Array]:
-    """Return where a line first comes into one of some polygons, that polygon, and the line up to there.
+@dataclass(frozen=True)
+class Steering:
+    """A car that is steered.
 
-    If the vehicle may not arrive before it would have driven ``soonest`` metres at its speed, it is so far on the line,
-    as long as that is inside.
+    Attributes
+    ----------
+    length : float
+        m.
+    ahead : float
+        How far its middle is ahead of its reference point, m.
+    bend : float
+        Largest curvature of the path of the reference point, 1/m.
+    sight : float
+        How far ahead it is steered to, m.
     """
-    from shapely import LineString
-    from shapely import Point as ShapelyPoint
 
-    if len(line) > 1:
-        curve = LineString(line)
-        crossed = [(_stretch(curve, place), place) for place in places if curve.intersection(place).length > 0.0]
-        if crossed:
-            (first, last), place = min(crossed, key=lambda one: one[0])
-            margin = min(INSIDE * math.sqrt(place.area), 0.25 * (last - first))
-            at = curve.interpolate(min(max(first + margin, soonest), last - margin))
-            return (at.x, at.y), place, cut(line, curve.project(at))
-    origin = start if len(line) < 2 else (float(line[-1, 0]), float(line[-1, 1]))
-    nearest = min(places, key=lambda place: place.distance(ShapelyPoint(origin)))
-    return aim_at(_ring(nearest), origin), nearest, line
+    length: float
+    ahead: float
+    bend: float
+    sight: float
 
 
-def _stretch(curve: Any, place: Any) -> tuple[float, float]:
-    """From where to where a line is in a polygon for the first time, m along the line."""
-    from shapely import Point as ShapelyPoint
+@dataclass(frozen=True)
+class Drive:
+    """What a car drives.
 
-    inside = curve.intersection(place)
-    parts = [part for part in getattr(inside, "geoms", [inside]) if part.length > 0.0]
-    ends = [[curve.project(ShapelyPoint(part.coords[k])) for k in (0, -1)] for part in parts]
-    stretches = sorted((min(pair), max(pair)) for pair in ends)
-    return stretches[0]
+    Attributes
+    ----------
+    places : (k, 2) array
+        Of its reference point, m.
+    headings : (k,) array
+        rad.
+    middles : (k, 2) array
+        Of the car, m.
+    stations : (k,) array
+        Driven until there, m.
+    """
+
+    places: Array
+    headings: Array
+    middles: Array
+    stations: Array
 
 
-def _ring(polygon: Any) -> list[Point]:
-    return [(float(x), float(y)) for x, y in polygon.exterior.coords[:-1]]
+@dataclass(frozen=True)
+class Arrival:
+    """Where a drive comes into a goal.
+
+    Attributes
+    ----------
+    index : int
+        Of the drive.
+    place : shapely.Polygon
+        Which of the goal's places.
+    """
+
+    index: int
+    place: Any
 
 
-def from_beside(line: Array, start: Point, length: float) -> Array:
-    """Return a line, (k, 2) m, that begins at the start, beside it, and is where it was after so many metres."""
-    if len(line) < 2:
+def driven(line: Array, start: Point, heading: float, car: Steering) -> Drive:
+    """Return what a car drives that is steered along a line, (k, 2) m, by pure pursuit.
+
+    Its wheels are always turned so that an arc leads from the reference point to the point of the line that is in
+    sight. Source: R. C. Coulter, "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992.
+    """
+    stride = STRIDE * car.length
+    target = _continued(line, stride, car.sight)
+    last = len(target) - 1 - math.ceil(car.sight / stride)
+    x, y, turn, at = start[0], start[1], heading, 0
+    near, poses = math.ceil(2.0 * car.sight / stride), [(x, y, turn)]
+    for _ in range(math.ceil(LONGEST * len(target))):
+        away = np.hypot(target[at : at + near, 0] - x, target[at : at + near, 1] - y)
+        nearest = int(away.argmin())
+        at += nearest
+        if at >= last:
+            break
+        ahead = np.flatnonzero(away[nearest:] >= car.sight)
+        goal = target[at + int(ahead[0])] if len(ahead) else target[min(at + near, len(target)) - 1]
+        reach = math.hypot(goal[0] - x, goal[1] - y)
+        side = math.sin(math.atan2(goal[1] - y, goal[0] - x) - turn)
+        behind = math.cos(math.atan2(goal[1] - y, goal[0] - x) - turn) < 0.0
+        bend = math.copysign(car.bend, side) if behind else 2.0 * side / reach
+        step = stride * max(min(bend, car.bend), -car.bend)
+        x, y = x + stride * math.cos(turn + 0.5 * step), y + stride * math.sin(turn + 0.5 * step)
+        turn += step
+        poses.append((x, y, turn))
+    table = np.array(poses)
+    headings = table[:, 2]
+    along = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    return Drive(
+        table[:, :2],
+        headings,
+        table[:, :2] + car.ahead * along,
+        np.linspace(0.0, stride * (len(table) - 1), len(table)),
+    )
+
+
+def _continued(line: Array, step: float, length: float) -> Array:
+    """A line with points at a distance, and straight on beyond its end, m."""
+    points = spaced(line, step)
+    leg = (points[-1] - points[-2]) / math.dist(points[-1], points[-2])
+    beyond = points[-1] + step * np.arange(1, math.ceil(length / step) + 1)[:, None] * leg
+    return np.vstack([points, beyond])
+
+
+def arrival(drive: Drive, places: Sequence[Any], turned: Array, soonest: float, depth: float) -> Arrival:
+    """Return where a drive comes into one of some polygons with a heading that is allowed, or nearest to that.
+
+    Parameters
+    ----------
+    drive : Drive
+    places : sequence of shapely polygons
+        m.
+    turned : (k,) array
+        By how much its headings are not allowed, rad.
+    soonest : float
+        How far the vehicle drives until it may arrive, m: it comes in so far, or as far as it is inside.
+    depth : float
+        Of what is inside from there on: how much farther it comes, 0 to 1.
+
+    Returns
+    -------
+    Arrival
+    """
+    from shapely import contains_xy, distance, points
+
+    found: list[tuple[tuple[float, float, float], Arrival]] = []
+    for place in places:
+        inner = place.buffer(-INSIDE * math.sqrt(place.area))
+        inside = contains_xy(inner if inner.area > 0.0 else place, drive.middles[:, 0], drive.middles[:, 1])
+        if not inside.any():
+            away = distance(place, points(drive.middles))
+            index = int(away.argmin())
+            found.append(((float(away[index]), 0.0, drive.stations[index]), Arrival(index, place)))
+            continue
+        least = float(turned[inside].min())
+        fits = _first_stretch(inside & (turned <= least))
+        late = fits[drive.stations[fits] >= soonest]
+        left = late if len(late) else fits[-1:]
+        index = int(left[round(depth * (len(left) - 1))])
+        found.append(((0.0, least, drive.stations[index]), Arrival(index, place)))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def turned_too_far(headings: Array, allowed: Point | None, share: float) -> Array:
+    """Return by how much headings, (k,) rad, are outside of a share of a range, (k,) rad; 0 without a range."""
+    if allowed is None or math.isinf(share):
+        return np.zeros(len(headings))
+    middle, half = 0.5 * (allowed[0] + allowed[1]), 0.5 * (allowed[1] - allowed[0])
+    away = np.abs(np.mod(headings - middle + math.pi, 2.0 * math.pi) - math.pi)
+    return np.asarray(np.maximum(away - share * half, 0.0))
+
+
+def _first_stretch(marks: Mask) -> Any:
+    """Indices of the first marks that stand side by side."""
+    found = np.flatnonzero(marks)
+    gaps = np.flatnonzero(np.diff(found) > 1)
+    return found[: gaps[0] + 1] if len(gaps) else found
+
+
+def led_through(line: Array, places: Sequence[Any], length: float) -> Array:
+    """Return a line, (k, 2) m, that is moved aside, over some metres, to lead through the core of the nearest place."""
+    from shapely import LineString, maximum_inscribed_circle
+    from shapely.ops import nearest_points
+
+    curve = LineString(line)
+    place = min(places, key=lambda one: (one.distance(curve), -one.intersection(curve).length))
+    core = place.buffer(-CORE * maximum_inscribed_circle(place).length)
+    if core.is_empty or core.intersects(curve):
         return line
-    line = spaced(line)
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    share = np.minimum(stations / max(length, 2.0 * GUIDE_STEP), 1.0)
-    away = 1.0 - share * share * (3.0 - 2.0 * share)
-    return line + away[:, None] * (np.asarray(start) - line[0])
+    on_line, inside = nearest_points(curve, core)
+    line = spaced(line, GUIDE_STEP)
+    share = np.clip((_lengths_along(line) - curve.project(on_line)) / length + 1.0, 0.0, 1.0)
+    return line + (share * share * (3.0 - 2.0 * share))[:, None] * np.array(
+        [inside.x - on_line.x, inside.y - on_line.y]
+    )
 
 
-def cut(line: Array, length: float) -> Array:
-    """Return a polyline, (k, 2) m, up to a length, m."""
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    inner = line[(stations < length)]
-    end = [np.interp(min(length, stations[-1]), stations, line[:, axis]) for axis in (0, 1)]
-    return np.vstack([inner, [end]]) if len(inner) else np.array([line[0], end])
+def heading_near(line: Array, place: Any) -> float:
+    """Return the direction of a line, (k, 2) m, beside the middle of a polygon, rad."""
+    middle = place.representative_point()
+    nearest = int(np.hypot(line[:, 0] - middle.x, line[:, 1] - middle.y).argmin())
+    last = max(nearest, 1)
+    leg = line[last] - line[last - 1]
+    return math.atan2(leg[1], leg[0])
+
+
+def _lengths_along(line: Array) -> Array:
+    """The lengths of a polyline, (k, 2) m, up to its points, (k,) m."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
 
 
 def point_ahead(point: Point, heading: float, distance: float) -> Point:

@@ -219,10 +219,10 @@ def _measured(lane: Any) -> tuple[Array, Array]:
     return line, np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
 
 
-def spaced(points: Array) -> Array:
-    """Return points at equal distances along a polyline (k, 2), ends included, m."""
+def spaced(points: Array, step: float) -> Array:
+    """Return points at equal distances, about so large, along a polyline (k, 2), ends included, m."""
     stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / GUIDE_STEP)) + 1)
+    wanted = np.linspace(0.0, stations[-1], max(2, math.ceil(stations[-1] / step)) + 1)
     placed = np.stack([np.interp(wanted, stations, points[:, axis]) for axis in (0, 1)], axis=-1)
     placed[0], placed[-1] = points[0], points[-1]
     return placed

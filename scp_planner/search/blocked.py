@@ -6,7 +6,7 @@ meet: they are found from looks at the ends of stretches of delays, and only the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -205,6 +205,12 @@ class Cells:
             words = words & self._closed[side]
         return words
 
+    def without_each(self, cases: Sequence[tuple[tuple[int, int], ...]]) -> Words:
+        """Free cells of several cases, (lines, half offsets, cases)."""
+        if len(cases) == 1:
+            return self.without(cases[0])[:, :, None]
+        return np.stack([self.without(closed) for closed in cases], axis=2)
+
     def _cuts_of(self, zone: int) -> Iterator[Cuts]:
         """What one zone blocks."""
         if self._kept is None:
@@ -226,10 +232,13 @@ class Cells:
         """Mark what zones block, or that and all to one side of it."""
         size, step = blocked.shape[1], 0.5 * self.grid.offset_step
         low = self.grid.half_offsets[0]
-        first = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
-        last = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
-        first, last = np.maximum(first, 0.0).astype(np.intp), np.minimum(last, size - 1.0).astype(np.intp)
-        length = np.maximum(last - first + 1, 0)
+        lowest = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
+        highest = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
+        first: Index = np.maximum(lowest, 0.0).astype(np.intp)
+        length: Index = np.maximum(np.minimum(highest, size - 1.0).astype(np.intp) - first + 1, 0)
+        if int(length.sum()) > blocked.size:  # large zones: their ends alone, and what lies between
+            self._fill(blocked, cuts, first, length)
+            return
         until = np.cumsum(length)
         done = 0
         while done < len(length):
@@ -239,6 +248,19 @@ class Cells:
             offset = np.arange(int(some.sum())) - np.repeat(until[part] - some - before - first[part], some)
             blocked[np.repeat(cuts.line[part], some), offset, np.repeat(cuts.delay[part], some)] = True
             done = part.stop
+
+    @staticmethod
+    def _fill(blocked: Mask, cuts: Cuts, first: Index, length: Index) -> None:
+        """Mark from the first cell of each cut on so many, some lines at a time."""
+        size = blocked.shape[1]
+        at_once = max(1, MOST_MARKED // (size * DELAYS))
+        for begin in range(0, len(blocked), at_once):
+            here = np.flatnonzero((cuts.line >= begin) & (cuts.line < begin + at_once))
+            line, start = cuts.line[here] - begin, first[here]
+            depth = np.zeros((min(at_once, len(blocked) - begin), size + 1, DELAYS), dtype=np.int32)
+            np.add.at(depth, (line, np.minimum(start, size), cuts.delay[here]), 1)
+            np.add.at(depth, (line, np.minimum(start + length[here], size), cuts.delay[here]), -1)
+            blocked[begin : begin + at_once] |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
 
     def _outside(self) -> Mask:
         """Which cells lie outside the workspace box, or where the guide folds."""

@@ -172,7 +172,9 @@ class Grid:
     def of(cls, problem: Problem, fineness: Fineness, coarseness: float = 1.0) -> Grid:
         """Return the grid of a problem, its delays in steps that are longer by a factor."""
         space, limits = problem.space, problem.limits
-        top = max(limits.speed, space.start_speed)
+        # Classes of speeds that are never driven would leave too few for those that are
+        reached = float(np.sqrt(space.start_speed**2 + 2.0 * limits.acceleration * space.length))
+        top = max(min(limits.speed, reached), space.start_speed)
         radius = typical_radius(problem.zones)
         count: float = FEWEST_STATIONS
         if radius is not None:

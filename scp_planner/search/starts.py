@@ -4,12 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.trips.trajectory import Trajectory
 
 COARSENESSES = (1.0, 4.0, 16.0)  # of the delays; coarser ones are tried only where there is no way with short delays
+
+WAITED = 0.6  # of all delays: the wait for a time before which the goal may not be reached
+
+
+def coarsenesses(problem: Problem) -> tuple[float, ...]:
+    """Return factors of the steps of delays, in turn: with the first one all delays hold what must be waited.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    tuple of float
+    """
+    earliest = max((limit.travel_time for limit in problem.optional if isinstance(limit, EarliestArrival)), default=0.0)
+    if earliest == 0.0:
+        return COARSENESSES
+    grid = Grid.of(problem, Fineness())
+    needed = (earliest - float(grid.fastest[-1])) / (WAITED * DELAYS * grid.delay_step)
+    return tuple(max(needed, 1.0) * each for each in COARSENESSES)
 
 
 def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]]:
@@ -27,7 +50,7 @@ def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]
     (float, Trajectory)
         Estimated travel time, s, and a start.
     """
-    for coarseness in COARSENESSES:
+    for coarseness in coarsenesses(problem):
         search = WaySearch(problem, coarseness)
         found = False
         for way in ways(search, searches):

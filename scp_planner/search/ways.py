@@ -24,6 +24,7 @@ from scp_planner.search.sweep import ALL, ONE, Ends, Sweep
 Closed = tuple[tuple[int, int], ...]
 
 WINDOWS = (0.08, 0.25, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
+MOST_TOGETHER = 100_000  # cells of the cases of one sweep; with more their memory would be slower than their calls
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 
 
@@ -130,14 +131,18 @@ class WaySearch:
         grid = self.grid
         found: list[Way | None] = [None] * len(cases)
         left = list(range(len(cases)))
+        together = max(1, MOST_TOGETHER // (len(grid.lines) * len(grid.half_offsets)))
         for window in WINDOWS if within == np.inf else WINDOWS[-1:]:
             latest = grid.fastest[-1] + window * DELAYS * grid.delay_step
-            free = np.stack([self.cells.without(cases[k]) for k in left], axis=2)
-            if self.cells.cut_off:
-                break
-            sweep = Sweep(grid, free, self.ends, self._in_time(min(within, latest)))
-            for case, k in enumerate(left):
-                found[k] = self._way(sweep, case)
+            in_time = self._in_time(min(within, latest))
+            for begin in range(0, len(left), together):
+                some = left[begin : begin + together]
+                free = self.cells.without_each([cases[k] for k in some])
+                if self.cells.cut_off:
+                    return found
+                sweep = Sweep(grid, free, self.ends, in_time)
+                for case, k in enumerate(some):
+                    found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]
             if not left:
                 break

@@ -69,6 +69,19 @@ class Safety(StrEnum):
     """The trip up to the goal."""
 
 
+class GiveWay(StrEnum):
+    """When the vehicle gets out of the way of what moves."""
+
+    LATE = "late"
+    """Where no trip can be left for a stop that stays clear."""
+    EARLY = "early"
+    """Also where a short trip leads nearly as far and keeps farther away."""
+
+
+def _ways_to_give() -> tuple[str, ...]:
+    return tuple(each.value for each in GiveWay)
+
+
 def _safeties() -> tuple[str, ...]:
     return tuple(each.value for each in Safety)
 
@@ -132,6 +145,9 @@ class OnlineSettings(Knobs):
         Time for which no zone may come over the vehicle after it stands, for a stop to be safe; where there is no such
         stop, the vehicle gets out of the way. Longer: more caution, and more giving way; 0: a vehicle that stands is
         taken for safe. None: the time in which it drives four times its own width at top speed.
+    give_way : GiveWay
+        When the vehicle gets out of the way: ``late``, where no trip can be left for a stop that stays clear;
+        ``early``, also where a short trip leads nearly as far and keeps farther away.
     foresight : float or None
         Time that zones are looked at as they are foreseen, see `scp_planner.online.foresight`. None: the time to react,
         to the next replan and to stop, and somewhat more, since a stop need not begin at once.
@@ -176,6 +192,7 @@ class OnlineSettings(Knobs):
     reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
     safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
     stay_clear: Annotated[float | None, Range(0.0, LARGEST, "s")] = None
+    give_way: Annotated[GiveWay, Choice(_ways_to_give)] = GiveWay.LATE
     foresight: Annotated[float | None, Range(0.0, unit="s")] = None
     iterations: Annotated[int, Range(1, 1000)] = 2
     improve_every: Annotated[int, Range(1, 1000)] = 5

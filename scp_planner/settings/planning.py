@@ -62,7 +62,8 @@ class Settings(Knobs):
         Largest offset of the path from the guide. Larger: wider detours are looked at. None: 8 units.
     effort : float
         Factor of ``searches`` and ``max_runs``, and of how surely the fastest way round is found: from 2 on finer grids
-        are searched as well. Larger: slower, up to that factor. With a time limit the search goes on until then, or
+        are searched as well, unless it is proved first that no trip is notably faster; the plan then tells the bound
+        among the obstacles. Larger: slower, up to that factor. With a time limit the search goes on until then, or
         until no way is left that may be faster.
     searches : int
         Sweeps of the search for ways round, at most. More: better odds of the best way among many obstacles.

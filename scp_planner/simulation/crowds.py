@@ -19,7 +19,7 @@ from scp_planner.arrays import Array
 from scp_planner.scenario.models import Confidence, Goal, Model, Scenario, Start, Steering, Vehicle
 from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.scenario.shapes import Disc, Shape
-from scp_planner.settings.online import OnlineSettings
+from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.setup import SimulationSettings
@@ -44,10 +44,11 @@ LEVEL = 0.7
 """At which people's zones hold them. Higher: wider bows, more waiting; lower: more steps aside in the last moment."""
 WALKER = Model(
     order=1,
-    process=ProcessModel(process=RandomWalkVelocity(diffusion=0.03), velocity_deviation=1.0, noise_deviation=0.01),
+    process=ProcessModel(process=RandomWalkVelocity(diffusion=0.001), velocity_deviation=1.0, noise_deviation=0.001),
 )
-"""How people who avoid each other are taken to move. Regions of 95 % of this model hold them in 95 % of all cases
-0.25 s ahead, in 89 % 1 s and in 85 % 3 s ahead; those of a velocity that is believed exactly in 29, 22 and 10 %."""
+"""How people who avoid each other are taken to move: nearly straight on, but each look may show another velocity."""
+STAY_CLEAR = 0.5
+"""Times in which the vehicle drives its own width, for which a stop stays clear: who stands goes away again in time."""
 ARENA_RADII, ARENA_SPEEDS = (0.3, 0.5), (0.5, 1.5)  # m, m/s
 
 
@@ -99,12 +100,37 @@ class Episode:
         return SimulationSettings(
             world=self.people,
             sensors=(Sensor(rate=self.rate, noise=0.0, range=self.view),),
-            online=online or OnlineSettings(forget_after=FORGET_STEPS * self.step),
+            online=online or among_people(self.scenario.vehicle, self.step),
             history=0.0,
             time_limit=self.time_limit,
             shapes=self.shapes,
             model=model,
         )
+
+
+def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
+    """Settings of the planner among people who are seen well and turn at any moment.
+
+    It gives way early, a stop stays clear for a moment, and no observation is taken for a fault of the sensor: who
+    turns at once would be, and the vehicle would heed where nobody is.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    step : float
+        From one look to the next, s.
+
+    Returns
+    -------
+    OnlineSettings
+    """
+    return OnlineSettings(
+        give_way=GiveWay.EARLY,
+        stay_clear=STAY_CLEAR * 2.0 * vehicle.radius / vehicle.max_speed,
+        gate_probability=0.0,
+        alarm_probability=0.0,
+        forget_after=FORGET_STEPS * step,
+    )
 
 
 def circle_crossing(seed: int, people: int = 5, sees_vehicle: bool = False) -> Episode:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -109,9 +109,13 @@ class Drive:
         scenario = self.scenario.model_copy(update={"obstacles": tuple(obstacles)})
         self.planner = Planner(scenario, self.chosen.settings, self.online, self.chosen.solver)
         for observations in by_id.values():
-            for one in observations:
-                if not (one.obstacle in self.known and self.known[one.obstacle].motion is None):
-                    self._tell(one)
+            self._tell(
+                [
+                    one
+                    for one in observations
+                    if not (one.obstacle in self.known and self.known[one.obstacle].motion is None)
+                ]
+            )
 
     def _observed(self, obstacle: Obstacle, seen: list[Observation]) -> Obstacle:
         matrices = [((one.deviation**2, 0.0), (0.0, one.deviation**2)) for one in seen]
@@ -151,18 +155,23 @@ class Drive:
         self.pending = deque(one for one in self.pending if one.arrival > time)
         return heard
 
-    def _tell(self, one: Observation) -> None:
-        """Tell the planner of an observation, and first of its obstacle if that is new."""
-        planner, name = self.planner, one.obstacle
-        covariance = one.deviation**2 * np.eye(2)
-        if name not in planner.obstacles.tracks:
-            given = self.known.get(name)
-            if given is None:
-                shape = self.shapes.get(name, STRANGER)
-                planner.add_obstacle(name, shape, covariance=covariance, model=self.chosen.model)
-            else:
-                planner.add_obstacle(name, given.shape, covariance=covariance, model=given.model, margin=given.margin)
-        planner.observe(name, one.time, one.position, covariance)
+    def _tell(self, heard: Sequence[Observation]) -> None:
+        """Tell the planner of observations, and first of their obstacles if these are new."""
+        planner = self.planner
+        there = set(planner.obstacles.tracks)  # once: what is seen at about the same time is taken in together
+        for one in heard:
+            name, covariance = one.obstacle, one.deviation**2 * np.eye(2)
+            if name not in there:
+                given = self.known.get(name)
+                if given is None:
+                    shape = self.shapes.get(name, STRANGER)
+                    planner.add_obstacle(name, shape, covariance=covariance, model=self.chosen.model)
+                else:
+                    planner.add_obstacle(
+                        name, given.shape, covariance=covariance, model=given.model, margin=given.margin
+                    )
+                there.add(name)
+            planner.observe(name, one.time, one.position, covariance)
 
     # the drive
 
@@ -199,9 +208,7 @@ class Drive:
             if progress is not None:
                 progress(stage.times[-1] - start)
             if not arrived:
-                heard = self._heard(now)
-                for one in heard:
-                    self._tell(one)
+                self._tell(self._heard(now))
         return self._finished(arrived, records, plans)
 
     def _drive(self, plan: OnlinePlan, now: float, following: float) -> bool:

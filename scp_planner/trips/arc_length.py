@@ -20,6 +20,7 @@ from functools import cache
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.quadrature import gauss_rule
 
 CLOSE = 5e-12  # of the speed over the station, by which its interpolation may be off
 MOST_HALVINGS = 24  # of a cell
@@ -60,7 +61,7 @@ class _Rule:
 
 @cache
 def _rule() -> _Rule:
-    nodes: Array = np.asarray(np.polynomial.legendre.leggauss(ORDER)[0], dtype=np.float64)
+    nodes = gauss_rule(ORDER).nodes
     angles = np.pi * (np.arange(POINTS) + 0.5) / POINTS
     to_coefficients = (2.0 / POINTS) * np.cos(np.arange(POINTS)[:, None] * angles)
     to_coefficients[0] *= 0.5

@@ -15,6 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.bell_polynomials import complete_bell_polynomials
 from scp_planner.mathematics.intervals import Interval
+from scp_planner.mathematics.quadrature import gauss_rule
 
 CELLS_PER_PIECE = 2  # of the table of positions, to a piece of the heading's spline, or twice as many, and so on
 STRAYS = 1e-12  # of the length: how far positions may be off, as far as that takes no more cells than this
@@ -210,11 +211,10 @@ class CurvedGuide:
         """Coefficients of the quintics, (cells, 6, 2), in powers of the share of the cell."""
         count = len(self._heading) * parts
         edges: Array = self._cell * np.arange(count + 1, dtype=np.float64)
-        rule = np.polynomial.legendre.leggauss(QUADRATURE_ORDER)
-        nodes, weights = (np.asarray(values, dtype=np.float64) for values in rule)
-        inner: Array = (edges[:-1, None] + 0.5 * self._cell * (nodes + 1.0)).ravel()
+        rule = gauss_rule(QUADRATURE_ORDER)
+        inner: Array = (edges[:-1, None] + 0.5 * self._cell * (rule.nodes + 1.0)).ravel()
         phi = self._local(self._heading, inner).reshape(count, -1)
-        steps = 0.5 * self._cell * np.stack([np.cos(phi) @ weights, np.sin(phi) @ weights], axis=1)
+        steps = 0.5 * self._cell * np.stack([np.cos(phi) @ rule.weights, np.sin(phi) @ rule.weights], axis=1)
         place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
         phi, bend = self._local(self._heading, edges), self._local(self._curvature, edges)
         first = self._cell * np.stack([np.cos(phi), np.sin(phi)], axis=1)

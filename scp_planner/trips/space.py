@@ -11,6 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.errors import TooLargeError
+from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.mathematics.splines import PiecewiseBasis, antiderivative_control_points, clamped_basis
 from scp_planner.trips.guide import Guide
 
@@ -90,8 +91,7 @@ def _gauss_cell(order: int) -> tuple[Array, Array]:
 
     The coefficients are those of x, x^2, ... x^order of the interpolating polynomial's integral from 0.
     """
-    nodes, _ = np.polynomial.legendre.leggauss(order)
-    nodes = 0.5 * (nodes + 1.0)
+    nodes = 0.5 * (gauss_rule(order).nodes + 1.0)
     interpolation = np.linalg.inv(np.vander(nodes, order, increasing=True))
     return nodes, interpolation / np.arange(1, order + 1)[:, None]
 

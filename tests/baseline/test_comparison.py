@@ -27,8 +27,6 @@ from scp_planner.settings.planning import Settings
 from scp_planner.studies.figures import plot_comparison
 from scp_planner.threat_zones.of_scenario import zones
 
-pytestmark = pytest.mark.numerics
-
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
 
 

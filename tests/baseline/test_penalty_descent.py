@@ -28,15 +28,13 @@ from scp_planner.solvers import solver_named
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.trips.trajectory import Trajectory
 
-pytestmark = pytest.mark.numerics
-
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
 BLOCKED = disc("on-goal", (20.0, 0.5), radius=2.0)
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "crossing" else pytest.param(name, marks=pytest.mark.slow) for name in builtin.names()]
+    "name", [name if name == "headon" else pytest.param(name, marks=pytest.mark.slow) for name in builtin.names()]
 )
 def test_built_in_scenarios_have_certified_plans_as_fast_as_those_of_scp(name: str) -> None:
     scenario = builtin.load(name)
@@ -122,10 +120,10 @@ def test_a_queue_that_has_to_be_waited_for_is_waited_for() -> None:
 
 
 def test_a_workspace_box_is_kept() -> None:
-    scenario = scene(CROSSERS[0], bounds={"min": [-1.0, -1.2], "max": [21.0, 1.2]})
+    scenario = scene(CROSSERS[0], bounds={"min": [-1.0, -1.5], "max": [21.0, 1.5]})
     plan = sp.penalty_descent(scenario, SMALL)
     assert plan.certified, plan.reason
-    assert np.abs(plan.position(np.linspace(0.0, plan.arrival_time, 500))[:, 1]).max() <= 0.9 + 1e-6
+    assert np.abs(plan.position(np.linspace(0.0, plan.arrival_time, 500))[:, 1]).max() <= 1.2 + 1e-6
 
 
 def test_without_obstacles_the_trip_is_as_fast_as_possible() -> None:
@@ -183,7 +181,7 @@ def test_a_run_out_of_time_says_so() -> None:
 
 
 def test_the_same_seed_gives_the_same_plan() -> None:
-    scenario, descent = scene(CROSSERS[0]), DescentSettings(variant=Variant.MONTE_CARLO, evaluations=60)
+    scenario, descent = scene(CROSSERS[0]), DescentSettings(variant=Variant.MONTE_CARLO, evaluations=15)
     times = [sp.penalty_descent(scenario, SMALL, descent=descent, seed=seed).travel_time for seed in (1, 1, 2)]
     assert times[0] == times[1]
     assert times[0] != times[2]

@@ -745,7 +745,7 @@ def test_what_is_known_of_a_trip_changes_no_verdict(seed: int) -> None:
     assert certify_trip(free, trip, (), motions=motions).holds
     rng = np.random.default_rng(seed)
     verdicts = []
-    for _ in range(40):
+    for _ in range(14):
         scenario = the_scene(passing(reference, int(rng.integers(1 << 30)), 3.0).obstacle(rng.uniform(-0.03, 0.06)))
         same = free.model_copy(update={"obstacles": scenario.obstacles})
         zones = sp.zones(scenario)
@@ -761,7 +761,7 @@ def test_what_is_known_of_a_trip_changes_no_verdict(seed: int) -> None:
             elif np.isfinite(precision):
                 assert known.clearance.minimum <= new.clearance.minimum + precision
         verdicts.append(known.holds)
-    assert 5 < sum(verdicts) < 35
+    assert 1 < sum(verdicts) < 13
 
 
 def test_a_trip_is_known_by_all_that_it_depends_on() -> None:

@@ -411,7 +411,7 @@ class TestScreening:
     @pytest.mark.parametrize("noise", ["general", "isotropic"])
     def test_gate_seldom_touches_good_observations(self, known: bool, noise: str) -> None:
         rng = np.random.default_rng(22)
-        runs, touched = 1200, 0
+        runs, touched = 600, 0
         sigma = SIGMA if noise == "general" else 0.01 * np.eye(2)
         screening = Screening(outliers=Outliers.GATE, gate_probability=0.05)
         for _ in range(runs):
@@ -434,7 +434,7 @@ class TestScreening:
     @pytest.mark.parametrize("known", [True, False])
     def test_huber_weights_cover_with_clean_and_with_spoiled_observations(self, known: bool) -> None:
         rng = np.random.default_rng(23)
-        times, runs = np.arange(30) * 0.1, 150
+        times, runs = np.arange(30) * 0.1, 90
         for share in (0.0, 0.1):  # 3,000 runs give 0.95 to 0.97 and 0.94 to 0.97
             inside = 0
             for _ in range(runs):

@@ -24,8 +24,6 @@ from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import ProcessModel
 
-pytestmark = pytest.mark.numerics
-
 KINDS = {
     "random_walk": {"diffusion": 0.05},
     "mean_reverting": {"diffusion": 0.2, "time_constant": 1.5},

@@ -282,7 +282,7 @@ class TestOnline:
 
 def test_filtered_positions_are_no_independent_observations() -> None:
     """Why a tracker's output has a door of its own: taken for observations, it promises far too much."""
-    rng, inside, runs, times = np.random.default_rng(5), 0, 400, 0.1 * np.arange(30)
+    rng, inside, runs, times = np.random.default_rng(5), 0, 100, 0.1 * np.arange(30)
     for _ in range(runs):
         seen = rng.normal(0.0, 0.3, (len(times), 2))  # of something that stands at the origin
         own = MotionFilter(process("random_walk"))

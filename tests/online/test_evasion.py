@@ -8,20 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import disc, scene
+from scipy.integrate import quad
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
+from scp_planner.online.evasion import Evasion, harm, nearness
+from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
+from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Steering
-from scp_planner.settings.online import OnlineSettings
+from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
-
-pytestmark = pytest.mark.numerics
 
 SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Of the region of two normal errors at 95 %."""
@@ -36,6 +39,23 @@ def follow(planner: Planner, time: float) -> OnlinePlan:
 
 
 # dodges
+
+
+def test_nearness_is_an_integral_that_fades() -> None:
+    """At a constant clearance of a width, against a quadrature of another kind; and what comes later counts less."""
+    time = np.linspace(0.0, 12.0, 4001)
+    expected, _ = quad(lambda t: math.exp(-1.0 / (1.0 / 6.0 + t / 20.0)) / (1.0 + 0.9 * t), 0.0, 5.0)
+    assert nearness(time, np.ones((1, len(time))))[0] == pytest.approx(expected, rel=1e-2)
+    soon, late = np.ones((2, len(time)))
+    soon[(time > 0.5) & (time < 1.0)] = late[(time > 3.0) & (time < 3.5)] = 0.1
+    near = nearness(time, np.stack([np.ones(len(time)), late, soon]))
+    assert near[0] < near[1] < near[2]
+
+
+def test_harm_is_that_of_the_worst_moment() -> None:
+    time = np.array([0.0, 1.0, 2.0])
+    found = harm(time, np.array([[0.5, 0.1, 0.0], [0.5, -0.3, -0.4], [0.5, 0.4, -0.4]]))
+    assert found == pytest.approx([0.0, 50.0 * (0.3 + 1.0 / 6.0) / 1.9, 50.0 * (0.4 + 1.0 / 6.0) / 2.8])
 
 
 @pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])
@@ -121,6 +141,76 @@ def test_goal_that_is_blocked_is_approached_as_near_as_is_safe() -> None:
     assert 0.9 <= away <= 1.3
 
 
+POST = disc("post", (4.0, 0.62), radius=0.3)
+SLOW = {"max_speed": 1.0, "steering": Steering.ANY}
+
+
+def test_giving_way_early_keeps_farther_away() -> None:
+    """Somebody stands beside the way, nearly in it: a trip passes as near as it may."""
+    least = {}
+    for way in GiveWay:
+        scenario = scene(POST, goal={"position": (8.0, 0.0), "radius": 0.3}, start={"speed": 0.0}, vehicle=SLOW)
+        planner = Planner(scenario, online=OnlineSettings(give_way=way))
+        plan, k = planner.replan(0.0, (0.0, 0.0), 0.0, 0.0), 0
+        places = [plan.position(0.0)]
+        while not plan.arrived and k < 60:
+            places.extend(plan.position(0.25 * k + np.linspace(0.0, 0.25, 6)))
+            k += 1
+            plan = follow(planner, 0.25 * k)
+            assert plan.safe
+        assert plan.arrived
+        least[way] = np.linalg.norm(np.array(places) - (4.0, 0.62), axis=1).min() - 0.6
+    assert least[GiveWay.LATE] < 0.05
+    assert least[GiveWay.EARLY] > 0.12
+
+
+@pytest.mark.parametrize(
+    ("posts", "half_width"),
+    [([(7.6, 0.75)], 9.0), ([(3.0 + x, side * 0.63) for x in (0.0, 0.5, 1.0) for side in (1.0, -1.0)], 0.95)],
+    ids=["somebody stands beside the goal", "there is hardly room, and no other way"],
+)
+def test_giving_way_early_arrives(posts: list[tuple[float, float]], half_width: float) -> None:
+    """More room is worth waiting for, but not for ever; and who has arrived needs no more of it."""
+    scenario = scene(
+        *(disc(f"post {k}", place, radius=0.3) for k, place in enumerate(posts)),
+        goal={"position": (8.0, 0.0)},
+        start={"speed": 0.0, "position": (2.0, 0.0)},
+        vehicle=SLOW,
+        bounds={"min": (-1.0, -half_width), "max": (9.0, half_width)},
+    )
+    planner = Planner(scenario, online=OnlineSettings(give_way=GiveWay.EARLY))
+    plan, k = planner.replan(0.0, (2.0, 0.0), 0.0, 0.0), 0
+    while not plan.arrived and k < 100:
+        k += 1
+        plan = follow(planner, 0.25 * k)
+        assert plan.safe
+    assert plan.arrived and 0.25 * k < 14.0
+
+
+def test_waiting_is_made_up_for_by_coming_nearer() -> None:
+    means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
+    waiting = Waiting((8.0, 0.0))
+    waited = [
+        waiting.waited(Replan(means.moment(State(time, (x, 0.0), None, 0.0)), 0.0, math.inf, None, 0))
+        for time, x in ((0.0, 0.0), (1.0, 0.0), (3.0, -1.0), (4.0, 0.5), (4.5, 1.0), (9.0, 2.0))
+    ]
+    assert waited == pytest.approx([0.0, 1.0, 3.0, 2.0, 1.5, 0.0])
+
+
+def test_trip_is_worth_what_the_same_dodge_is() -> None:
+    """Straight to the goal, where all of the way counts for both; and less, where it leads into somebody."""
+    for post, harmful in ((POST, False), (disc("post", (2.0, 0.1), radius=0.3), True)):
+        scenario = scene(post, goal={"position": (8.0, 0.0)}, start={"speed": 0.0}, vehicle=SLOW)
+        means = Planner(scenario)._means
+        now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
+        evasion = Evasion(means)
+        dodges, seen = evasion._looked(now)
+        straight = len(dodges.profiles.span) - 2  # the first course leads to the goal; for longest, at top speed
+        worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
+        assert bool(seen.harm[straight] > 0.0) is harmful
+        assert worth == pytest.approx(seen.worth[straight] - seen.harm[straight], abs=0.02)
+
+
 # what is promised
 
 
@@ -177,8 +267,10 @@ def promised(plan: OnlinePlan, times: np.ndarray) -> np.ndarray:
     return np.where((times <= plan.branch_time)[:, None], plan.position(times), stop)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 5])
-def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "way"), [*((seed, GiveWay.LATE) for seed in (0, 1, 2, 3, 5)), (0, GiveWay.EARLY), (1, GiveWay.EARLY)]
+)
+def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(seed: int, way: GiveWay) -> None:
     """Whatever they do within their zones, with no replan ever after, up to when the vehicle stands."""
     scenario = scene(
         start={"speed": 0.5},
@@ -186,7 +278,7 @@ def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(seed: int) 
         vehicle={"max_speed": 1.5},
         confidence={"probability": 0.95, "level": "per_time"},
     )
-    planner, hunters = Planner(scenario, online=OnlineSettings(period=PERIOD)), Hunters(seed, 0.15)
+    planner, hunters = Planner(scenario, online=OnlineSettings(period=PERIOD, give_way=way)), Hunters(seed, 0.15)
     time, promises = 0.0, 0
     hunters.shown(planner, time)
     plan = planner.replan(time, (0.0, 0.0), 0.0, 0.5)

@@ -44,6 +44,11 @@ def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
     assert "far" not in text and "beside" not in text
 
 
+def test_two_that_cover_the_goal_do_so_together() -> None:
+    text = reason(disc("crate", (20.0, 0.3), radius=1.0), disc("barrel", (20.0, -0.4), radius=1.0))
+    assert "crate and barrel cover the goal" in text or "barrel and crate cover the goal" in text
+
+
 @pytest.mark.parametrize(("time_limit", "proved"), [(30.0, True), (0.9, False)])
 def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The clock stands still: it is how long a proof may take that decides."""

@@ -263,6 +263,9 @@ def test_goals_close_behind_something_are_reached_steeply() -> None:
     assert made.certified
     assert made.travel_time <= 1.001 * more.travel_time
     assert made.gap < 0.07
+    # with more effort it is proved how near that is to the best
+    assert made.lower_bound < more.lower_bound <= more.travel_time
+    assert more.gap < made.gap
 
 
 def test_spans_of_long_straight_trips_grow_instead_of_their_number() -> None:

@@ -142,3 +142,10 @@ def test_axes_of_a_long_trip_are_in_kilometres() -> None:
     # A vehicle of 0.3 m has a mark that is seen.
     marks = [line for line in axes.lines if isinstance(line, Line2D) and line.get_markersize() == 6]
     assert len(marks) >= 2
+
+
+def test_a_goal_that_is_a_polygon_is_drawn(plan: sp.Plan) -> None:
+    region = [[18.0, -2.0], [23.0, -2.0], [23.0, 1.0], [18.0, 2.0]]
+    recording = record_plan(plan, scene(goal={"region": region}), 60)
+    drawn = [patch.get_xy() for patch in _map(recording).patches if isinstance(patch, Polygon) and not patch.get_fill()]
+    assert any(len(corners) == 5 and np.allclose(corners[:-1], region) for corners in drawn)

@@ -26,7 +26,15 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner import builtin
-from scp_planner.plotting import View, animate, animate_plan, plot_plan, plot_run_space_time, plot_space_time
+from scp_planner.plotting import (
+    View,
+    animate,
+    animate_plan,
+    plot_plan,
+    plot_profiles,
+    plot_run_space_time,
+    plot_space_time,
+)
 from scp_planner.plotting.animation import Film
 from scp_planner.plotting.maps import border_of
 from scp_planner.plotting.recording import record_plan
@@ -80,6 +88,13 @@ def figure(radar: Case) -> Figure:
     return plot_plan(*radar)
 
 
+@pytest.fixture
+def unsettled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what takes most of the time: places and margins of axes, where a test looks at what they show."""
+    for module in ("figures", "space_time"):
+        monkeypatch.setattr(f"scp_planner.plotting.{module}.settle", lambda _: None)
+
+
 def _map_of(figure: Figure) -> Any:
     return next(axes for axes in figure.axes if axes.get_xlabel() == "x (m)")
 
@@ -95,6 +110,7 @@ def _is_hollow(patch: Any) -> bool:
 # The figure of a plan
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
     plan, scenario = radar
     times = plan.start_time + np.array([0.3, 0.6]) * plan.travel_time
@@ -118,6 +134,7 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
                 assert any(fits), (zone.id, t)
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_what_stands_is_drawn_once(radar: Case) -> None:
     plan, scenario = radar
     for count in (1, 5):
@@ -154,6 +171,7 @@ def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
     assert outside.length < np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() < 1.05 * outside.length
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_corridor_is_light_and_the_rest_is_shaded() -> None:
     shapely = pytest.importorskip("shapely")
     polygons = [[[-1, -1], [9, -1], [9, 1], [-1, 1]], [[7, 0.5], [7, -1.5], [13, -1.5], [13, 6], [11, 6]]]
@@ -235,6 +253,7 @@ def test_clearance_over_time(radar: Case, figure: Figure) -> None:
     assert np.allclose(least.get_ydata(), np.min(distances, axis=0) - scenario.vehicle.radius, atol=1e-12)
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_limits_by_place_are_drawn() -> None:
     scenario = scene(speed_limits=[{"from": 5.0, "to": 9.0, "speed": 1.5}])
     figure = plot_plan(sp.plan(scenario), scenario)
@@ -242,6 +261,7 @@ def test_limits_by_place_are_drawn() -> None:
     assert {1.5, 3.0} in drawn
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_limits_that_are_none_are_not_drawn() -> None:
     figure = plot_plan(*_case("tall"))
     for title in ("lateral acceleration", "curvature"):
@@ -287,13 +307,15 @@ def _assert_legible(figure: Figure) -> None:
         assert apart, (one, other)
 
 
-@pytest.mark.parametrize("name", ["crossing", "radar", "tall", "alone", "late", "slow-past-a-school"])
+@pytest.mark.parametrize("name", ["crossing", "tall", "alone", "late", "slow-past-a-school"])
 def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
+    """So it is in the views of "radar", below."""
     plan, scenario = _case(name)
     _assert_legible(plot_plan(plan, scenario))
     _assert_legible(plot_space_time(plan, scenario))
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_truth_is_drawn_where_there_is_a_record(radar: Case) -> None:
     plan, scenario = radar
     seen = np.array([plan.start_time, plan.start_time + 2.0])
@@ -322,6 +344,7 @@ def _regions(axes: Any) -> list[Any]:
     return [path for collection in axes.collections for path in collection.get_paths() if len(path.vertices)]
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_a_clear_plan_meets_no_region(radar: Case) -> None:
     plan, scenario = radar
     for axes in plot_space_time(plan, scenario).axes[:2]:
@@ -337,6 +360,7 @@ def test_a_clear_plan_meets_no_region(radar: Case) -> None:
         assert not any(region.contains_points(points[clear]).any() for region in regions)
 
 
+@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize("offsets", [(0.0,), (-0.6, 0.0, 0.8)])
 def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple[float, ...]) -> None:
     plan, scenario = radar
@@ -360,6 +384,7 @@ def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple
         assert inside.any() and agree[np.abs(distance) > 0.05].all()
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_space_time_axes(radar: Case) -> None:
     plan, scenario = radar
     above, below = plot_space_time(plan, scenario).axes[:2]
@@ -406,6 +431,7 @@ def test_unknown_view_is_refused(radar: Case, drive: sp.Run) -> None:
             draw()
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_profiles_of_a_plan_are_those_of_the_map(radar: Case, figure: Figure) -> None:
     alone = radar[0].plot(radar[1], view="profiles")
     for title in ("speed (m/s)", "acceleration (m/s²)", "lateral", "curvature", "clearance"):
@@ -414,6 +440,7 @@ def test_profiles_of_a_plan_are_those_of_the_map(radar: Case, figure: Figure) ->
         assert _panel(alone, title).get_xlim() == _panel(figure, title).get_xlim()
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_map_of_a_run_shows_what_was_driven_and_planned(drive: sp.Run) -> None:
     axes = _map_of(drive.plot())
     discs = [patch for patch in axes.patches if isinstance(patch, Circle) and patch.radius == 0.3]
@@ -426,6 +453,7 @@ def test_map_of_a_run_shows_what_was_driven_and_planned(drive: sp.Run) -> None:
     assert len(planned) == len(discs)
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
     (axes,) = plot_run_space_time(drive).axes
     curve = max(axes.lines, key=lambda line: line.get_linewidth())
@@ -459,7 +487,7 @@ def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
 def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes) -> None:
     files = [tmp_path / f"{n}{suffix}" for n in (1, 2)]
     for file in files:
-        plot_space_time(*radar, file)
+        plot_profiles(*radar, file)
     first, second = (file.read_bytes() for file in files)
     assert first.startswith(begins)
     assert first == second
@@ -489,12 +517,12 @@ def test_failure_leaves_the_old_file(radar: Case, tmp_path: Path, monkeypatch: p
 
 
 def test_users_settings_neither_matter_nor_change(radar: Case, tmp_path: Path) -> None:
-    plot_space_time(*radar, tmp_path / "before.png")
+    plot_profiles(*radar, tmp_path / "before.png")
     before = dict(rcParams)
     rcParams["font.size"] = 30.0
     rcParams["lines.linestyle"] = "--"
     try:
-        plot_space_time(*radar, tmp_path / "after.png")
+        plot_profiles(*radar, tmp_path / "after.png")
         assert rcParams["font.size"] == 30.0
     finally:
         rcParams.update({key: before[key] for key in ("font.size", "lines.linestyle")})

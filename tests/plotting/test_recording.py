@@ -18,8 +18,6 @@ from scp_planner.plotting.borders import boundary_of
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import nearest_indices, nice_times
 
-pytestmark = pytest.mark.numerics
-
 
 @pytest.fixture(scope="module")
 def scenario() -> sp.Scenario:

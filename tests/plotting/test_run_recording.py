@@ -19,8 +19,6 @@ from scp_planner.plotting.viewer import save_recording
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 
-pytestmark = pytest.mark.numerics
-
 
 @pytest.fixture(scope="module")
 def run() -> Run:

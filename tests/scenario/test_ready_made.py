@@ -14,8 +14,6 @@ from scp_planner.scenario import ready_made
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.units import NaturalUnits
 
-pytestmark = pytest.mark.numerics
-
 TIMES = np.linspace(-1.9, 0.0, 20)
 
 

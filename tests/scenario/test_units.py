@@ -187,9 +187,15 @@ def test_what_roads_have_is_divided_by_the_unit_of_its_dimension() -> None:
     assert course is not None and course.model_dump()["heading"] == (0.5, 1.0, 0.2)
 
 
-def test_what_goes_in_and_out_is_the_same() -> None:
+@pytest.fixture(scope="module")
+def crossed() -> tuple[sp.Scenario, sp.Plan]:
+    scenario = scene(*CROSSERS, seen())
+    return scenario, sp.plan(scenario)
+
+
+def test_what_goes_in_and_out_is_the_same(crossed: tuple[sp.Scenario, sp.Plan]) -> None:
     units = NaturalUnits(length=0.37, time=12.0, origin=(5.0, -2.0), clock=1e3)
-    plan = sp.plan(scenario := scene(*CROSSERS, seen()))
+    scenario, plan = crossed
     times = np.linspace(plan.start_time, plan.arrival_time, 9)
     again = plan.trip.inside(units).outside(units)
     points, _ = again.at(times)
@@ -218,9 +224,11 @@ def numbers(plan: sp.Plan, length: float, time: float) -> list[float]:
 
 
 @pytest.mark.parametrize(("length", "time"), [(2.0**-20, 2.0**20), (2.0**13, 2.0**-9), (2.0**20, 2.0**20)])
-def test_powers_of_two_do_not_change_a_bit_of_the_plan(length: float, time: float) -> None:
-    scenario = scene(*CROSSERS, seen())
-    plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
+def test_powers_of_two_do_not_change_a_bit_of_the_plan(
+    length: float, time: float, crossed: tuple[sp.Scenario, sp.Plan]
+) -> None:
+    scenario, plan = crossed
+    other = sp.plan(rewritten(scenario, length, time))
     assert plan.certified and other.certified
     assert numbers(other, length, time) == numbers(plan, 1.0, 1.0)
     assert other.iterations == plan.iterations
@@ -266,20 +274,22 @@ def test_powers_of_two_do_not_change_a_bit_among_many(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("length", "time"), FACTORS)
-def test_other_units_change_rounding_only(length: float, time: float) -> None:
-    scenario = scene(*CROSSERS, seen())
-    plan, other = sp.plan(scenario), sp.plan(rewritten(scenario, length, time))
+def test_other_units_change_rounding_only(length: float, time: float, crossed: tuple[sp.Scenario, sp.Plan]) -> None:
+    scenario, plan = crossed
+    other = sp.plan(rewritten(scenario, length, time))
     assert other.certified
     np.testing.assert_allclose(numbers(other, length, time), numbers(plan, 1.0, 1.0), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("length", [0.02, 700.0])
-@pytest.mark.parametrize("time", [0.3, 50.0])
-def test_what_roads_have_is_planned_alike_in_other_units(length: float, time: float) -> None:
-    plan, scaled = (
-        sp.plan(given := open_goal()),
-        rewritten(open_goal(), length, time, shift=(9.0 * length, 4.0 * length)),
-    )
+@pytest.fixture(scope="module")
+def open_plan() -> sp.Plan:
+    return sp.plan(open_goal())
+
+
+@pytest.mark.parametrize(("length", "time"), [(0.02, 0.3), (700.0, 50.0)])
+def test_what_roads_have_is_planned_alike_in_other_units(length: float, time: float, open_plan: sp.Plan) -> None:
+    plan, given = open_plan, open_goal()
+    scaled = rewritten(given, length, time, shift=(9.0 * length, 4.0 * length))
     other = sp.plan(scaled)
     assert plan.certified and other.certified, other.reason
     assert other.travel_time == pytest.approx(plan.travel_time * time, rel=1e-6)
@@ -329,20 +339,21 @@ def test_the_clock_the_place_and_the_direction_change_rounding_only(change: dict
 @pytest.mark.parametrize(("length", "time"), [pytest.param(0.01, 0.1, marks=pytest.mark.slow), (600.0, 200.0)])
 def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: float) -> None:
     """Certificates, bounds, zones and reasons of a plan that is none."""
-    wall = [disc(f"wall {k}", (10.0, 1.2 * k), radius=0.7) for k in range(-9, 10)]
-    scenario = scene(*wall, bounds={"min": [-5.0, -9.0], "max": [25.0, 9.0]})
+    wall = [disc(f"wall {k}", (10.0, 1.2 * k), radius=0.7) for k in range(-2, 3)]
+    scenario = scene(*wall, bounds={"min": [-1.0, -3.0], "max": [21.0, 3.0]})
     data = rewritten(scenario.model_copy(update={"bounds": None}), length, time).to_dict()
-    data["bounds"] = {"min": [-5.0 * length, -9.0 * length], "max": [25.0 * length, 9.0 * length]}
+    data["bounds"] = {"min": [-1.0 * length, -3.0 * length], "max": [21.0 * length, 3.0 * length]}
     other = sp.Scenario(**data)
-    settings = sp.Settings(max_runs=2)
+    settings = sp.Settings(max_runs=1)
     plan, again = sp.plan(scenario, settings), sp.plan(other, settings)
     assert not plan.certified and not again.certified
     mine, its = sp.certify(scenario, plan), sp.certify(other, again)
     assert [each.what for each in its.violations] == [each.what for each in mine.violations]
-    assert its.violations[0].value == pytest.approx(mine.violations[0].value * length, rel=1e-6)
+    factor = NaturalUnits(length, time).factor(UNITS[mine.violations[0].what])
+    assert its.violations[0].value == pytest.approx(mine.violations[0].value * factor, rel=1e-6)
     assert its.violations[0].time == pytest.approx(mine.violations[0].time * time, rel=1e-6)
     assert again.reason is not None and plan.reason is not None
-    assert str(its.violations[0]) in again.reason
+    assert any(str(each) in again.reason for each in its.violations)
     assert "No trip at all arrives before" in plan.reason and "No trip at all arrives before" in again.reason
     assert sp.lower_bound(other) == pytest.approx(sp.lower_bound(scenario) * time, rel=1e-9)
 
@@ -352,7 +363,7 @@ def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: floa
 )
 def test_powers_of_two_do_not_change_a_bit_of_a_drive(length: float, time: float) -> None:
     still = {**disc("post", (6.0, 0.4), radius=0.4), "margin": 0.1}
-    here = scene(still, CROSSERS[0], goal={"position": (9.0, 0.0)})
+    here = scene(still, CROSSERS[0], goal={"position": (7.0, 0.0)})
     runs = [sp.simulate(each, seed=3) for each in (here, rewritten(here, length, time))]
     mine, its = runs
     assert mine.arrived and not mine.contact

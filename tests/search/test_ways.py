@@ -17,6 +17,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.search import blocked
 from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.first_trips import trip_along
+from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import WaySearch, WayTree, ways
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
@@ -162,3 +163,21 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
     monkeypatch.setattr(Cells, "_mark", counted)
     assert WaySearch(problem, deadline=-np.inf).best() is None
     assert len(looked) == 1
+
+
+def test_a_way_waits_for_a_goal_that_opens_late() -> None:
+    """The fastest drive takes under 4 s: even the coarsest of the usual delays would not last."""
+    scenario = scene(
+        *CROSSERS,
+        start={"speed": 2.0},
+        goal={"earliest_arrival": 60.0},
+        vehicle={"max_speed": 50.0, "max_acceleration": 10.0},
+    )
+    problem = problem_of(scenario)
+    first = coarsenesses(problem)[0]
+    way = WaySearch(problem, first).best()
+    assert way is not None
+    assert way.travel_time >= 60.0
+    assert trip_along(problem, way).travel_time == pytest.approx(60.0, rel=0.05)
+    early = problem_of(scene(*CROSSERS, goal={"earliest_arrival": 1.0}))
+    assert coarsenesses(early)[0] == 1.0

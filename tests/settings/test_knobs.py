@@ -9,6 +9,7 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from scp_planner.plotting import View, views
 from scp_planner.scenario.models import ConfidenceLevel, Steering
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.knobs import Choice, Knob, Knobs, Range, knobs, parse_assignments
-from scp_planner.settings.online import Newcomers, Regions, Safety
+from scp_planner.settings.online import GiveWay, Newcomers, Regions, Safety
 from scp_planner.settings.planning import SceneSettings, for_scene
 
 CLASSES: tuple[type[Knobs], ...] = (sp.Settings, sp.OnlineSettings, Newcomers)
@@ -179,6 +180,7 @@ def test_a_choice_lists_the_solvers_that_users_add(monkeypatch: pytest.MonkeyPat
 
 TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     Safety: ("safety", lambda word: sp.OnlineSettings(safety=word).safety),
+    GiveWay: ("give_way", lambda word: sp.OnlineSettings(give_way=word).give_way),
     Regions: ("regions", lambda word: sp.OnlineSettings(regions=word).regions),
     Faulty: ("missing", lambda word: Screening(missing=word).missing),
     Outliers: ("outliers", lambda word: Screening(outliers=word).outliers),
@@ -205,7 +207,6 @@ NOT_GIVEN = {
     "scp_planner.solvers.interface.SolverStatus",
     "scp_planner.studies.consistency.Fit",
     "scp_planner.studies.field.ZoneKind",
-    "scp_planner.cli.pictures.View",
     "scp_planner.cli.commonroad.Model",
     "scp_planner.cli.commonroad.Cost",
     "scp_planner.scenario.commonroad_models.VehicleModel",  # words that the reader of CommonRoad refuses by itself
@@ -223,7 +224,9 @@ def _noise_taken(word: Any) -> Noise:
 
 def _method_compared(word: Any) -> Method:
     quick = sp.Settings(path_span=4.0, acceleration_spans=4, samples=40)
-    (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparison, "DescentSettings", partial(DescentSettings, evaluations=5))
+        (trial,) = comparison.compare([scene()], starts_each=1, methods=[word], settings=quick)
     return trial.method
 
 

@@ -27,8 +27,6 @@ from scp_planner.simulation.sensors import LEAST_NOISE, Sensor
 from scp_planner.simulation.setup import Follower, SimulationChoices, SimulationSettings
 from scp_planner.simulation.worlds import SocialForces, VehicleState, World
 
-pytestmark = pytest.mark.numerics
-
 SHORT = {"goal": {"position": (8.0, 0.0)}}
 
 
@@ -100,9 +98,10 @@ def test_clearance_is_that_of_the_course(run: Run) -> None:
 
 
 def test_same_seed_same_run_and_the_file_holds_all_of_it(run: Run, tmp_path: Path) -> None:
-    again = simulate(scene(*CROSSERS), seed=3)
-    assert again == run and np.array_equal(again.position, run.position)
-    assert simulate(scene(*CROSSERS), seed=4) != run
+    one, again, other = (simulate(scene(*CROSSERS), seed=seed, time_limit=1.5) for seed in (3, 3, 4))
+    assert again == one and np.array_equal(again.position, one.position)
+    assert other != one and not np.array_equal(other.position, one.position)
+    assert np.array_equal(run.position[: len(one.position)], one.position)
     assert reloaded(run, tmp_path) == run
 
 
@@ -111,7 +110,7 @@ def test_same_seed_same_run_with_everything_that_is_random() -> None:
         crowd = SocialForces([(4.0, 2.0), (6.0, -2.0)], [(4.0, -6.0), (6.0, 6.0)], [1.0, 1.2])
         sensors = (Sensor(rate=10.0, noise=0.1, dropout=0.3), Sensor(rate=4.0, noise=0.02, latency=0.2, range=6.0))
         follower = Follower(tracking_error=0.05, reaction_time=0.02)
-        return simulate(scene(**SHORT), seed=5, world=crowd, sensors=sensors, follower=follower)
+        return simulate(scene(**SHORT), seed=5, world=crowd, sensors=sensors, follower=follower, time_limit=1.5)
 
     assert drive() == drive()
 
@@ -129,7 +128,7 @@ def test_outlines_of_zones_are_written_down(tmp_path: Path) -> None:
         times = np.linspace(0.0, 3.0, 9)
         points = np.array([5.0, 4.0]) + np.random.default_rng(0).normal(0.0, 2.0, (9, 2))
         assert np.array_equal(again.signed_distance(times, points), zone.signed_distance(times, points))
-    run = simulate(scenario.model_copy(update={"goal": sp.Goal(position=(3.0, 0.0))}), noise=0.02)
+    run = simulate(scenario.model_copy(update={"goal": sp.Goal(position=(3.0, 0.0))}), noise=0.02, time_limit=0.5)
     copy = reloaded(run, tmp_path)
     assert copy == run
     assert len(copy.records[0].zones[2].zone().outlines) > 1
@@ -268,13 +267,13 @@ def test_contact_is_seen_by_the_simulation_where_the_planner_is_blind() -> None:
 def test_contact_of_a_standing_vehicle_counts_apart() -> None:
     """A post stops the vehicle in a corridor; then something runs into it from behind."""
     corridor = {"min": (-2.0, -1.0), "max": (21.0, 1.0)}
-    rammer = (np.array([0.0, 8.0, 14.0]), np.array([[-20.0, 0.0], [-20.0, 0.0], [40.0, 0.0]]))
+    rammer = (np.array([0.0, 4.0, 10.0]), np.array([[-20.0, 0.0], [-20.0, 0.0], [40.0, 0.0]]))
     world = {"post": lambda t: np.tile([6.0, 0.0], (len(t), 1)), "rammer": rammer}
     blind = [Sensor(range=7.0, field_of_view=1.0)]
     scenario = scene(disc("post", (6.0, 0.0), radius=0.8), bounds=corridor)
     shapes = {"rammer": sp.Disc(disc=1.2)}
     run = simulate(
-        scenario, world=world, sensors=blind, online=OnlineSettings(), shapes=shapes, time_limit=12.0, rate=5.0
+        scenario, world=world, sensors=blind, online=OnlineSettings(), shapes=shapes, time_limit=8.0, rate=5.0
     )
     assert not run.arrived and not run.contact and run.contact_standing
     assert run.outcomes["braking"] > 10 and run.least_clearance > 0.0
@@ -294,7 +293,7 @@ class Pacer:
 def test_world_is_told_of_the_vehicle() -> None:
     pacer = Pacer()
     assert isinstance(pacer, World)
-    run = simulate(scene(**SHORT), world=pacer, history=1.0, shapes={"pacer": sp.Disc(disc=0.4)})
+    run = simulate(scene(**SHORT), world=pacer, history=1.0, shapes={"pacer": sp.Disc(disc=0.4)}, rate=5.0)
     assert run.arrived and not run.contact
     assert sum(dt for dt, _ in pacer.told) == pytest.approx(run.travel_time + 1.0, abs=1e-6)
     states = [state for _, state in pacer.told]
@@ -316,7 +315,7 @@ def test_crowd_that_reacts_is_driven_through() -> None:
         confidence={"probability": 0.95, "level": "per_time"},
     )
     model = sp.Model(order=1, process=process)
-    run = simulate(scenario, world=crowd, seed=4, history=3.0, time_limit=30.0, model=model)
+    run = simulate(scenario, world=crowd, seed=4, history=3.0, time_limit=30.0, model=model, rate=5.0)
     assert run.arrived and not run.contact
     assert {name for name in run.obstacles} == {f"p{k}" for k in range(8)}
 
@@ -325,10 +324,10 @@ def test_worlds_are_functions_tracks_or_arrays() -> None:
     times, place = np.array([-10.0, 60.0]), np.array([[4.0, 3.0], [4.0, 3.0]])
     still = scene(disc("d", (4.0, 3.0)), **SHORT)
     runs = [
-        simulate(still, seed=2, world={"d": given})
+        simulate(still, seed=2, world={"d": given}, time_limit=1.0)
         for given in ((times, place), Track("d", times, place), lambda t: np.tile([4.0, 3.0], (len(t), 1)))
     ]
-    assert runs[0] == runs[1] == runs[2] == simulate(still, seed=2)
+    assert runs[0] == runs[1] == runs[2] == simulate(still, seed=2, time_limit=1.0)
 
 
 def test_obstacle_that_leaves_is_forgotten() -> None:
@@ -344,7 +343,8 @@ def test_truth_of_observed_obstacles_is_drawn_from_what_is_open() -> None:
     scenario = builtin.load("radar")
     scenario = scenario.model_copy(update={"confidence": sp.Confidence(probability=0.5, level="per_time")})
     zones = sp.zones(scenario)
-    runs = [simulate(scenario, seed=seed, time_limit=0.1) for seed in range(15)]
+    quick = sp.Settings(max_runs=1, path_span=4.0, samples=40)  # how it drives does not matter
+    runs = [simulate(scenario, settings=quick, seed=seed, time_limit=0.1) for seed in range(15)]
     inside = sum(
         bool(zone.signed_distance(0.0, run.obstacles[zone.id][0]) <= -zone.radius) for run in runs for zone in zones
     )
@@ -398,9 +398,10 @@ def test_video_of_a_run_needs_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyP
 # faults
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(len(KINDS)))
 def test_faults_never_make_the_planner_raise_or_lie(seed: int) -> None:
-    run = injected_run(seed, (KINDS[seed % len(KINDS)], KINDS[(seed // 2) % len(KINDS)]), longest=3.0, check_every=3)
+    """Each kind of fault twice, every time with another one."""
+    run = injected_run(seed, (KINDS[seed], KINDS[seed - 1]), longest=2.2, check_every=4)
     assert not run.error, run.error
     assert not run.refused, run.refused
     assert not run.unsaid

@@ -10,8 +10,6 @@ from scipy.optimize import linprog
 
 from scp_planner.simulation.orca import Bodies, HalfPlanes, half_planes, nearest_velocities
 
-pytestmark = pytest.mark.numerics
-
 HORIZON, STEP = 5.0, 0.25
 Array = np.ndarray
 

@@ -26,8 +26,6 @@ from scp_planner.simulation.crowds import (
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 from scp_planner.simulation.worlds import VehicleState, World
 
-pytestmark = pytest.mark.numerics
-
 FAR = VehicleState(0.0, np.array([100.0, 0.0]), np.zeros(2), 0.3)
 Array = np.ndarray
 

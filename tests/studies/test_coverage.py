@@ -62,7 +62,7 @@ def test_many_at_once_are_what_single_estimates_are(order: int, known: bool) -> 
 
 
 def test_levels_hold() -> None:
-    runs = 4000
+    runs = 2000
     results = measure_coverage(runs=runs, counts=(5, 10, 100), seed=1)
     cases = {(r.level, r.covariance, r.order, r.observations, r.lead_time) for r in results if r.level == "per_time"}
     assert len(cases) == 3 * 2 * 3 * 3  # orders, known or not, counts, moments
@@ -194,7 +194,7 @@ def measure_recorded_coverage_of_polynomials(tracks: Tracks):  # type: ignore[no
     return recorded._measured("", 0.95, 0, [exact])
 
 
-@pytest.mark.parametrize("name", ["eth", "hotel", "univ"])
+@pytest.mark.parametrize("name", ["eth", "hotel", pytest.param("univ", marks=pytest.mark.slow)])
 def test_fitted_models_cover_real_people(recorded_data: Path, name: str) -> None:
     """Fitted to half of the tracks and tested on the other, both ways: 93 to 97 % for a nominal 95 %.
 
@@ -216,7 +216,7 @@ def test_fitted_models_cover_real_people(recorded_data: Path, name: str) -> None
 
 
 def test_command_for_recorded_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wanderers().save(tmp_path / "walkers.csv")
+    wanderers(24, 20).save(tmp_path / "walkers.csv")
     main_recorded([str(tmp_path / "walkers.csv"), "-o", str(tmp_path / "out"), "--window", "6"])
     assert (tmp_path / "out" / "recorded.csv").read_text().startswith("data,model,level,fold,lead_time")
     assert "quadratic, inflated" in capsys.readouterr().out

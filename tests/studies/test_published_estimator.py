@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 import scp_planner as sp
 from scp_planner.studies.published_estimator import published_estimate, substitution, variance_factor
 
-pytestmark = pytest.mark.numerics
-
 SECONDS = st.lists(st.integers(-40, 40), min_size=6, max_size=25, unique=True)
 
 

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.numerics
 def test_sections_contain_exactly_what_is_inside() -> None:
     _, batch = batch_of(KINDS)
     rng = np.random.default_rng(0)
-    lines = 40
+    lines = 16
     index = np.repeat(np.arange(batch.size), lines)
     times = rng.uniform(0.0, 6.0, len(index))
     angle = rng.uniform(0.0, 2.0 * np.pi, len(index))
@@ -22,11 +22,11 @@ def test_sections_contain_exactly_what_is_inside() -> None:
     normals = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
     origins = batch.centers.at(index, times) + rng.normal(size=(len(index), 2)) * 1.5
     cut = sections(batch, index, times, origins, tangents)
-    offsets = np.linspace(-15.0, 15.0, 3001)
+    offsets = np.linspace(-15.0, 15.0, 2001)
     met, slack = 0, []
     for row in range(len(index)):
         points = origins[row] + offsets[:, None] * normals[row]
-        distance = batch.contacts(np.full(3001, index[row]), np.full(3001, times[row]), points).distance
+        distance = batch.contacts(np.full(2001, index[row]), np.full(2001, times[row]), points).distance
         inside = offsets[distance < 0.0]
         if len(inside):
             met += 1
@@ -36,7 +36,7 @@ def test_sections_contain_exactly_what_is_inside() -> None:
         elif cut.lower[row] <= cut.upper[row]:
             # only a round corner's tangents reach the line
             assert distance.min() < 0.02 * (1.0 + batch.reach(times[row : row + 1])[0, index[row]])
-    assert met > 300
+    assert met > 0.6 * len(index)
     assert np.median(slack) < 0.02
     assert np.quantile(slack, 0.9) < 0.2
 

@@ -247,7 +247,7 @@ def test_the_merit_sees_the_least_distance_to_a_corner() -> None:
     truck = shaped("truck", {"rectangle": [8.0, 2.5]}, (9.0, -1.0), (0.8, 0.0))
     scenario = scene(truck, start={"heading": None})
     problem = build_problem(scenario, sp.zones(scenario), Settings())
-    dense = problem.space.time_table(np.linspace(0.0, 1.0, 40_001))
+    dense = problem.space.time_table(np.linspace(0.0, 1.0, 10_001))
     rng = np.random.default_rng(0)
     compared = 0
     for _ in range(60):

@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import scp_planner as sp
 from scp_planner import builtin
 from scp_planner.cli import app
-from scp_planner.cli.application import COMMANDS
+from scp_planner.cli.application import COMMANDS, COMPLETE_VARIABLE, main
 from scp_planner.cli.output import progress_bar
 
 PROGRAM = [sys.executable, "-m", "scp_planner"]
@@ -159,7 +159,7 @@ def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(
+COMPLETIONS = pytest.mark.parametrize(
     ("words", "completed"),
     [
         (["pl"], ["plan"]),
@@ -181,6 +181,27 @@ def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["batch", "x", "--dask", "tcp", ":", "//10.0.0.1", ":", "8786", "--patt"], ["--pattern"]),
         (["plan", "x.yaml", "--set", "path_span", "=", "1", "--time"], ["--time-limit"]),
         (["plan", "cros"], []),  # then the shell completes names of files
+    ],
+    ids=lambda value: " ".join(value),
+)
+
+
+@COMPLETIONS
+def test_what_bash_asks_for_is_completed(
+    words: list[str], completed: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(COMPLETE_VARIABLE, "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "\n".join(["scp-planner", *words]))
+    monkeypatch.setenv("COMP_CWORD", str(len(words)))
+    main()
+    assert sorted(capsys.readouterr().out.split()) == sorted(completed)
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        (["study", "co"], ["consistency", "coverage"]),
+        (["compare", "x.yaml", "builtin", ":"], ["crossing", "headon", "overtaking", "radar"]),
     ],
     ids=lambda value: " ".join(value),
 )

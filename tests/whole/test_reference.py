@@ -17,8 +17,6 @@ from scp_planner.settings.knobs import knobs
 from scp_planner.settings.online import Newcomers, OnlineSettings
 from scp_planner.settings.planning import Settings
 
-pytestmark = pytest.mark.numerics
-
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 

@@ -1,0 +1,77 @@
+"""Observations of many obstacles that are taken in together, as a sensor gives them: a frame.
+
+Where nothing is odd about an observation - its obstacle follows a motion that is noticed about, it is the newest, its
+noise is the one that is known, and it is no outlier - it goes with all others of its kind into the bank at once
+(`scp_planner.online.noticing`). All others are taken in one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from scp_planner.online.noticing import Bank
+from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.track import Seen, Track
+
+
+def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
+    """Take in one observation each of different obstacles.
+
+    Parameters
+    ----------
+    obstacles : ObstacleTracks
+        That know all of them.
+    names : sequence of str
+        Ids of the obstacles, each at most once.
+    seen : sequence of Seen
+        One of each.
+
+    Returns
+    -------
+    list of str or None
+        What is wrong with each, if it was not used.
+    """
+    tracks = list(map(obstacles.tracks.__getitem__, names))
+    alone: list[int] = []
+    kinds: dict[Bank, list[int]] = {}
+    for number, (track, one) in enumerate(zip(tracks, seen, strict=True)):
+        estimator = track.estimator
+        bank = None if estimator is None else estimator.bank
+        if bank is None or track.in_doubt or one.time <= track.times[-1]:
+            alone.append(number)
+        elif bank in kinds:
+            kinds[bank].append(number)
+        else:
+            kinds[bank] = [number]
+    for bank, numbers in kinds.items():
+        some, ones = [tracks[number] for number in numbers], [seen[number] for number in numbers]
+        alone += [numbers[k] for k in _left_by(obstacles, bank, some, ones)]
+    said: list[str | None] = [None] * len(names)
+    for number in sorted(alone):
+        one = seen[number]
+        said[number] = obstacles.observe(names[number], one.time, one.position, one.covariance)
+    return said
+
+
+def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[Track], seen: Sequence[Seen]) -> list[int]:
+    """Let a bank take in all that it can of what is seen of its tracks; return the numbers of the others."""
+    slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+    times = np.array([one.time for one in seen])
+    positions = np.array([one.position for one in seen])
+    gate = obstacles.watch.gate_probability
+    usual = bank.is_declared(slots, [one.covariance for one in seen])
+    if gate > 0.0:
+        usual &= bank.foretold.squares(slots, times, positions, bank.noise_of(slots)) <= -2.0 * math.log(gate)
+    left: list[int] = np.flatnonzero(~usual).tolist()
+    if left:
+        some = np.flatnonzero(usual).tolist()
+        tracks, seen = [tracks[k] for k in some], [seen[k] for k in some]
+        slots, times, positions = slots[some], times[some], positions[some]
+    obstacles.remember(tracks, seen)
+    by_slot = np.argsort(slots)  # neighbours are looked at where they are
+    bank.update(slots[by_slot], times[by_slot], positions[by_slot])
+    obstacles.judge_noise(bank.differences(slots))
+    return left

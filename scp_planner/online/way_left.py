@@ -1,0 +1,75 @@
+"""How far a goal is for a vehicle that cannot turn more tightly than on a circle, without obstacles.
+
+To a point, whatever the heading there, the shortest way turns as tightly as it can and goes straight on; or, where the
+point is inside of the circle that it would turn on, turns away first and then back, always as tightly as it can
+(X.-N. Bui, J.-D. Boissonnat, P. Soueres and J.-P. Laumond, *Shortest path synthesis for Dubins non-holonomic robot*,
+ICRA 1994).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array
+
+ROUND = 2.0 * np.pi
+NOTHING = 1e-9
+"""rad. A turn that is a round but for this is none."""
+
+
+def way_left(position: Array, heading: Array, goal: Array, radius: float, within: float = 0.0) -> Array:
+    """Length of the shortest way to a goal.
+
+    Parameters
+    ----------
+    position : (..., 2) array
+        m.
+    heading : (...) array
+        rad.
+    goal : (2,) array
+        m.
+    radius : float
+        Of the tightest turn, m; 0: in any direction.
+    within : float
+        Of the goal that is near enough, m: a turn that passes it so near need not begin farther away.
+
+    Returns
+    -------
+    (...) array
+        m.
+    """
+    offset = goal - position
+    distance: Array = np.hypot(offset[..., 0], offset[..., 1])
+    if radius == 0.0:
+        return distance
+    # In radii, ahead of the vehicle and to the side that the goal is on: it turns to that side about (0, 1).
+    c, s = np.cos(heading), np.sin(heading)
+    ahead = (c * offset[..., 0] + s * offset[..., 1]) / radius
+    aside = np.abs(c * offset[..., 1] - s * offset[..., 0]) / radius
+    away = np.hypot(ahead, aside - 1.0)
+    outside = away >= 1.0 - within / radius
+    reached = np.maximum(away, 1.0)
+    turn = _angle(np.arctan2(ahead, 1.0 - aside) - np.arccos(1.0 / reached))
+    length = np.where(outside, turn + np.sqrt(reached**2 - 1.0), 0.0)
+    if not outside.all():
+        length[~outside] = _away_and_back(ahead[~outside], aside[~outside])
+    return np.asarray(length * radius)
+
+
+def _away_and_back(ahead: Array, aside: Array) -> Array:
+    """Lengths to points inside of the unit circle about (0, 1), (n,): a turn about (0, -1), then one the other way."""
+    apart = np.hypot(ahead, aside + 1.0)
+    middle = np.arctan2(ahead, aside + 1.0)
+    spread = np.arccos(np.clip((apart**2 + 3.0) / (4.0 * apart), -1.0, 1.0))
+    lengths = []
+    for first in (_angle(middle - spread), _angle(middle + spread)):
+        center = np.stack([2.0 * np.sin(first), 2.0 * np.cos(first) - 1.0])
+        seen = np.arctan2(aside - center[1], ahead - center[0])
+        lengths.append(first + _angle(seen - np.arctan2(-np.cos(first), -np.sin(first))))
+    return np.minimum(*lengths)
+
+
+def _angle(angle: Array) -> Array:
+    """An angle in [0, 2 pi)."""
+    angle = np.mod(angle, ROUND)
+    return np.where(angle > ROUND - NOTHING, 0.0, angle)

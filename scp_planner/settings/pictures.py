@@ -1,0 +1,20 @@
+"""What pictures show, and the files that hold them: for what draws them and for what asks for them before it plans."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+FIGURE_SUFFIXES = (".pdf", ".png", ".svg")
+FILM_SUFFIXES = (".gif", ".mp4")
+
+
+class View(StrEnum):
+    """What a figure shows.
+
+    ``map``: the map at several times, and profiles. ``space-time``: which part of the way is taken when.
+    ``profiles``: speed, accelerations, curvature and clearance against their limits.
+    """
+
+    MAP = "map"
+    SPACE_TIME = "space-time"
+    PROFILES = "profiles"
