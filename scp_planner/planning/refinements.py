@@ -63,8 +63,9 @@ class Found:
 
     @property
     def exhausted(self) -> bool:
-        """Whether there is no time for anything further, or it would be too much work."""
-        return self.runs.task.out_of_time or self.runs.task.tally.iterations > self.most
+        """Whether there is no time for anything further, it would be too much work, or no trip can be fast enough."""
+        task = self.runs.task
+        return task.out_of_time or task.tally.iterations > self.most or self.to_beat < self.runs.lower_bound
 
     @property
     def to_beat(self) -> float:

@@ -26,6 +26,7 @@ STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_KEPT = 100_000  # cuts, of all zones
 FEW_CUTS = 10_000  # that are made in no time: the clock is not looked at before
+MOST_MARKED = 1_000_000  # cells at a time
 
 
 @dataclass(frozen=True)
@@ -231,19 +232,35 @@ class Cells:
         """Mark what zones block, or that and all to one side of it."""
         size, step = blocked.shape[1], 0.5 * self.grid.offset_step
         low = self.grid.half_offsets[0]
-        first = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
-        last = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
-        first, last = np.maximum(first, 0.0).astype(np.intp), np.minimum(last, size - 1.0).astype(np.intp)
-        length = np.maximum(last - first + 1, 0)
+        lowest = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
+        highest = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
+        first: Index = np.maximum(lowest, 0.0).astype(np.intp)
+        length: Index = np.maximum(np.minimum(highest, size - 1.0).astype(np.intp) - first + 1, 0)
         if int(length.sum()) > blocked.size:  # large zones: their ends alone, and what lies between
-            depth = np.zeros((len(blocked), size + 1, DELAYS), dtype=np.int32)
-            np.add.at(depth, (cuts.line, np.minimum(first, size), cuts.delay), 1)
-            np.add.at(depth, (cuts.line, np.minimum(first + length, size), cuts.delay), -1)
-            blocked |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
+            self._fill(blocked, cuts, first, length)
             return
-        begin = np.cumsum(length) - length
-        offset = np.arange(int(length.sum())) - np.repeat(begin - first, length)
-        blocked[np.repeat(cuts.line, length), offset, np.repeat(cuts.delay, length)] = True
+        until = np.cumsum(length)
+        done = 0
+        while done < len(length):
+            before = int(until[done - 1]) if done else 0
+            part = slice(done, max(int(np.searchsorted(until, before + MOST_MARKED, "right")), done + 1))
+            some = length[part]
+            offset = np.arange(int(some.sum())) - np.repeat(until[part] - some - before - first[part], some)
+            blocked[np.repeat(cuts.line[part], some), offset, np.repeat(cuts.delay[part], some)] = True
+            done = part.stop
+
+    @staticmethod
+    def _fill(blocked: Mask, cuts: Cuts, first: Index, length: Index) -> None:
+        """Mark from the first cell of each cut on so many, some lines at a time."""
+        size = blocked.shape[1]
+        at_once = max(1, MOST_MARKED // (size * DELAYS))
+        for begin in range(0, len(blocked), at_once):
+            here = np.flatnonzero((cuts.line >= begin) & (cuts.line < begin + at_once))
+            line, start = cuts.line[here] - begin, first[here]
+            depth = np.zeros((min(at_once, len(blocked) - begin), size + 1, DELAYS), dtype=np.int32)
+            np.add.at(depth, (line, np.minimum(start, size), cuts.delay[here]), 1)
+            np.add.at(depth, (line, np.minimum(start + length[here], size), cuts.delay[here]), -1)
+            blocked[begin : begin + at_once] |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
 
     def _outside(self) -> Mask:
         """Which cells lie outside the workspace box, or where the guide folds."""

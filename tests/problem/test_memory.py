@@ -16,6 +16,8 @@ from scp_planner.problem import memory
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.memory import MOST_BYTES, check_memory, plan_bytes, trip_bytes
 from scp_planner.scenario.models import Scenario
+from scp_planner.search import blocked
+from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings
 
 MEGABYTE = 1_000_000
@@ -85,3 +87,13 @@ def test_what_needs_least_is_never_refused() -> None:
     assert plan_bytes(13, 24, 160, 300) < 0.1 * MOST_BYTES
     assert trip_bytes(13, 24, 160, 300) < plan_bytes(13, 24, 160, 300)
     assert attempts.ReadyProblem.of(build_problem(scene(), (), Settings())).near.zones.size == 0
+
+
+def test_cells_that_zones_block_do_not_depend_on_how_many_are_marked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(disc("small", (8.0, 0.2), radius=0.3), disc("wide", (14.0, 1.0), (0.0, -0.4), radius=3.0))
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    whole = WaySearch(problem)
+    expected = blocked.Cells(problem, whole.grid).free
+    monkeypatch.setattr(blocked, "MOST_MARKED", 50)
+    again = blocked.Cells(problem, whole.grid).free
+    assert np.array_equal(expected, again)
