@@ -35,6 +35,7 @@ LEVEL = 0.95
 DRIVEN, BEFORE = 20.0, 10.0  # s of a run, and before the time that its family begins at
 STEP = 0.1  # s between observations, at least
 RECORDED_NOISE = 0.1  # m, added to recorded positions
+LONGEST = 400.0  # s of a recording
 PAUSE = 3.0  # s from one recorded scene to the next
 LOST = 2.5  # steps after which one that is not seen has gone
 
@@ -192,8 +193,9 @@ def of_recording(tracks: Sequence[Track]) -> list[Array]:
     some = [track for track in tracks if len(track) > 4]
     step = max(float(np.median(np.concatenate([np.diff(track.times) for track in some]))), STEP)
     begin, end = min(float(track.times[0]) for track in some), max(float(track.times[-1]) for track in some)
+    end = min(end, begin + LONGEST)
     times = np.arange(begin, end, step)
-    courses = {track.id: track_course(track) for track in some}
+    courses = {track.id: track_course(track) for track in some if track.times[0] < end}
     noise = np.random.default_rng(3)
     seen = {
         name: course(times) + RECORDED_NOISE * noise.standard_normal((len(times), 2))

@@ -46,7 +46,8 @@ def drawn(rows: list[dict[str, str]]) -> Figure:
         axes.set(title=title, xlabel="truth in its region, %", xlim=(40.0, 102.0))
         axes.set_yticks(range(len(names)), names)
     panels[0].invert_yaxis()
-    panels[-1].legend(loc="lower left", title="regions", fontsize="small")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, [f"regions: {label}" for label in labels], loc="outside lower center", ncols=2)
     return figure
 
 
