@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import logging
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,15 @@ hypothesis.settings.load_profile("repeatable")
 
 # pyproject.toml makes warnings errors; this, numbers that overflow or are none in the programs that tests start, too.
 os.environ.setdefault("PYTHONWARNINGS", "error::RuntimeWarning")
+
+
+@pytest.fixture(autouse=True)
+def log_level() -> Iterator[None]:
+    """Which messages are let through is as it was: commands that run in the tests' own process set it."""
+    logger = logging.getLogger("scp_planner")
+    level = logger.level
+    yield
+    logger.setLevel(level)
 
 
 @pytest.fixture(scope="session")

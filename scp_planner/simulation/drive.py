@@ -208,7 +208,8 @@ class Drive:
             if progress is not None:
                 progress(stage.times[-1] - start)
             if not arrived:
-                self._tell(self._heard(now))
+                heard = self._heard(now)
+                self._tell(heard)
         return self._finished(arrived, records, plans)
 
     def _drive(self, plan: OnlinePlan, now: float, following: float) -> bool:
