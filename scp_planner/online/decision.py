@@ -11,7 +11,7 @@ from dataclasses import replace
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Vetted
@@ -29,10 +29,6 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
-
-
-AWAY = (Outcome.BRAKING, Outcome.EVADING)
-"""Outcomes that do not lead to the goal."""
 
 
 class Waiting:

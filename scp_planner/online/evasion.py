@@ -16,9 +16,10 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.online.dodges import Dodges
+from scp_planner.online.dodges import SPANS, Dodges
+from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
-from scp_planner.online.plan import Outcome
+from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left
@@ -47,6 +48,7 @@ HARM = 50.0
 """Widths of way that a width of depth in a zone is worth, if it were now, where nothing is safe..."""
 HARM_AT_ALL = 1.0 / 6.0
 """...and widths that count for any depth."""
+_SHARES = np.linspace(0.0, 1.0, SPANS + 1)
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,16 @@ class Dodge:
     def outcome(self) -> Outcome:
         """What driving it is called."""
         return Outcome.EVADING if self.moves else Outcome.BRAKING
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """What C dodges drive: at times (J,), s from now, places (C, J, 2), m, headings (C, J), rad; until (C,), s."""
+
+    times: Array
+    position: Array
+    heading: Array
+    until: Array
 
 
 @dataclass(frozen=True)
@@ -157,12 +169,41 @@ class Evasion:
     def safest(self, now: Replan) -> Dodge | None:
         """Return the certified dodge that is worth most; None if none is certified."""
         dodges, seen = self._looked(now)
-        return self._first_safe(now, now.moment, dodges, seen)
+        return self._first_safe(now, now.moment, dodges, seen, seen.worth)
 
     def least_harmful(self, now: Replan) -> Dodge:
         """Return the dodge that does least harm, where none is safe."""
         dodges, seen = self._looked(now)
         return self._made(now.moment, dodges, seen, self._least_harm(seen))
+
+    def going_on(self, now: Replan) -> Dodge | None:
+        """Go on getting out of the way as before, where no new dodge does better; None where one does.
+
+        New dodges begin to turn as if the vehicle drove straight on. If each replan began one, it would never turn.
+
+        Parameters
+        ----------
+        now : Replan
+            In which no new dodge is certified.
+
+        Returns
+        -------
+        Dodge or None
+            None, too, where the vehicle is not on what it drove last, or that is over.
+        """
+        moment, last = now.moment, now.last
+        if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
+            return None
+        stop = Stop(last.trip, last.trip.frame.time)
+        if stop.stands <= moment.state.time:
+            return None
+        dodges, new = self._looked(now)
+        seen = self._look_on(moment, stop, dodges.times)
+        now.lap("evasion")
+        if float(seen.worth[0] - seen.harm[0]) < float((new.worth - new.harm).max()):
+            return None
+        certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        return self._dodge(moment, seen, 0, last.trip, certificate)
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
         """A certified dodge that does clearly better than going on with a trip; None if there is none.
@@ -184,7 +225,8 @@ class Evasion:
         better = seen.worth > worth + BETTER * 2.0 * moment.scenario.vehicle.radius
         if not (better & np.isinf(seen.clear)).any():
             return None
-        return self._first_safe(now, moment, dodges, replace(seen, clear=np.where(better, seen.clear, 0.0)))
+        seen = replace(seen, clear=np.where(better, seen.clear, 0.0))
+        return self._first_safe(now, moment, dodges, seen, seen.worth)
 
     def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
         """Where no dodge is safe: one that is at the highest lower level at which any is.
@@ -200,20 +242,21 @@ class Evasion:
         (Dodge, float) or None
             And its share.
         """
-        dodges = self._dodges(now.moment)
+        dodges, whole = self._looked(now)
         for share in shares:
             moment = now.moment.with_smaller_zones(share)
             seen = self._look(moment, dodges)
             now.lap("evasion")
-            safe = self._first_safe(now, moment, dodges, seen)
+            # Of those the one that does least harm in whole zones: it is no time to gain way.
+            safe = self._first_safe(now, moment, dodges, seen, whole.worth - whole.harm)
             if safe is not None:
                 return safe, share
         return None
 
-    def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: _Outlook) -> Dodge | None:
-        """The certified one that is worth most, among the zones of a moment; None if there is none."""
+    def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: _Outlook, worth: Array) -> Dodge | None:
+        """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
-        for number in clear[np.argsort(-seen.worth[clear], kind="stable")][:TRIED].tolist():
+        for number in clear[np.argsort(-worth[clear], kind="stable")][:TRIED].tolist():
             found = self._made(moment, dodges, seen, number)
             now.lap("certificate")
             if found.safe:
@@ -235,21 +278,45 @@ class Evasion:
         return Dodges.of(heading, state.speed, 0.0, limits, moment.scenario.vehicle.radius, self._means.wait)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
-        vehicle = moment.scenario.vehicle
-        near, whose = dodges.distances(moment.batch, Box.of(moment.scenario, moment.frame, 0.0), vehicle)
-        least = np.where(dodges.times > dodges.until[:, None], np.inf, near)
+        near, whose = dodges.distances(moment.batch, self._box(moment), moment.scenario.vehicle)
+        return self._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), near, whose)
+
+    def _look_on(self, moment: Moment, stop: Stop, times: Array) -> _Outlook:
+        """What is seen of a stop that is being driven, at times (J,), s from now: as of one dodge."""
+        trip, begin = stop.trip, moment.state.time
+        points, _ = trip.at(begin + times)
+        batch = foreseen(moment.batch_in(trip.frame), stop.stands - trip.frame.time, {})
+        away = batch.distances(begin + times - trip.frame.time, points.path.position)
+        place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
+        box, direction = self._box(moment), points.path.direction
+        border = (box.offsets - place @ box.normals.T).min(axis=1, initial=np.inf)
+        every = np.concatenate([away, border[:, None]], axis=1)
+        whose = every.argmin(axis=1)
+        whose[whose == batch.size] = -1
+        heading = np.arctan2(direction[:, 1], direction[:, 0]) + trip.frame.heading - moment.frame.heading
+        driven = _Driven(times, place[None], heading[None], np.array([stop.stands + self._means.wait - begin]))
+        return self._seen(moment, driven, every.min(axis=1)[None], whose[None])
+
+    def _seen(self, moment: Moment, driven: _Driven, near: Array, whose: Index) -> _Outlook:
+        """Judge what is driven by its clearances (C, J), m, from the nearest zones."""
+        vehicle, after = moment.scenario.vehicle, driven.times > driven.until[:, None]
+        least = np.where(after, np.inf, near)
         entered = least < self._means.settings.clearance_margin
-        clear = np.where(entered.any(axis=1), dodges.times[entered.argmax(axis=1)], np.inf)
+        clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        away = way_left(dodges.position, dodges.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
+        away = way_left(driven.position, driven.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
         width = 2.0 * vehicle.radius
-        time = dodges.times * vehicle.max_speed / width
+        time = driven.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
         worth = gained - width * NEARNESS * self._patience * nearness(time, near / width)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
-        later = np.where((dodges.times > dodges.until[:, None]) & (time <= OUTLOOK), near, np.inf)
+        later = np.where(after & (time <= OUTLOOK), near, np.inf)
         worth -= width * harm(time, later / width)
         return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
+
+    @staticmethod
+    def _box(moment: Moment) -> Box:
+        return Box.of(moment.scenario, moment.frame, 0.0)
 
     def _worth_of(self, moment: Moment, trip: Trip, times: Array) -> float:
         """What speaks for a trip, m, as for dodges; foreseen zones, where it is not certified, speak against it."""
@@ -289,7 +356,11 @@ class Evasion:
     def _made(self, moment: Moment, dodges: Dodges, seen: _Outlook, number: int) -> Dodge:
         trip = dodges.trip(number, moment.frame)
         certificate = self._means.vetting.certify_stop(moment, Stop(trip, trip.frame.time), None)
-        profile = number % len(dodges.profiles.span)
+        return self._dodge(moment, seen, number, trip, certificate)
+
+    def _dodge(self, moment: Moment, seen: _Outlook, number: int, trip: Trip, certificate: Certificate) -> Dodge:
+        """One of what is seen, with what is told of it."""
+        speeds = trip.trajectory.drive_at(_SHARES).speed
         return Dodge(
             trip,
             certificate,
@@ -298,7 +369,7 @@ class Evasion:
             float(seen.least[number].min()),
             self._blocked_by(moment, seen, number),
             self._threat(moment, seen, number),
-            bool(dodges.profiles.speed[profile].max() > STANDING),
+            bool(speeds.max() > STANDING),
             bool(seen.away[number, -1] < seen.away[number, 0]),
         )
 

@@ -84,6 +84,12 @@ class Fallback:
         dodge = self._evasion.safest(now)
         if dodge is not None:
             return self._dodging(now, dodge, why)
+        before = self._evasion.going_on(now)
+        if before is not None and before.safe:
+            return self._dodging(now, before, why)
+        if before is not None:
+            text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
+            return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower

@@ -28,6 +28,10 @@ class Outcome(StrEnum):
     """Standing, or a stop along the path."""
 
 
+AWAY = (Outcome.BRAKING, Outcome.EVADING)
+"""Outcomes that do not lead to the goal."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class OnlinePlan(Plan):
     """A plan of :class:`Planner`. ``reason`` tells in words what came about, and why.

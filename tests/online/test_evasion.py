@@ -204,6 +204,23 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
     assert harmful.max() * 0.95 < -worth[-2.2] < harmful.max() + 3.0
 
 
+def test_a_turn_that_was_begun_is_gone_on_with() -> None:
+    """What comes speeds up. If each replan began a turn of its own, which starts straight on, it would never turn."""
+
+    def speeds_up(time: float | np.ndarray) -> np.ndarray:
+        t = np.asarray(time, dtype=float)
+        rising = np.clip(t - 2.0, 0.0, 2.0)
+        y = t - 5.0 + 0.25 * rising**2 + 0.5 * rising * (np.maximum(t - 2.0, 0.0) - rising)
+        return np.stack([np.full_like(t, 11.0), y], axis=-1)
+
+    crosser = {"id": "a", "shape": {"disc": 0.5}, "motion": {"position": [11.0, -5.0], "velocity": [0.0, 1.0]}}
+    vehicle = {"max_lateral_acceleration": None, "max_curvature": 1.0}
+    scenario = scene(crosser, vehicle=vehicle, start={"speed": 1.0})
+    run = sp.simulate(scenario, noise=0.1, rate=10.0, seed=0, world={"a": speeds_up})
+    assert run.arrived and not run.contact
+    assert any("as before" in cycle.reason for cycle in run.records)
+
+
 def test_waiting_is_made_up_for_by_coming_nearer() -> None:
     means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
     waiting = Waiting((8.0, 0.0))
