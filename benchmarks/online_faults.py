@@ -23,7 +23,7 @@ import scp_planner as sp
 from benchmarks import families
 from scp_planner.estimation.confidence import marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import standing_from
 from scp_planner.scenario.motions import Course
@@ -192,7 +192,7 @@ class _Drive:
         while time < self.longest:
             plan = self.planner.replan(time, self.position, self.heading, self.speed, deadline=self.deadline)
             self._judge(plan, time)
-            if plan.arrived or (plan.outcome is not Outcome.BRAKING and plan.arrival_time <= time + PERIOD):
+            if plan.arrived or (plan.outcome not in AWAY and plan.arrival_time <= time + PERIOD):
                 self.run.arrived = True
                 return
             number += 1

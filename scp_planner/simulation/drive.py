@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.online.stops import STANDING
 from scp_planner.scenario.models import Observations, Obstacle, Scenario
@@ -262,7 +262,7 @@ class Drive:
         stage.write_down(time)
 
     def _arrives(self, plan: OnlinePlan, time: float) -> bool:
-        if plan.outcome is Outcome.BRAKING:
+        if plan.outcome in AWAY:
             return self.stage.speed <= STANDING * self.units.speed and self.planner.at_goal(self.stage.position)
         return plan.arrival_time <= time + NO_TIME * self.units.time
 

@@ -218,6 +218,7 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     scenario = scene(crosser, vehicle=vehicle, start={"speed": 1.0})
     run = sp.simulate(scenario, noise=0.1, rate=10.0, seed=0, world={"a": speeds_up})
     assert run.arrived and not run.contact
+    assert math.dist(run.position[-1], (20.0, 0.0)) < 0.1
     assert any("as before" in cycle.reason for cycle in run.records)
 
 
