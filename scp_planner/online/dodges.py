@@ -300,8 +300,7 @@ class Dodges:
                 times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
                 found.append((others, batch.subset(others).distances(times, points, NEAR).reshape(*least.shape, -1)))
             if len(box.offsets):
-                border = (box.offsets - place @ box.normals.T).min(axis=-1, keepdims=True)
-                found.append((np.array([-1]), border))
+                found.append((np.array([-1]), box.room(place)[..., None]))
             for numbers, distance in found:
                 which = distance.argmin(axis=-1)
                 value = np.take_along_axis(distance, which[..., None], axis=-1)[..., 0]

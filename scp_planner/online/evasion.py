@@ -134,6 +134,11 @@ class _Outlook:
     worth: Array
     harm: Array
 
+    @property
+    def balance(self) -> Array:
+        """By what dodges are compared where none is safe, (C,) m."""
+        return self.worth - self.harm
+
 
 @dataclass(frozen=True)
 class _View:
@@ -172,9 +177,9 @@ class Evasion:
         return self._first_safe(now, now.moment, dodges, seen, seen.worth)
 
     def least_harmful(self, now: Replan) -> Dodge:
-        """Return the dodge that does least harm, where none is safe."""
+        """Return what does best where nothing is safe: by what it gains, and how soon and deep it enters zones."""
         dodges, seen = self._looked(now)
-        return self._made(now.moment, dodges, seen, self._least_harm(seen))
+        return self._made(now.moment, dodges, seen, int(np.argmax(seen.balance)))
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where no new dodge does better; None where one does.
@@ -200,7 +205,7 @@ class Evasion:
         dodges, new = self._looked(now)
         seen = self._look_on(moment, stop, dodges.times)
         now.lap("evasion")
-        if float(seen.worth[0] - seen.harm[0]) < float((new.worth - new.harm).max()):
+        if seen.balance[0] < new.balance.max():
             return None
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
         return self._dodge(moment, seen, 0, last.trip, certificate)
@@ -248,7 +253,7 @@ class Evasion:
             seen = self._look(moment, dodges)
             now.lap("evasion")
             # Of those the one that does least harm in whole zones: it is no time to gain way.
-            safe = self._first_safe(now, moment, dodges, seen, whole.worth - whole.harm)
+            safe = self._first_safe(now, moment, dodges, seen, whole.balance)
             if safe is not None:
                 return safe, share
         return None
@@ -288,8 +293,7 @@ class Evasion:
         batch = foreseen(moment.batch_in(trip.frame), stop.stands - trip.frame.time, {})
         away = batch.distances(begin + times - trip.frame.time, points.path.position)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
-        box, direction = self._box(moment), points.path.direction
-        border = (box.offsets - place @ box.normals.T).min(axis=1, initial=np.inf)
+        border, direction = self._box(moment).room(place), points.path.direction
         every = np.concatenate([away, border[:, None]], axis=1)
         whose = every.argmin(axis=1)
         whose[whose == batch.size] = -1
@@ -335,11 +339,6 @@ class Evasion:
         least = np.where(over > 0.0, np.inf, least)
         worth = gained - width * NEARNESS * self._patience * nearness(time, least / width)
         return float(worth[0] - width * harm(time, least / width)[0])
-
-    @staticmethod
-    def _least_harm(seen: _Outlook) -> int:
-        """Where no dodge is safe: the one that does best, by what it gains and by how soon and deep it enters zones."""
-        return int(np.argmax(seen.worth - seen.harm))
 
     @staticmethod
     def _tightest(moment: Moment) -> float:

@@ -77,10 +77,13 @@ class Found:
         """Whether it is proved that no trip is faster."""
         return self.to_beat < self.runs.lower_bound
 
-    def gains(self, other: Found, least: float) -> bool:
-        """Whether it gains at least so much on another one that it is better than, relative to its travel time."""
-        gained = other.best.travel_time - self.best.travel_time
-        return self.best.holds and (not other.best.holds or gained >= least * self.best.travel_time)
+    def after(self, runs: CheckedRuns, attempt: ScpAttempt, least: float) -> tuple[Found, bool]:
+        """The best after an attempt, and whether it gains at least so much, relative to its travel time."""
+        if not attempt.better_than(self.best):
+            return self, False
+        gained = self.best.travel_time - attempt.travel_time
+        much = attempt.holds and (not self.best.holds or gained >= least * attempt.travel_time)
+        return Found(runs, attempt, self.most), much
 
 
 def refined(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
@@ -101,10 +104,8 @@ def over_better_guides(found: Found) -> Found:
         again = CheckedRuns.along(task, trajectory.path)
         attempt = again.along_the_guide(trajectory.beta, trajectory.travel_time, found.to_beat)
         logger.info("a new guide: %.4f units of time after %.4f", attempt.travel_time, found.best.travel_time)
-        if not attempt.better_than(found.best):
-            break
-        before, found = found, Found(again, attempt, found.most)
-        if not found.gains(before, WORTH_A_GUIDE):
+        found, much = found.after(again, attempt, WORTH_A_GUIDE)
+        if not much:
             break
     return found
 
@@ -125,10 +126,8 @@ def with_finer_paths(found: Found) -> Found:
         logger.info(
             "%d spans of the path: %.4f units of time after %.4f", spans, attempt.travel_time, found.best.travel_time
         )
-        if not attempt.better_than(found.best):
-            break
-        before, found = found, Found(again, attempt, found.most)
-        if not found.gains(before, WORTH_FINER_PATHS):
+        found, much = found.after(again, attempt, WORTH_FINER_PATHS)
+        if not much:
             break
     return found
 
@@ -177,10 +176,8 @@ def with_finer_spans(found: Found) -> Found:
         logger.info(
             "%d spans of the drive: %.4f units of time after %.4f", spans, attempt.travel_time, trip.travel_time
         )
-        if not attempt.better_than(found.best):
-            break
-        before, found = found, Found(again, attempt, found.most)
-        if not found.gains(before, WORTH_MORE_SPANS):
+        found, much = found.after(again, attempt, WORTH_MORE_SPANS)
+        if not much:
             break
     return found
 

@@ -75,6 +75,11 @@ class Box:
         normals = np.round(world @ frame.rotation, ANGLE_DECIMALS)
         return cls(normals, np.round(offsets - world @ np.asarray(frame.origin), DECIMALS))
 
+    def room(self, position: Array) -> Array:
+        """Distances of positions (..., 2) to the border, m, negative outside; inf without a workspace box."""
+        least: Array = (self.offsets - position @ self.normals.T).min(axis=-1, initial=np.inf)
+        return least
+
 
 def straight_travel_time(
     length: float, start_speed: float, limits: Limits, goal_speed: float | None = None
