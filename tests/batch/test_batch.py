@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import batch_work
 import pytest
 import yaml
 from typer.testing import CliRunner, Result
@@ -30,7 +31,6 @@ from scp_planner.batch.table import TableError, opened
 from scp_planner.cli import app
 from scp_planner.planning.plan import Plan
 from scp_planner.settings.planning import Settings
-from tests import batch_work
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -26,7 +26,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.threat_zones.zone import ThreatZone
-from scp_planner.trips.guide import CurvedGuide, GuideFrame, StraightGuide
+from scp_planner.trips.guide import CurvedGuide, Guide, GuideFrame, StraightGuide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -229,6 +229,7 @@ def test_the_cut_lies_between_samples(seed: int) -> None:
     obstacle = passing(reference, seed, 30.0).obstacle(1e-3)
     scenario = the_scene(obstacle)
     motion = scenario.obstacles[0].motion
+    assert isinstance(motion, sp.Motion)
     for count in (80, 160, 192):
         times = np.linspace(0.0, reference.tau, count + 1)
         clock = times[:, None] + FRAME.time
@@ -622,7 +623,7 @@ class ClothoidGuide:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_enclosures_of_the_bend_contain_dense_samples(seed: int, degree: int, curved: bool) -> None:
     rng = np.random.default_rng(seed)
-    guide = ClothoidGuide(20.0, 0.012) if curved else StraightGuide(20.0)
+    guide: Guide = ClothoidGuide(20.0, 0.012) if curved else StraightGuide(20.0)  # type: ignore[assignment]
     space = TripSpace(guide, 1.0, degree, 9, 0, BREAKS)
     path = Path(space, 0.6 * rng.normal(size=space.path_size))
     span = rng.integers(0, 9, 200)

@@ -128,7 +128,7 @@ def test_closed_loop_through_a_recorded_crowd(
     assert told.startswith("arrived after ") and "least distance to anybody while moving: " in told
     assert_is_picture(figure)
     with Image.open(film) as pictures:
-        assert pictures.n_frames > 50
+        assert pictures.n_frames > 50  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", ["recorded_crowd", "closed_loop_crowd"])
@@ -156,7 +156,7 @@ def test_watch(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: 
     assert module.main(["headon", "-o", str(tmp_path)]) == 0
     assert capsys.readouterr().out == first
     with Image.open(tmp_path / "headon.gif") as film:
-        assert film.n_frames > 50
+        assert film.n_frames > 50  # type: ignore[attr-defined]
     assert (tmp_path / "headon.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CROSSERS, disc, scene
 from shapely.geometry import LineString, Point
+from slopes import differences, finite_differences, random_trips
 
 import scp_planner as sp
 from scp_planner.arrays import Array
@@ -23,8 +24,6 @@ from scp_planner.problem.profile import fastest_profile
 from scp_planner.scenario.places import Line
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
-from tests.baseline.test_objective import finite_differences, random_trips
-from tests.scp.test_linearisation import differences
 from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics

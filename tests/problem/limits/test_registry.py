@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import CROSSERS, scene
+from slopes import differences
 
 import scp_planner as sp
 from scp_planner.arrays import Array
@@ -17,7 +18,6 @@ from scp_planner.problem.limits.inputs import OPTIONAL_MARGIN
 from scp_planner.problem.limits.registry import LIMITS
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
-from tests.scp.test_linearisation import differences
 
 pytestmark = pytest.mark.numerics
 
