@@ -17,6 +17,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Clearance, Ends
 from scp_planner.mathematics.frames import PlanningFrame
@@ -115,10 +116,7 @@ class Moment:
             self.scenario,
             trip,
             self.zones,
-            since=since,
-            until=until,
-            ends=ends,
-            precision=math.inf,
+            Scope(since, until, ends, math.inf),
             batch=self.batch_in(trip.frame),
             motions=motions,
         )
@@ -151,7 +149,9 @@ class Moment:
         frame = PlanningFrame((place[0], place[1]), math.atan2(heading[1], heading[0]), since)
         stands = standing_trip(trip, frame, wait)
         still = foreseen(ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius), 0.0, {})
-        certificate = certify_trip(self.scenario, stands, self.zones, ends=Ends(0), precision=math.inf, batch=still)
+        certificate = certify_trip(
+            self.scenario, stands, self.zones, Scope(ends=Ends(0), precision=math.inf), batch=still
+        )
         return None if certificate.holds else certificate
 
 

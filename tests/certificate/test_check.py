@@ -18,7 +18,7 @@ from scipy.special import fresnel
 
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
-from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.checked_trip import CheckedTrip, Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.intervals import Interval
@@ -753,7 +753,7 @@ def test_what_is_known_of_a_trip_changes_no_verdict(seed: int) -> None:
         since = FRAME.time + rng.uniform(0.0, 0.6) * trip.trajectory.travel_time
         for precision in (np.inf, 1e-3):
             known, new = (
-                certify_trip(same, trip, zones, since=since, precision=precision, motions=some)
+                certify_trip(same, trip, zones, Scope(since, precision=precision), motions=some)
                 for some in (motions, None)
             )
             assert known.holds == new.holds
@@ -785,11 +785,11 @@ def test_a_trip_is_known_by_all_that_it_depends_on() -> None:
     assert all(motions.of(other) is None for other in others)
     # what is known holds for the limits that it was found with only
     slower = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"max_speed": 1.0})})
-    assert broken(certify_trip(slower, trip, (), since=since, motions=motions)) == {"speed"}
+    assert broken(certify_trip(slower, trip, (), Scope(since), motions=motions)) == {"speed"}
     narrow = scenario.model_copy(update={"bounds": sp.Bounds(min=(0.0, 0.0), max=(1.0, 1.0))})
-    assert broken(certify_trip(narrow, trip, (), since=since, motions=motions)) == {"workspace bounds"}
+    assert broken(certify_trip(narrow, trip, (), Scope(since), motions=motions)) == {"workspace bounds"}
     elsewhere = scenario.model_copy(update={"goal": sp.Goal(position=(0.0, 0.0))})
-    assert broken(certify_trip(elsewhere, trip, (), since=since, motions=motions)) == {"distance from the goal"}
+    assert broken(certify_trip(elsewhere, trip, (), Scope(since), motions=motions)) == {"distance from the goal"}
 
 
 def test_a_trip_that_breaks_a_limit_is_not_remembered_as_one_that_keeps_it() -> None:
@@ -797,7 +797,7 @@ def test_a_trip_that_breaks_a_limit_is_not_remembered_as_one_that_keeps_it() -> 
     scenario = the_scene(vehicle={"max_speed": 1.2})
     motions = Motions()
     for _ in range(2):
-        certificate = certify_trip(scenario, trip, (), since=FRAME.time + 1.0, motions=motions)
+        certificate = certify_trip(scenario, trip, (), Scope(FRAME.time + 1.0), motions=motions)
         assert broken(certificate) == {"speed"}
     assert motions.of(trip) is None
 
