@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
 
 
-class Model(StrEnum):
+class BenchmarkModel(StrEnum):
     """Models of motion of the benchmark."""
 
     PM = "PM"
@@ -26,7 +26,7 @@ class Model(StrEnum):
     KST = "KST"
 
 
-class Cost(StrEnum):
+class BenchmarkCost(StrEnum):
     """Cost functions of the benchmark."""
 
     JB1 = "JB1"
@@ -35,7 +35,7 @@ class Cost(StrEnum):
 
 
 @dataclass(frozen=True)
-class Solution:
+class SolutionOptions:
     """What is asked for as a solution of the benchmark."""
 
     file: Annotated[
@@ -43,12 +43,13 @@ class Solution:
         typer.Option("--commonroad-solution", help="Plan for a model of CommonRoad, and write the solution file, XML."),
     ] = None
     model: Annotated[
-        Model,
+        BenchmarkModel,
         typer.Option("--commonroad-model", help="PM: point mass; KS: kinematic single track; KST: with a trailer."),
-    ] = Model.PM
+    ] = BenchmarkModel.PM
     cost: Annotated[
-        Cost, typer.Option("--commonroad-cost", help="What the solution is submitted for; plans are fast for each.")
-    ] = Cost.JB1
+        BenchmarkCost,
+        typer.Option("--commonroad-cost", help="What the solution is submitted for; plans are fast for each."),
+    ] = BenchmarkCost.JB1
 
     def check(self, scenario_file: str, method: Method) -> None:
         """Refuse a solution file before planning that could not be written after it."""

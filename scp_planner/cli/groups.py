@@ -40,7 +40,7 @@ class Printing:
 
 
 @dataclass(frozen=True)
-class Planning:
+class PlanOptions:
     """How plans are made."""
 
     method: MethodName = Method.SCP
@@ -61,7 +61,7 @@ class Planning:
         return keyword_settings(self.assignments, self.solver)
 
 
-def spread(command: Callable[..., R]) -> Callable[..., R]:
+def ungrouped(command: Callable[..., R]) -> Callable[..., R]:
     """Give a command a parameter for each field of its groups."""
     signature = inspect.signature(command, eval_str=True)
     parameters = signature.parameters.values()

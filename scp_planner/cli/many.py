@@ -14,7 +14,7 @@ import typer
 from scp_planner.baseline import methods as compared
 from scp_planner.cli import pictures
 from scp_planner.cli.application import ExitCode
-from scp_planner.cli.groups import Planning, Printing
+from scp_planner.cli.groups import PlanOptions, Printing
 from scp_planner.cli.options import (
     Assignments,
     ScenarioFiles,
@@ -39,7 +39,7 @@ MOST_TOLD = 10
 
 
 @dataclass(frozen=True)
-class Crew:
+class CrewOptions:
     """Who works on a batch."""
 
     workers: Workers = None
@@ -68,7 +68,7 @@ class Crew:
 
 
 @dataclass(frozen=True)
-class Rows:
+class TableOptions:
     """What the table has, and what is done again for it."""
 
     timings: Annotated[
@@ -85,14 +85,14 @@ def batch(
         Path, typer.Option("--output", "-o", help="Table of results, CSV; rows that are there are not done again.")
     ] = Path("results.csv"),
     *,
-    crew: Crew,
+    crew: CrewOptions,
     pattern: Annotated[
         str | None,
         typer.Option("--pattern", metavar="GLOB", help="Which files of DIR, such as '**/crossing*.yaml'."),
     ] = None,
     plans: Annotated[Path | None, typer.Option("--plans", help="Folder to write the plans into, JSON.")] = None,
-    planning: Planning,
-    rows: Rows,
+    planning: PlanOptions,
+    rows: TableOptions,
     printing: Printing,
 ) -> None:
     """Plan all scenarios of a folder.
@@ -137,7 +137,7 @@ class _Work:
     output: Path
     options: Options
     plans: Path | None
-    rows: Rows
+    rows: TableOptions
 
     def done(self, executor: Executor, quiet: bool, stack: ExitStack) -> BatchResult:
         """Do it, with a progress bar; what interrupts it is told with how far it went."""

@@ -177,7 +177,7 @@ def _coverage_of_model(model: str, tracks: list[Path], probability: float, outpu
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitOptions:
     """What is fitted, and how."""
 
     kind: Annotated[
@@ -218,7 +218,7 @@ def fit_motion(
         "motion.yaml"
     ),
     *,
-    fit: Fit,
+    fit: FitOptions,
     half: Annotated[
         bool,
         typer.Option("--half", help="Fit to every other track; `study coverage --model` tests it on the rest."),

@@ -11,7 +11,7 @@ import typer
 from scp_planner.batch.jobs import Method
 from scp_planner.cli import commonroad, pictures, summaries
 from scp_planner.cli.application import ExitCode
-from scp_planner.cli.groups import Planning, Printing
+from scp_planner.cli.groups import PlanOptions, Printing
 from scp_planner.cli.options import (
     BUILT_IN,
     Assignments,
@@ -44,7 +44,7 @@ SLOWEST_RATE = 1e-9  # Hz
 
 
 @dataclass(frozen=True)
-class PlanPicture:
+class PictureOptions:
     """What is drawn of a plan."""
 
     plot: Annotated[
@@ -63,7 +63,7 @@ class Values:
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveOptions:
     """How a closed loop is driven."""
 
     noise: Annotated[
@@ -117,7 +117,7 @@ def demo(
     scenario, quiet = load_scenario(BUILT_IN + name), printing.quiet
     with waiting("planning", quiet):
         made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
-    run = _drive(scenario, Drive(noise=0.1, rate=10.0), quiet)
+    run = _drive(scenario, DriveOptions(noise=0.1, rate=10.0), quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
     made.save(output / "plan.json")
@@ -135,16 +135,16 @@ def plan(
     scenario_file: ScenarioFile,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the plan, JSON.")] = None,
     *,
-    picture: PlanPicture,
+    picture: PictureOptions,
     motion: MotionModel = None,
-    planning: Planning,
+    planning: PlanOptions,
     bound: Annotated[
         bool,
         typer.Option(
             "--bound/--no-bound", help="Find out what no trip among the obstacles is shorter than, not only without."
         ),
     ] = True,
-    solution: commonroad.Solution,
+    solution: commonroad.SolutionOptions,
     printing: Printing,
 ) -> None:
     """Plan one scenario."""
@@ -182,7 +182,7 @@ def simulate(
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the run: .png, .pdf or .svg.")] = None,
     view: pictures.PictureView = View.MAP,
     *,
-    drive: Drive,
+    drive: DriveOptions,
     printing: Printing,
 ) -> None:
     """Drive one scenario in a closed loop.
@@ -235,7 +235,7 @@ def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
     return replace(made, lower_bound=max(made.lower_bound, lower_bound(scenario, at_most=made.travel_time)))
 
 
-def _drive(scenario: Scenario, drive: Drive, quiet: bool) -> Run:
+def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
     from scp_planner.online.planner import SETTINGS
     from scp_planner.scenario.units import NaturalUnits
     from scp_planner.settings.online import OnlineSettings
