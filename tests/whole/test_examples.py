@@ -59,7 +59,11 @@ def test_every_example_is_tested_here() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
 
 
-def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_methods_ends_in_a_table_and_a_figure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On two of the scenarios that it would take."""
+    monkeypatch.setattr(builtin, "names", lambda: ["crossing", "headon"])
     figure, table = tmp_path / "figure.png", tmp_path / "figure.csv"
     assert load("compare_methods").main(["-o", str(figure)]) == 0
     told = capsys.readouterr()
@@ -67,7 +71,7 @@ def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: py
     assert told.out.endswith(f"wrote {figure} and {table}\n")
     assert told.err == ""
     assert_is_picture(figure)
-    assert len(table.read_text().splitlines()) == 9
+    assert len(table.read_text().splitlines()) == 5
 
 
 @pytest.mark.parametrize("name", ["overtaking", "noisy_radar", "own_constraint"])

@@ -301,8 +301,9 @@ def test_the_rate_of_the_curvature_is_limited_and_used() -> None:
 
 def test_penalty_descent_knows_them_too() -> None:
     scenario = scene(disc("o", (9.0, 0.1)), vehicle={"max_jerk": 3.0}, speed_limits=SLOW[:1])
-    plan = sp.plan(scenario)
-    by_descent = sp.penalty_descent(scenario, settings=Settings(max_runs=1), descent=DescentSettings(settlings=4))
+    coarse = Settings(path_span=2.5, acceleration_spans=15, samples=80, max_runs=1)
+    plan = sp.plan(scenario, coarse)
+    by_descent = sp.penalty_descent(scenario, settings=coarse, descent=DescentSettings(settlings=4))
     assert by_descent.certified, by_descent.reason
     assert plan.certified, plan.reason
     assert by_descent.travel_time == pytest.approx(plan.travel_time, rel=0.01)
