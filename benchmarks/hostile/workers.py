@@ -133,6 +133,8 @@ def tried(
                 outcome = worker.take() if worker.link.poll() else None
                 if worker.job is not None and (outcome is None or outcome.fault is None):
                     outcome = worker.excess(seconds, memory) or outcome
+                if outcome is not None and worker.job is None:
+                    raise RuntimeError(f"a worker died before it could try anything: {outcome.detail}")
                 if outcome is not None and worker.job is not None:
                     yield *worker.job, outcome
                     worker.job = None

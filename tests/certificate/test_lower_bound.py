@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from heapq import heappop, heappush
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,9 @@ SOME_OF_THE_SUITE = [
 LANE = {"min": [-1.0, -1.0], "max": [21.0, 1.0]}
 
 
-def wall(name: str, position: tuple[float, float], velocity: tuple[float, float], size: tuple[float, float]) -> dict:
+def wall(
+    name: str, position: tuple[float, float], velocity: tuple[float, float], size: tuple[float, float]
+) -> dict[str, Any]:
     """A rectangle along the axes."""
     return {
         "id": name,
@@ -122,9 +125,10 @@ def driven_at_random(scenario: sp.Scenario, count: int, random: np.random.Genera
     for k in range(int(8.0 / step)):
         time = k * step
         for obstacle in scenario.obstacles:
-            motion = obstacle.motion
+            motion, shape = obstacle.motion, obstacle.shape
+            assert isinstance(motion, sp.Motion) and isinstance(shape, sp.Disc)
             px, py = np.array(motion.position) + np.array(motion.velocity) * time
-            alive &= np.hypot(x - px, y - py) >= obstacle.shape.disc + vehicle.radius
+            alive &= np.hypot(x - px, y - py) >= shape.disc + vehicle.radius
         ended = alive & np.isinf(arrived) & (np.hypot(x - goal.position[0], y - goal.position[1]) <= goal.radius)
         arrived[ended] = time
         before = x < turn_point[0] - 0.5
@@ -420,7 +424,7 @@ def test_covered_cells_lie_wholly_in_their_polygon() -> None:
     assert covered.any()
 
 
-SHAPES = {
+SHAPES: dict[str, dict[str, Any]] = {
     "disc": {"shape": {"disc": 0.6}},
     "rectangle": {"shape": {"rectangle": [3.0, 1.0]}},
     "fixed rectangle": {"shape": {"rectangle": [3.0, 1.0], "heading": 0.4}},
@@ -439,7 +443,7 @@ def test_polygons_fill_their_zones_from_inside(shape: str) -> None:
 
 
 @pytest.mark.parametrize("shape", [{"disc": 0.5}, {"polygon": [[-1, -1], [1, -1], [1, 1], [-1, 1]]}])
-def test_polygons_fill_estimated_zones_from_inside(shape: dict) -> None:
+def test_polygons_fill_estimated_zones_from_inside(shape: dict[str, Any]) -> None:
     random = np.random.default_rng(3)
     times = np.linspace(-4.0, 0.0, 40)
     seen = np.stack([8.0 - 0.4 * times, -2.0 + 0.5 * times], axis=1) + 0.05 * random.normal(size=(40, 2))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import scp_planner as sp
+from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile, factor_to_hold, region_score
 from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_errors
@@ -116,9 +117,9 @@ def test_new_track_begins_with_what_others_have_taught() -> None:
 
 def walkers(count: int, seed: int) -> Tracks:
     rng = np.random.default_rng(seed)
-    times = 0.4 * np.arange(25)
+    times = 0.4 * np.arange(25.0)
     velocity = np.cumsum(0.2 * rng.standard_t(3, (count, 25, 2)), axis=1) + rng.normal(0.0, 1.0, (count, 1, 2))
-    places = np.cumsum(0.4 * velocity, axis=1) + 0.03 * rng.standard_normal(velocity.shape)
+    places: Array = np.cumsum(0.4 * velocity, axis=1) + 0.03 * rng.standard_normal(velocity.shape)
     return Tracks(tuple(Track(f"w{k}", times, place) for k, place in enumerate(places)), source="made")
 
 

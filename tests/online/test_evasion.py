@@ -136,7 +136,7 @@ def test_goal_that_is_blocked_is_approached_as_near_as_is_safe() -> None:
     for k in range(1, 120):
         plan = follow(planner, 0.1 * k)
         assert plan.safe and plan.reason
-    assert plan.outcome is Outcome.BRAKING and "waits for post" in plan.reason
+    assert plan.outcome is Outcome.BRAKING and "waits for post" in str(plan.reason)
     away = float(np.linalg.norm(plan.position(12.0) - (8.0, 0.0)))
     assert 0.9 <= away <= 1.3
 

@@ -70,7 +70,7 @@ def test_a_plan_without_obstacles_has_no_least_clearance(tmp_path: Path) -> None
 
 
 def _set(*keys: str | int, value: Any) -> Any:
-    def change(data: dict[str, Any]) -> None:
+    def change(data: Any) -> None:
         for key in keys[:-1]:
             data = data[key]
         if value is KeyError:

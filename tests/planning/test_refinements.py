@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import disc, drone, scene
 
 import scp_planner as sp
 from scp_planner.planning import refinements
@@ -17,8 +18,6 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.trips.trajectory import Trajectory
-from tests.scenes import disc, scene
-from tests.whole.test_ratios import drone
 
 pytestmark = pytest.mark.numerics
 

@@ -88,6 +88,7 @@ def test_ground_and_units_stand_in_the_file(plan: sp.Plan) -> None:
     origin = np.array(data["origin"])
     assert np.allclose(np.array(data["walls"][0]) + origin, wall, atol=1e-3)
     assert np.allclose(np.array(data["goalRegion"]) + origin, goal["region"], atol=1e-3)
+    assert yard.guide is not None
     assert np.allclose(np.array(data["guide"]) + origin, yard.guide, atol=1e-3)
     (slow,) = data["slow"]
     ((low, high),) = np.array(slow["boxes"]) + origin  # one box: the borders run across

@@ -35,40 +35,48 @@ def free_cells(grid: Grid, rng: np.random.Generator, cases: int) -> np.ndarray:
     return np.where(rng.random(shape) < 0.6, ~blocked, ALL)
 
 
-def is_free(free: np.ndarray, line: int, half_offset: int, delay: int, case: int) -> bool:
-    """Whether one cell is free, looked up alone."""
-    inside = 0 <= half_offset < free.shape[1] and 0 <= delay < DELAYS
-    return inside and bool(int(free[line, half_offset, case]) >> delay & 1)
+class Rules:
+    """The rules in words, one state at a time, on plain numbers: looking up single entries of arrays takes long."""
 
+    def __init__(self, grid: Grid, free: np.ndarray, case: int) -> None:
+        self.grid = grid
+        self.cells: list[list[int]] = free[..., case].tolist()
+        self.shifts: list[list[list[int]]] = grid.shifts.tolist()
+        self.turns: list[int] = grid.turns.tolist()
+        self.slowest = len(grid.speeds) - 1
 
-def followers(grid: Grid, free: np.ndarray, case: int, i: int, state: State) -> Iterator[State]:
-    """States at the next station, by the rules in words."""
-    k, m, o, d = state
-    sidesteps = (-3, -1, 0, 1, 3)
-    for speed in range(max(k - grid.rises, 0), min(k + grid.falls, len(grid.speeds) - 1) + 1):
-        for slope in range(len(grid.slopes)):
-            if abs(slope - m) > grid.turns[speed]:
-                continue
-            half = 2 * o + sidesteps[slope]
-            offset = o + sidesteps[slope]
-            delay = d + int(grid.shifts[EACH_STATION * i, speed, slope])
-            if not is_free(free, EACH_STATION * i + 1, half, delay, case):
-                continue
-            delay += int(grid.shifts[EACH_STATION * i + 1, speed, slope])
-            while is_free(free, EACH_STATION * i + 2, 2 * offset, delay, case):
-                yield speed, slope, offset, delay
-                if speed < len(grid.speeds) - 1:
-                    break
-                delay += 1
+    def is_free(self, line: int, half_offset: int, delay: int) -> bool:
+        """Whether one cell is free, looked up alone."""
+        inside = 0 <= half_offset < len(self.cells[line]) and 0 <= delay < DELAYS
+        return inside and bool(self.cells[line][half_offset] >> delay & 1)
 
+    def followers(self, i: int, state: State) -> Iterator[State]:
+        """States at the next station."""
+        k, m, o, d = state
+        sidesteps = (-3, -1, 0, 1, 3)
+        for speed in range(max(k - self.grid.rises, 0), min(k + self.grid.falls, self.slowest) + 1):
+            turns = self.turns[speed]
+            for slope in range(max(m - turns, 0), min(m + turns, len(sidesteps) - 1) + 1):
+                half = 2 * o + sidesteps[slope]
+                offset = o + sidesteps[slope]
+                delay = d + self.shifts[EACH_STATION * i][speed][slope]
+                if not self.is_free(EACH_STATION * i + 1, half, delay):
+                    continue
+                delay += self.shifts[EACH_STATION * i + 1][speed][slope]
+                while self.is_free(EACH_STATION * i + 2, 2 * offset, delay):
+                    yield speed, slope, offset, delay
+                    if speed < self.slowest:
+                        break
+                    delay += 1
 
-def enumerated(grid: Grid, free: np.ndarray, case: int, ends: Ends) -> list[set[State]]:
-    """States at each station, found one by one."""
-    speeds = range(len(grid.speeds))[grid.first_speeds]
-    reached = [{(k, m, grid.middle, 0) for k in speeds for m in range(len(grid.slopes))[ends.first_slopes]}]
-    for i in range(grid.columns):
-        reached.append({after for state in reached[-1] for after in followers(grid, free, case, i, state)})
-    return reached
+    def enumerated(self, ends: Ends) -> list[set[State]]:
+        """States at each station, found one by one."""
+        grid = self.grid
+        speeds = range(len(grid.speeds))[grid.first_speeds]
+        reached = [{(k, m, grid.middle, 0) for k in speeds for m in range(len(grid.slopes))[ends.first_slopes]}]
+        for i in range(grid.columns):
+            reached.append({after for state in reached[-1] for after in self.followers(i, state)})
+        return reached
 
 
 def as_states(sweep: Sweep, case: int) -> list[set[State]]:
@@ -99,7 +107,7 @@ def test_sweeps_reach_what_enumeration_reaches(seed: int) -> None:
     free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
     sweep = Sweep(grid, free, ends, always(grid))
     for case in range(2):
-        expected = enumerated(grid, free, case, ends)
+        expected = Rules(grid, free, case).enumerated(ends)
         found = as_states(sweep, case)
         assert found == expected[: len(found)]
         assert all(not some for some in expected[len(found) :])
@@ -117,11 +125,12 @@ def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
         delay = sweep.first_arrival(case)
         assert delay is not None
         states = sweep.trace(delay, case)
+        rules = Rules(grid, free, case)
         way = list(zip(*(x.tolist() for x in (states.speed, states.slope, states.offset, states.delay)), strict=True))
         assert way[0][2:] == (grid.middle, 0)
         assert way[-1][3] == delay
         for i in range(grid.columns):
-            assert way[i + 1] in set(followers(grid, free, case, i, way[i]))
+            assert way[i + 1] in set(rules.followers(i, way[i]))
             driven = grid.shifts[EACH_STATION * i : EACH_STATION * i + 2, way[i + 1][0], way[i + 1][1]].sum()
             assert way[i + 1][3] - way[i][3] == driven + states.waited[i]
 
