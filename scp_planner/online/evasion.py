@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.online.dodges import SPANS, Dodges
+from scp_planner.online.courses import SPANS
+from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
@@ -115,8 +116,8 @@ class _Outlook:
     ----------
     least : (C, J) array
         Clearances, m; inf after the dodge is over.
-    whose : (C, J) array of int
-        The nearest zone, -1 for the border of the workspace.
+    room : Room
+        From which zones.
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
     away : (C, J) array
@@ -128,7 +129,7 @@ class _Outlook:
     """
 
     least: Array
-    whose: Index
+    room: Room
     clear: Array
     away: Array
     worth: Array
@@ -283,8 +284,8 @@ class Evasion:
         return Dodges.of(heading, state.speed, 0.0, limits, moment.scenario.vehicle.radius, self._means.wait)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
-        near, whose = dodges.distances(moment.batch, self._box(moment), moment.scenario.vehicle)
-        return self._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), near, whose)
+        room = dodges.room(moment.batch, self._box(moment), moment.scenario.vehicle)
+        return self._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
 
     def _look_on(self, moment: Moment, stop: Stop, times: Array) -> _Outlook:
         """What is seen of a stop that is being driven, at times (J,), s from now: as of one dodge."""
@@ -294,16 +295,14 @@ class Evasion:
         away = batch.distances(begin + times - trip.frame.time, points.path.position)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
         border, direction = self._box(moment).room(place), points.path.direction
-        every = np.concatenate([away, border[:, None]], axis=1)
-        whose = every.argmin(axis=1)
-        whose[whose == batch.size] = -1
+        room = Room(np.append(np.arange(batch.size), BORDER), np.concatenate([away.T, border[None]])[:, None])
         heading = np.arctan2(direction[:, 1], direction[:, 0]) + trip.frame.heading - moment.frame.heading
         driven = _Driven(times, place[None], heading[None], np.array([stop.stands + self._means.wait - begin]))
-        return self._seen(moment, driven, every.min(axis=1)[None], whose[None])
+        return self._seen(moment, driven, room)
 
-    def _seen(self, moment: Moment, driven: _Driven, near: Array, whose: Index) -> _Outlook:
-        """Judge what is driven by its clearances (C, J), m, from the nearest zones."""
-        vehicle, after = moment.scenario.vehicle, driven.times > driven.until[:, None]
+    def _seen(self, moment: Moment, driven: _Driven, room: Room) -> _Outlook:
+        """Judge what is driven by the room that it keeps."""
+        vehicle, after, near = moment.scenario.vehicle, driven.times > driven.until[:, None], room.least
         least = np.where(after, np.inf, near)
         entered = least < self._means.settings.clearance_margin
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
@@ -316,7 +315,7 @@ class Evasion:
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         later = np.where(after & (time <= OUTLOOK), near, np.inf)
         worth -= width * harm(time, later / width)
-        return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
+        return _Outlook(least, room, clear, away, worth, width * harm(time, least / width))
 
     @staticmethod
     def _box(moment: Moment) -> Box:
@@ -376,8 +375,8 @@ class Evasion:
     def _threat(moment: Moment, seen: _Outlook, number: int) -> str | None:
         """The zone that a dodge enters first, or comes nearest to."""
         entered = seen.least[number] <= max(float(seen.least[number].min()), 0.0)
-        zone = int(seen.whose[number, int(entered.argmax())])
-        return moment.batch.ids[zone] if zone >= 0 else None
+        zone = seen.room.nearest(number, int(entered.argmax()))
+        return None if zone == BORDER else moment.batch.ids[zone]
 
     def _blocked_by(self, moment: Moment, seen: _Outlook, number: int) -> str | None:
         """The zone that is in the way of the dodge that would lead nearest to the goal."""
