@@ -24,8 +24,8 @@ from scp_planner.trips.path import Path
 
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
-MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
+FEW_CUTS = 10_000  # that are made in no time: the clock is not looked at before
 MOST_MARKED = 1_000_000  # cells at a time
 
 
@@ -116,10 +116,10 @@ class Lines:
         edges = np.arange(0, DELAYS + 1, STRETCH)
         for part in _parts(moving, count * len(edges)):
             met = self._near(part, edges)
-            for line, stretch, place in _some_at_a_time(np.nonzero(met)):
-                delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
-                line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
-                yield self.cuts(line, delay, zone, self.times(line, delay))
+            line, stretch, place = np.nonzero(met)
+            delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
+            line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
+            yield self.cuts(line, delay, zone, self.times(line, delay))
 
     def _near(self, part: Index, edges: Index) -> Mask:
         """Whether zones come near lines in stretches of delays, (lines, stretches, zones)."""
@@ -177,7 +177,7 @@ class Cells:
         blocked, marked = np.zeros((*self.shape, DELAYS), dtype=np.bool_), 0
         kept: list[Cuts] = []
         for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size)):
-            if marked and perf_counter() > self.deadline:
+            if marked > FEW_CUTS and perf_counter() > self.deadline:
                 self.cut_off = True
                 break
             self._mark(blocked, cuts, 0)
@@ -294,13 +294,6 @@ def _parts(index: Index, each: int) -> Iterator[Index]:
     most = max(1, MOST_LOOKS // each)
     for begin in range(0, len(index), most):
         yield index[begin : begin + most]
-
-
-def _some_at_a_time(met: tuple[Index, ...]) -> Iterator[tuple[Index, ...]]:
-    """Lines, stretches and zones that meet, in parts whose delays are not too many to be looked at together."""
-    most = MOST_CUT // STRETCH
-    for begin in range(0, max(len(met[0]), 1), most):
-        yield tuple(some[begin : begin + most] for some in met)
 
 
 def _words(bits: Mask) -> Words:

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
-from time import perf_counter
 
 import numpy as np
 
@@ -20,13 +19,12 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import Ends, Sweep
+from scp_planner.search.sweep import ALL, ONE, Ends, Sweep
 
 Closed = tuple[tuple[int, int], ...]
 
 WINDOWS = (0.08, 0.25, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
 MOST_TOGETHER = 100_000  # cells of the cases of one sweep; with more their memory would be slower than their calls
-_FIRST_DELAYS = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype=np.uint64)  # so many of them, as words
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 
 
@@ -77,7 +75,7 @@ class WaySearch:
         fineness: Fineness | None = None,
         deadline: float = np.inf,
     ) -> None:
-        self.problem, self.deadline = problem, deadline
+        self.problem = problem
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
@@ -140,7 +138,7 @@ class WaySearch:
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
                 free = self.cells.without_each([cases[k] for k in some])
-                if self.cells.cut_off or perf_counter() > self.deadline:
+                if self.cells.cut_off:
                     return found
                 sweep = Sweep(grid, free, self.ends, in_time)
                 for case, k in enumerate(some):
@@ -178,10 +176,10 @@ class WaySearch:
         """Delays from which each class of speed may reach the goal in time, (n + 1, K, O) words."""
         grid = self.grid
         latest = min(within, float(grid.fastest[-1]) + DELAYS * grid.delay_step)
-        delays = latest - self._earliest
-        delays /= grid.delay_step
-        delays += 2.0  # rounding takes a delay
-        words: Words = _FIRST_DELAYS[np.clip(delays, 0, DELAYS, out=delays).astype(np.intp)]
+        # Rounding takes a delay
+        delays = np.floor((latest - self._earliest) / grid.delay_step) + 2.0
+        count = np.clip(delays, 0, DELAYS).astype(np.uint64)
+        words: Words = np.where(count > 0, ALL >> (np.uint64(DELAYS) - np.maximum(count, ONE)), np.uint64(0))
         return words
 
     def _sides(self, offsets: Array, times: Array) -> tuple[tuple[int, int], ...]:
