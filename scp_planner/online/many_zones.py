@@ -9,7 +9,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import shared_alpha, uniform_scale
+from scp_planner.estimation.confidence import alpha_of_one, uniform_scale
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
 from scp_planner.estimation.recursive import SquareRoots
@@ -17,6 +17,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matr
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.mixtures import Mixture
+from scp_planner.online.suspicions import Suspicions
 from scp_planner.online.track import Track
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
@@ -43,32 +44,40 @@ class Level:
     confidence: Confidence
     estimated: int
 
+    @property
+    def alpha(self) -> float:
+        """The probability that one obstacle may be outside with, at one time or at any by the level."""
+        return alpha_of_one(str(self.confidence.level), self.confidence.probability, self.estimated)
+
     def scale(self, length: float, terms: int | None) -> float:
         """Give q for a motion of known noise, by its standardised length and, if it is polynomial, its terms."""
-        alpha = 1.0 - self.confidence.probability
-        match self.confidence.level:
-            case ConfidenceLevel.PER_TIME:
-                return _NORMAL.pointwise_scale(alpha)
-            case ConfidenceLevel.JOINT:
-                alpha = shared_alpha(alpha, self.estimated)
-        return uniform_scale(alpha, length, _NORMAL, terms)
+        if self.confidence.level is ConfidenceLevel.PER_TIME:
+            return _NORMAL.pointwise_scale(self.alpha)
+        return uniform_scale(self.alpha, length, _NORMAL, terms)
 
 
 def zones_together(
-    tracks: Sequence[Track], roots: Sequence[SquareRoots], start: float, level: Level, manoeuvre: float = 0.0
+    tracks: Sequence[Track],
+    roots: SquareRoots,
+    start: float,
+    level: Level,
+    manoeuvre: float = 0.0,
+    suspicions: Suspicions | None = None,
 ) -> list[ThreatZone]:
     """Make the zones of polynomial motions of one order whose noise is known, all at once.
 
     Parameters
     ----------
     tracks : sequence of Track
-    roots : sequence of SquareRoots
-        What the estimate of each is made from.
+    roots : SquareRoots
+        What their estimates are made from.
     start : float
         Absolute time from which on the zones hold, s.
     level : Level
     manoeuvre : float
         Standard deviation of a change of acceleration that may begin with the last observation, m/s^2.
+    suspicions : Suspicions, optional
+        Changes of acceleration that are likely by now.
 
     Returns
     -------
@@ -76,22 +85,23 @@ def zones_together(
         One for each track, in order.
     """
     order = tracks[0].model.order
-    factor = np.concatenate([root.factor for root in roots])
-    right = np.concatenate([root.right for root in roots])
-    middle = np.concatenate([root.center for root in roots])
-    origin = np.concatenate([root.origin for root in roots])
+    middle = roots.center
     first = np.array([track.times[0] for track in tracks])
     last = np.array([track.times[-1] for track in tracks])
-    inverse = np.linalg.inv(factor)
-    spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ right
+    inverse = np.linalg.inv(roots.factor)
+    spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ roots.right
     sigma = np.array([track.known_noise for track in tracks])
     if manoeuvre > 0.0:
         order = 2
         spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, manoeuvre**2 / _least(sigma))
+    if suspicions is not None and suspicions.probability.any():
+        order = 2
+        spread = _padded(spread, 3) + suspicions.spread
+        coefficients = _padded(coefficients, 2) + suspicions.shift
     shift = _shift(order, start - middle, _ONE)
     count, terms = len(tracks), order + 1
     center = shift @ coefficients
-    center[:, 0] += origin
+    center[:, 0] += roots.origin
     local = shift @ spread @ shift.transpose(0, 2, 1)
     growth = local.reshape(count, -1) @ _products(terms)
     noise = sigma[:, [0, 0, 1], [0, 1, 1]]
@@ -221,12 +231,16 @@ def _least(sigma: Array) -> Array:
 
 def _with_manoeuvre(spread: Array, coefficients: Array, last: Array, change: Array) -> tuple[Array, Array]:
     """Allow for changes of acceleration at times ``last``; see `PolynomialEstimate.with_manoeuvre`."""
-    count, terms = spread.shape[:2]
-    wider, longer = np.zeros((count, 3, 3)), np.zeros((count, 3, 2))
-    wider[:, :terms, :terms], longer[:, :terms] = spread, coefficients
-    shift = 0.5 * np.stack([last * last, -2.0 * last, np.ones(count)], axis=1)
-    wider += change[:, None, None] * shift[:, :, None] * shift[:, None]
-    return wider, longer
+    shift = 0.5 * np.stack([last * last, -2.0 * last, np.ones(len(last))], axis=1)
+    return _padded(spread, 3) + change[:, None, None] * shift[:, :, None] * shift[:, None], _padded(coefficients, 2)
+
+
+def _padded(values: Array, width: int) -> Array:
+    """Values (K, p, ...) of motions of any order as those of order 2, (K, 3, width)."""
+    count, terms, given = values.shape
+    padded = np.zeros((count, 3, width))
+    padded[:, :terms, :given] = values
+    return padded
 
 
 def _lengths_of_mixtures(error: Array, cross: Array, rate: Array) -> Array:

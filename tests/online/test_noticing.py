@@ -181,7 +181,7 @@ def observed(places: np.ndarray, order: int = 2) -> sp.Obstacle:
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_zones_with_a_manoeuvre_are_those_of_the_scenario(order: int) -> None:
     rng = np.random.default_rng(12)
-    tracks = ObstacleTracks(sp.Confidence(), watch=Watch(manoeuvre=0.4))
+    tracks = ObstacleTracks(sp.Confidence(), watch=Watch(manoeuvre=0.4, changes=0.0))
     tracks.add(observed(NOISE * rng.standard_normal((30, 2)), order))
     (zone,), (given,) = tracks.zones(3.0), tracks.as_obstacles()
     assert given.model.manoeuvre == pytest.approx(0.4 * tracks.newcomers.acceleration_deviation)
