@@ -163,16 +163,20 @@ def zones_of_mixtures(tracks: Sequence[Track], mixtures: Mixture, start: float, 
     return _made(tracks, start, center, error[:, :, [0, 0, 1], [0, 1, 1]], scales)
 
 
-def times_linear(covariances: PiecewisePolynomials, leads: Array, factors: Array) -> PiecewisePolynomials:
-    """Multiply polynomials by a factor that is linear between leads after their start, and constant after the last.
+def times_linear(
+    covariances: PiecewisePolynomials, leads: Array, factors: Array, added: Array | None = None
+) -> PiecewisePolynomials:
+    """Multiply covariances by a factor that is linear between leads after their start, and constant after the last.
 
     Parameters
     ----------
     covariances : PiecewisePolynomials
-        Of one zone.
+        Of one zone: entries xx, xy, yy.
     leads : (H,) array
         s, from 0 on, increasing.
     factors : (H,) array
+    added : (H,) array, optional
+        What is then added to the variance in every direction, m^2, linear between leads too.
 
     Returns
     -------
@@ -180,15 +184,18 @@ def times_linear(covariances: PiecewisePolynomials, leads: Array, factors: Array
     """
     breaks, whole = covariances.breakpoints[0], covariances.coefficients[0]
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads[breaks[0] + leads < breaks[-1]]]))
-    begins = edges[:-1]
+    begins, widths = edges[:-1], np.diff(edges)
     piece = np.searchsorted(breaks, begins, "right") - 1
     powers = whole.shape[1]
     shifted = shift_matrices(powers, begins - breaks[piece]) @ whole[piece]
     at = np.interp(edges - breaks[0], leads, factors)
-    slopes = np.diff(at) / np.diff(edges)
     product = np.zeros((len(begins), powers + 1, whole.shape[2]))
     product[:, :-1] = at[:-1, None, None] * shifted
-    product[:, 1:] += slopes[:, None, None] * shifted
+    product[:, 1:] += (np.diff(at) / widths)[:, None, None] * shifted
+    if added is not None:
+        more = np.interp(edges - breaks[0], leads, added)
+        product[:, 0, [0, 2]] += more[:-1, None]
+        product[:, 1, [0, 2]] += (np.diff(more) / widths)[:, None]
     return PiecewisePolynomials(edges[None], product[None])
 
 

@@ -310,14 +310,17 @@ class ObstacleTracks:
                     self.scales.take_in(number, track.id, score)
 
     def _scaled(self, track: Track, zone: ThreatZone) -> ThreatZone:
-        """A zone whose covariances are scaled by what has come of predictions, linearly between the horizons."""
+        """A zone whose covariances are sized by what has come of predictions, linearly between the horizons."""
         covariances = zone.covariances
-        if covariances is None:
+        if covariances is None or track.predicted is None:
             return zone
+        level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])
         leads = HORIZONS.copy()
         if len(track.times) > 1:  # what is compared next is as far ahead as it was the last time
             leads[0] = min(track.times[-1] - track.times[-2], 0.5 * leads[1])
-        return replace(zone, covariances=times_linear(covariances, leads, self.scales.scales(track.id)))
+        sizes = self.scales.scales(track.id)
+        added = level * np.maximum(sizes - 1.0, 0.0)
+        return replace(zone, covariances=times_linear(covariances, leads, np.minimum(sizes, 1.0), added))
 
     def _together(self, tracks: Sequence[Track], start: float, level: Level) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
