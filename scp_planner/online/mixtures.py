@@ -116,9 +116,9 @@ class FilterStates:
         unit : (K,) array
             Variances of the noise, m^2.
         """
-        if len(lag) and (lag == lag[0]).all():
-            lag = lag[:1]  # as in a frame: one product of matrices then does it
-        t, one, none = lag, np.ones_like(lag), np.zeros_like(lag)
+        same = len(lag) > 0 and bool((lag == lag[0]).all())
+        t = lag[0] if same else lag  # as in a frame: one product of matrices then does it
+        one, none = np.ones_like(t), np.zeros_like(t)
         square = t * t
         half, cube = 0.5 * square, square * t
         state = np.array([[one, t, half], [none, one, t], [none, none, one]])
@@ -136,7 +136,7 @@ class FilterStates:
         jerk = np.array([cube * square / 20.0, 0.125 * square * square, cube / 6.0, cube / 3.0, half, t])
         self.mean[...] = _applied(state, self.mean)
         self.spread[...] = _applied(spread, self.spread)
-        noise = diffusions[:, 0, None] * swerve[:, None] + diffusions[:, 1, None] * jerk[:, None]
+        noise = diffusions[:, :1] * swerve.reshape(6, 1, -1) + diffusions[:, 1:] * jerk.reshape(6, 1, -1)
         self.spread += noise / unit
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
@@ -153,9 +153,9 @@ class FilterStates:
 
 
 def _applied(matrices: Array, values: Array) -> Array:
-    """Matrices (p, p, K), or one for all (p, p, 1), times values (p, ..., K)."""
-    if matrices.shape[-1] == 1:
-        return np.asarray((matrices[..., 0] @ values.reshape(len(values), -1)).reshape(values.shape))
+    """Matrices (p, p, K), or one for all (p, p), times values (p, ..., K)."""
+    if matrices.ndim == 2:
+        return np.asarray((matrices @ values.reshape(len(values), -1)).reshape(values.shape))
     return np.asarray(np.einsum("ijk,j...k->i...k", matrices, values))
 
 

@@ -41,9 +41,10 @@ def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
     between[:, range(NEIGHBOURS), range(NEIGHBOURS)] = 1.0
     weights = 1.0 / between.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1)[:, None]
-    offset = np.einsum("nk,nka->na", np.broadcast_to(weights, (len(positions), NEIGHBOURS)), positions)
-    offset = np.einsum("nab,nb->na", np.broadcast_to(whiten, (len(positions), 2, 2)), offset)
-    return np.asarray((offset * offset).sum(axis=1))
+    offset = (weights[:, :, None] * positions).sum(axis=1)
+    x = whiten[:, 0, 0] * offset[:, 0] + whiten[:, 0, 1] * offset[:, 1]
+    y = whiten[:, 1, 0] * offset[:, 0] + whiten[:, 1, 1] * offset[:, 1]
+    return np.asarray(x * x + y * y)
 
 
 def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Array:
