@@ -44,8 +44,11 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 
-RATE = 0.02
-"""Change of the level after a miss, but for the factor 1 - alpha."""
+RATE = 0.005
+"""Change of the level after a miss, but for the factor 1 - alpha. Misses come in rows, as one wrong prediction is
+followed by others; what is faster takes a row for a trend."""
+ENOUGH = 10.0
+"""Misses at the level asked for, that there must have been room for before regions follow the errors."""
 TOGETHER = 0.01
 """The rate of all tracks together, over that of each: their errors are many, and depend on each other."""
 NEWEST = 20_000
@@ -176,7 +179,7 @@ class AdaptiveScales:
         if not 0.0 < rate < math.inf:
             raise EstimationError(f"rate: {rate!r} is not a positive number")
         self.alpha, self.rate, self.horizons = alpha, rate, horizons
-        self._all = [_Newest(alpha, math.ceil(1.0 / alpha)) for _ in range(horizons)]
+        self._all = [_Newest(alpha, math.ceil(ENOUGH / alpha)) for _ in range(horizons)]
         self._own: dict[tuple[str, int], float] = {}
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""

@@ -151,7 +151,8 @@ def test_zones_follow_what_came_of_them() -> None:
     """Something that leaps about as no filter foretells: zones become larger than those of the model."""
     sizes = []
     for regions in Regions:
-        tracks = ObstacleTracks(sp.Confidence(level="per_time"), watch=Watch(0.0, 0.0, 0.0, regions))
+        confidence = sp.Confidence(level="per_time", probability=0.8)  # 50 errors are enough
+        tracks = ObstacleTracks(confidence, watch=Watch(0.0, 0.0, 0.0, regions))
         tracks.add_unseen("a", Disc(disc=0.3), Model(order=0), 0.0, 0.01 * np.eye(2))
         for number, place in enumerate(np.cumsum(0.3 * np.random.default_rng(3).standard_normal((120, 2)), axis=0)):
             tracks.observe("a", 0.1 * number, (float(place[0]), float(place[1])))
