@@ -149,13 +149,17 @@ class Courses:
     turn: Array
 
     @classmethod
-    def of(cls, heading: float | None, ahead: float) -> Courses:
-        """Return the courses of a vehicle with a heading, or a free one; then one of them leads ahead, rad."""
+    def of(cls, heading: float | None, ahead: float, both_ways: bool = False) -> Courses:
+        """Return the courses of a vehicle with a heading, or a free one; then one of them leads ahead, rad.
+
+        Those of one that can set out both ways begin along its heading, and as many against it.
+        """
         if heading is None:
             base = ahead + 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
             return cls(base, np.zeros(DIRECTIONS))
         turn = np.concatenate([TURNS, -TURNS[1:-1]])
-        return cls(np.full(len(turn), heading), turn)
+        bases = [heading, heading + np.pi] if both_ways else [heading]
+        return cls(np.repeat(bases, len(turn)), np.tile(turn, len(bases)))
 
     @cached_property
     def _turning(self) -> Array:
@@ -228,7 +232,14 @@ class Dodges:
 
     @classmethod
     def of(
-        cls, heading: float | None, speed: float, ahead: float, limits: Limits, radius: float, wait: float
+        cls,
+        heading: float | None,
+        speed: float,
+        ahead: float,
+        limits: Limits,
+        radius: float,
+        wait: float,
+        both_ways: bool = False,
     ) -> Dodges:
         """Return the dodges of a vehicle.
 
@@ -245,13 +256,15 @@ class Dodges:
             Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
         wait : float
             For how long it is to stand at the end, s.
+        both_ways : bool
+            Whether it can set out against its heading too.
 
         Returns
         -------
         Dodges
         """
         profiles = Profiles.of(speed, limits, 2.0 * radius, wait)
-        courses = Courses.of(heading, ahead)
+        courses = Courses.of(heading, ahead, both_ways)
         fastest = profiles.speed.max(axis=1)
         tightest = np.maximum(
             radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),

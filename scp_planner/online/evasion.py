@@ -16,6 +16,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.online.directions import can_reverse
 from scp_planner.online.dodges import SPANS, Dodges
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
@@ -48,6 +49,8 @@ HARM = 50.0
 """Widths of way that a width of depth in a zone is worth, if it were now, where nothing is safe..."""
 HARM_AT_ALL = 1.0 / 6.0
 """...and widths that count for any depth."""
+FARTHEST = 1e9
+"""Stands for a clearance without a zone, where clearances are interpolated."""
 _SHARES = np.linspace(0.0, 1.0, SPANS + 1)
 
 
@@ -280,7 +283,9 @@ class Evasion:
         state = moment.state
         heading = None if state.heading is None else state.heading - moment.frame.heading
         limits = Limits.of(moment.scenario, self._means.settings.limit_margin)
-        return Dodges.of(heading, state.speed, 0.0, limits, moment.scenario.vehicle.radius, self._means.wait)
+        vehicle = moment.scenario.vehicle
+        both_ways = can_reverse(vehicle, state.speed)
+        return Dodges.of(heading, state.speed, 0.0, limits, vehicle.radius, self._means.wait, both_ways)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
         near, whose = dodges.distances(moment.batch, self._box(moment), moment.scenario.vehicle)
@@ -305,10 +310,14 @@ class Evasion:
         """Judge what is driven by its clearances (C, J), m, from the nearest zones."""
         vehicle, after = moment.scenario.vehicle, driven.times > driven.until[:, None]
         least = np.where(after, np.inf, near)
-        entered = least < self._means.settings.clearance_margin
+        entered = _until(near, driven) < self._means.settings.clearance_margin
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
         away = way_left(driven.position, driven.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
+        if vehicle.steering is Steering.BOTH_WAYS:
+            back = driven.heading + np.pi
+            other = way_left(driven.position, back, goal, self._tightest(moment), moment.scenario.goal.radius)
+            away = np.minimum(away, other)
         width = 2.0 * vehicle.radius
         time = driven.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
@@ -344,7 +353,8 @@ class Evasion:
     def _tightest(moment: Moment) -> float:
         """Radius of the tightest turn of a vehicle that drives along its heading, m; 0 where that is free."""
         vehicle = moment.scenario.vehicle
-        if moment.state.heading is None or vehicle.steering is not Steering.AHEAD or not vehicle.max_curvature:
+        turns = moment.state.heading is None or vehicle.steering in (Steering.ANY, Steering.ON_THE_SPOT)
+        if turns or not vehicle.max_curvature:
             return 0.0
         return 1.0 / vehicle.max_curvature
 
@@ -385,6 +395,19 @@ class Evasion:
         if nearest == number or np.isinf(seen.clear[nearest]):
             return None
         return self._threat(moment, seen, nearest)
+
+
+def _until(near: Array, driven: _Driven) -> Array:
+    """Clearances (C, J), m, up to the end of each dodge, which lies between two samples; inf after that."""
+    times, until, near = driven.times, driven.until[:, None], np.minimum(near, FARTHEST)
+    step = times[1] - times[0]
+    share = np.clip((until - times) / step, 0.0, 1.0)[:, :-1]
+    # The first sample after the end stands for the end.
+    last = near[:, :-1] + share * (near[:, 1:] - near[:, :-1])
+    over = times > until
+    found = np.where(over, np.inf, near)
+    found[:, 1:] = np.where(over[:, 1:] & ~over[:, :-1], last, found[:, 1:])
+    return found
 
 
 def nearness(time: Array, clearance: Array) -> Array:
