@@ -43,7 +43,7 @@ LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)
 LEVEL = 0.99
 LOOP_FAMILIES = ("crossing5", "crossing10")
 NOISE = (0.05, 0.3)  # m, the range that the noise of a run is drawn from
-SAVED_EVERY = 10  # runs
+SAVED_EVERY = 2.0  # s: rows of short runs together, one of a long run at once
 
 
 class Ledger:
@@ -75,11 +75,13 @@ class Ledger:
         wanted = list(wanted)
         names = {self._name(row) for row in wanted}
         todo = self.missing(wanted)
-        began = perf_counter()
+        began = saved = perf_counter()
         for number, row in enumerate(todo, 1):
             self.rows.append({**row, **run(row)})
             self._done.add(self._name(row))
-            if number % SAVED_EVERY == 0 or number == len(todo):
+            now = perf_counter()
+            if now - saved > SAVED_EVERY or number == len(todo):
+                saved = now
                 common.write_csv(self.path, self.rows)
                 common.say(f"{self.path.name}: {number} of {len(todo)}, {perf_counter() - began:.0f} s")
         return [row for row in self.rows if self._name(row) in names]
