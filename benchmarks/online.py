@@ -18,6 +18,7 @@ from benchmarks import common  # isort: skip
 
 import argparse
 import gc
+import itertools
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -306,13 +307,14 @@ def fault_table(rows: Sequence[Row]) -> str:
 
 def crowds(options: argparse.Namespace) -> int:
     """Through recorded crowds."""
-    tracks = online_crowds.recordings(options.tracks)
+    tracks = online_crowds.recordings(options.tracks, options.places)
     ledger = Ledger(options.output / "online-crowds.csv", ("place", "number", "way"), options.fresh)
+    places = tuple(online_crowds.FILES)
+    trips = ((number, places[number % len(places)]) for number in itertools.count(options.seed))
     wanted = [
         {"place": name, "number": number, "way": way}
-        for number in range(options.count)
-        for name in [tuple(tracks)[number % len(tracks)]]
-        for way in online_crowds.WAYS
+        for number, name in itertools.islice((trip for trip in trips if trip[1] in tracks), options.count)
+        for way in options.ways
     ]
     rows = ledger.fill(wanted, lambda row: online_crowds.drive(tracks[row["place"]], row))
     sys.stdout.write(crowd_table(rows) + "\n")
@@ -429,6 +431,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     checks.add_argument("--check-every", type=int, default=3, help="plans from one that is checked to the next")
     for name in ("crowds", "regions"):
         commands.choices[name].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    places, ways = tuple(online_crowds.FILES), online_crowds.WAYS
+    recorded = commands.choices["crowds"]
+    recorded.add_argument("--places", nargs="+", choices=places, default=places, help="default: all")
+    recorded.add_argument("--ways", nargs="+", choices=ways, default=ways, help="to drive; default: all")
     commands.choices["noticing"].add_argument("--workers", type=int, default=2, help="processes; default: 2")
     return common.run_command(parser, argv)
 

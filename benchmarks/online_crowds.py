@@ -31,6 +31,7 @@ from benchmarks.crowds.policies import SHY, STANDING, closest, reciprocal_veloci
 from scp_planner.estimation.motion_fitting import fit_motion_model
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
+from scp_planner.scenario.models import Steering
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.simulation.crowds import LEVEL, among_people
 from scp_planner.simulation.loop import simulate
@@ -59,6 +60,7 @@ VEHICLE = sp.Vehicle(
     max_deceleration=1.5,
     max_lateral_acceleration=1.5,
     max_curvature=2.0,
+    steering=Steering.BOTH_WAYS,
 )
 PERSON = 0.3  # m, radius
 GOAL_RADIUS = 0.3  # m
