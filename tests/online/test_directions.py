@@ -11,8 +11,9 @@ from scenes import scene
 import scp_planner as sp
 from scp_planner.certificate.ends import EndState, start_violations
 from scp_planner.online.directions import can_reverse, can_turn, direction
-from scp_planner.online.dodges import Courses
+from scp_planner.online.dodges import Dodges
 from scp_planner.online.planner import Planner
+from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
 
@@ -44,11 +45,13 @@ def test_direction_of_a_vehicle_whose_goal_is_behind_it(
     assert can_turn(robot, 0.0) == (standing is None) and can_turn(robot, 0.5) == (driving is None)
 
 
-def test_courses_backwards_are_those_forwards_turned_round() -> None:
-    both, ahead = Courses.of(0.3, 0.0, both_ways=True), Courses.of(0.3, 0.0)
-    count = len(ahead.turn)
-    assert np.all(both.turn[:count] == ahead.turn) and np.all(both.turn[count:] == ahead.turn)
-    assert np.all(both.base[:count] == 0.3) and both.base[count:] == pytest.approx(0.3 + math.pi)
+def test_dodges_backwards_are_those_forwards_turned_round() -> None:
+    limits = Limits(1.5, 1.0, 1.5, 1.5, 2.0)
+    both = Dodges.of(0.3, 0.0, 0.0, limits, 0.3, 0.5, both_ways=True)
+    ahead = Dodges.of(0.3, 0.0, 0.0, limits, 0.3, 0.5)
+    count = len(ahead.position)
+    assert len(both.position) == 2 * count and np.all(both.position[:count] == ahead.position)
+    assert both.position[count:] == pytest.approx(-ahead.position, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -96,16 +96,17 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
     dodges = Dodges.of(0.1, 0.5, 0.0, LIMITS, vehicle.radius, 1.0)
     batch = ZoneBatch.of(zones, frame, vehicle.radius)
-    least, whose = dodges.distances(batch, Box.of(scenario, frame, 0.0), vehicle)
+    room = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
     exact = np.array(
         [[zone.signed_distance(dodges.times, frame.to_world(place)) for zone in zones] for place in dodges.position]
     )
     nearest = exact.min(axis=1) - vehicle.radius
     near = nearest < 0.1
     assert near.sum() > 100
-    assert least[near] == pytest.approx(nearest[near], abs=1e-9)
-    assert np.all(least <= nearest + 1e-9)
-    assert np.all(whose[near] == exact.argmin(axis=1)[near])
+    assert room.least[near] == pytest.approx(nearest[near], abs=1e-9)
+    assert np.all(room.least <= nearest + 1e-9)
+    whose = np.array([room.nearest(*at) for at in np.argwhere(near).tolist()])
+    assert np.all(whose == exact.argmin(axis=1)[near])
 
 
 # behaviour
@@ -248,7 +249,9 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
         evasion = Evasion(means)
         dodges, seen = evasion._looked(now)
-        straight = len(dodges.profiles.span) - 2  # the first course leads to the goal; for longest, at top speed
+        straight = (
+            len(dodges.families[0].profiles.span) - 2
+        )  # the first course leads to the goal; for longest, at top speed
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
         assert bool(seen.harm[straight] > 0.0) is harmful
         assert worth == pytest.approx(seen.worth[straight] - seen.harm[straight], abs=0.02)
