@@ -16,7 +16,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.online.courses import SPANS
+from scp_planner.online.courses import LIMIT_SHARE, SPANS
 from scp_planner.online.directions import can_reverse
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
@@ -376,14 +376,13 @@ class Evasion:
         worth = gained - width * NEARNESS * self._patience * nearness(time, least / width)
         return float(worth[0] - width * harm(time, least / width)[0])
 
-    @staticmethod
-    def _tightest(moment: Moment) -> float:
-        """Radius of the tightest turn of a vehicle that drives along its heading, m; 0 where that is free."""
+    def _tightest(self, moment: Moment) -> float:
+        """Radius of the tightest turn that dodges of a vehicle with a heading take, m; 0 where that is free."""
         vehicle = moment.scenario.vehicle
         turns = moment.state.heading is None or vehicle.steering in (Steering.ANY, Steering.ON_THE_SPOT)
         if turns or not vehicle.max_curvature:
             return 0.0
-        return 1.0 / vehicle.max_curvature
+        return 1.0 / (LIMIT_SHARE * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""
