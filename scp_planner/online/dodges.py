@@ -200,7 +200,14 @@ class Dodges:
 
     @classmethod
     def of(
-        cls, heading: float | None, speed: float, ahead: float, limits: Limits, radius: float, wait: float
+        cls,
+        heading: float | None,
+        speed: float,
+        ahead: float,
+        limits: Limits,
+        radius: float,
+        wait: float,
+        both_ways: bool = False,
     ) -> Dodges:
         """Return the dodges of a vehicle.
 
@@ -217,6 +224,8 @@ class Dodges:
             Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
         wait : float
             For how long it is to stand at the end, s.
+        both_ways : bool
+            Whether it can set out against its heading too.
 
         Returns
         -------
@@ -231,7 +240,8 @@ class Dodges:
                 Family.of(Courses.bent(ahead), late, limits, radius, turning_at),
             )
         else:
-            families = (Family.of(Courses.turning(heading), profiles, limits, radius, 0.0),)
+            ways = (heading, heading + np.pi) if both_ways else (heading,)
+            families = tuple(Family.of(Courses.turning(each), profiles, limits, radius, 0.0) for each in ways)
         times = np.linspace(0.0, float((profiles.stands + wait).max()), LOOKS)
         driven = [family.driven(times) for family in families]
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))

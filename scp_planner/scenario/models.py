@@ -39,6 +39,8 @@ class Steering(StrEnum):
 
     AHEAD = "ahead"
     """Along its heading."""
+    BOTH_WAYS = "both_ways"
+    """Where it stands, along its heading or against it: it drives backwards as well as forwards. Else as it drives."""
     ON_THE_SPOT = "on_the_spot"
     """Where it stands, in any direction: it turns there first. Else along its heading."""
     ANY = "any"
@@ -73,8 +75,8 @@ class Vehicle(Part):
     )
     steering: Steering = Field(
         default=Steering.AHEAD,
-        description="online, in which directions it can set out: ahead, along its heading; on_the_spot, from a stand in"
-        " any direction; any, at any time in any direction",
+        description="online, in which directions it can set out: ahead, along its heading; both_ways, from a stand also"
+        " backwards; on_the_spot, from a stand in any direction; any, at any time in any direction",
     )
     centre: Number = Field(
         default=0.0,

@@ -14,7 +14,7 @@ import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
-from scp_planner.online.evasion import Evasion, harm, nearness
+from scp_planner.online.evasion import Evasion, _Driven, _until, harm, nearness
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
@@ -50,6 +50,14 @@ def test_nearness_is_an_integral_that_fades() -> None:
     soon[(time > 0.5) & (time < 1.0)] = late[(time > 3.0) & (time < 3.5)] = 0.1
     near = nearness(time, np.stack([np.ones(len(time)), late, soon]))
     assert near[0] < near[1] < near[2]
+
+
+def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
+    """Somebody comes nearer by 1 m/s: when the dodges end, at 1.4 s and at 2 s, clearances are what is left then."""
+    times = np.array([0.0, 1.0, 2.0, 3.0])
+    driven = _Driven(times, np.zeros((2, 4, 2)), np.zeros((2, 4)), np.array([1.4, 2.0]))
+    found = _until(np.tile(1.5 - times, (2, 1)), driven)
+    assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
 
 
 def test_harm_is_that_of_the_worst_moment() -> None:
