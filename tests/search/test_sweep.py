@@ -73,12 +73,15 @@ def enumerated(grid: Grid, free: np.ndarray, case: int, ends: Ends) -> list[set[
 
 def as_states(sweep: Sweep, case: int) -> list[set[State]]:
     """States of a sweep as tuples."""
-    found = []
+    layout, found = sweep.layout, []
     for reached in sweep.reached:
-        words = reached.words[..., case]
-        bits = words[..., None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
-        corner = [reached.speed, reached.slope, reached.offset, 0]
-        found.append({tuple(row) for row in (np.argwhere(bits) + corner).tolist()})
+        states: set[State] = set()
+        for k, some in enumerate(reached):
+            for m, bits in some.items():
+                words = layout.words(bits)[case]
+                free = words[:, None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
+                states |= {(k, m, layout.first + o, d) for o, d in np.argwhere(free).tolist()}
+        found.append(states)
     return found
 
 
