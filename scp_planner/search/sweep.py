@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil
+from time import perf_counter
 
 import numpy as np
 
@@ -143,6 +144,21 @@ def _spread(some: dict[int, int], by: int, count: int) -> dict[int, int]:
     return spread
 
 
+def latest_delay(in_time: Words) -> int:
+    """How many delays ways may have at the goal: as none is ever made up for, they may have no more anywhere.
+
+    Parameters
+    ----------
+    in_time : (n + 1, K, O) array of words
+        See `Sweep`.
+
+    Returns
+    -------
+    int
+    """
+    return int(np.bitwise_or.reduce(in_time[-1], axis=None)).bit_length()
+
+
 class Sweep:
     """One sweep over the stations.
 
@@ -154,6 +170,8 @@ class Sweep:
     ends : Ends
     in_time : (n + 1, K, O) array of words
         Delays that are looked at, at each station, of each class of speed and offset.
+    deadline : float
+        Value of :func:`time.perf_counter` after which nothing further is reached.
 
     Attributes
     ----------
@@ -162,14 +180,12 @@ class Sweep:
         What is reached at each station, up to the last one at which anything is.
     """
 
-    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Words) -> None:
+    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Words, deadline: float = np.inf) -> None:
         self.grid, self.free, self.in_time = grid, free, in_time
         looked_at = np.append(np.flatnonzero(np.any(in_time != 0, axis=(0, 1))), grid.middle)
         first, last = int(looked_at.min()), int(looked_at.max())
-        # A delay is never made up for: one that is too long at the goal is too long everywhere.
-        latest = int(np.bitwise_or.reduce(in_time[-1], axis=None)).bit_length()
         beside = int(np.abs(grid.sidesteps).max())
-        self.layout = Layout(first, last + 1 - first, beside, free.shape[2], latest)
+        self.layout = Layout(first, last + 1 - first, beside, free.shape[2], latest_delay(in_time))
         self._sides: list[int] = grid.sidesteps.tolist()
         self._cells()
         start = 0
@@ -182,7 +198,7 @@ class Sweep:
         self.arrivals: Reached = [{} for _ in speeds]
         for i in range(1, grid.columns + 1):
             before = self._advanced(i, before)
-            if not any(before):
+            if not any(before) or perf_counter() > deadline:
                 return
             self.reached.append(before)
         goal = self.layout.of_each(ends.goal[None, first : last + 1])[0]

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
+from time import perf_counter
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import ALL, ONE, Ends, Sweep
+from scp_planner.search.sweep import ALL, ONE, Ends, Sweep, latest_delay
 
 Closed = tuple[tuple[int, int], ...]
 
@@ -75,7 +76,7 @@ class WaySearch:
         fineness: Fineness | None = None,
         deadline: float = np.inf,
     ) -> None:
-        self.problem = problem
+        self.problem, self.deadline = problem, deadline
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
@@ -137,10 +138,10 @@ class WaySearch:
             in_time = self._in_time(min(within, latest))
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
-                free = self.cells.without_each([cases[k] for k in some])
-                if self.cells.cut_off:
+                free = self.cells.without_each([cases[k] for k in some], latest_delay(in_time))
+                if self.cells.cut_off or perf_counter() > self.deadline:
                     return found
-                sweep = Sweep(grid, free, self.ends, in_time)
+                sweep = Sweep(grid, free, self.ends, in_time, self.deadline)
                 for case, k in enumerate(some):
                     found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]
