@@ -66,7 +66,7 @@ def demo(
     check_folder("--output", output, *DEMO_FILES)
     scenario = load_scenario(BUILT_IN + name)
     with waiting("planning", quiet):
-        made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
+        made = _plan(scenario, Method.SCP).bounded()
     run = _drive(scenario, 0.1, 10.0, 0, quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
@@ -128,7 +128,7 @@ def plan(
             commonroad.write_solution(made, scenario_file, solution, model, cost)
     if bound:
         with waiting("bounding what another plan could gain", quiet):
-            made = _with_lower_bound(scenario, made)
+            made = made.bounded()
     if output is not None:
         made.save(output, samples=samples)
     if plot is not None:
@@ -206,15 +206,6 @@ def _plan(
             from scp_planner.baseline.penalty_descent import penalty_descent
 
             return penalty_descent(scenario, settings, time_limit=time_limit)
-
-
-def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
-    """Raise the lower bound of a certified plan to the one among the obstacles; another's gap would say nothing."""
-    if not made.certified:
-        return made
-    from scp_planner.certificate.lower_bound import lower_bound
-
-    return replace(made, lower_bound=max(made.lower_bound, lower_bound(scenario, at_most=made.travel_time)))
 
 
 def _drive(
