@@ -13,13 +13,19 @@ from math import ceil
 from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scp_planner.arrays import Index
 from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
-ONE, ALL = np.uint64(1), np.uint64(2**DELAYS - 1)
+ONE = np.uint64(1)
 WORD_BYTES = DELAYS // 8
+FIRST_DELAYS: Words = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype=np.uint64)
+STRETCH = 64  # stations whose cells are made into integers together
+MOST_KEPT = 1e8  # bytes, were all classes reached everywhere, beyond which it is not kept of all stations
 WAITS = tuple(2**power for power in range(6))  # doubled, they reach all delays of a word
+
+Counts = NDArray[np.uint8]
 
 Reached = list[dict[int, int]]
 """Of each class of speed: offsets and delays, as bits, of each slope that is reached with it."""
@@ -80,6 +86,8 @@ class Layout:
     ----------
     length : int
         Bits of a word.
+    bytes : int
+        Of an integer.
     """
 
     def __init__(self, first: int, size: int, beside: int, cases: int, delays: int) -> None:
@@ -90,6 +98,7 @@ class Layout:
         self._room = size + beside
         self._cases = _repeated(1, self.length * self._room, cases)
         self._every = _repeated(1, self.length, self._room * cases)
+        self.bytes = self._bytes * self._room * cases
         self._early: dict[int, int] = {}
 
     def bit(self, offset: int, delay: int, case: int) -> int:
@@ -144,21 +153,6 @@ def _spread(some: dict[int, int], by: int, count: int) -> dict[int, int]:
     return spread
 
 
-def latest_delay(in_time: Words) -> int:
-    """How many delays ways may have at the goal: as none is ever made up for, they may have no more anywhere.
-
-    Parameters
-    ----------
-    in_time : (n + 1, K, O) array of words
-        See `Sweep`.
-
-    Returns
-    -------
-    int
-    """
-    return int(np.bitwise_or.reduce(in_time[-1], axis=None)).bit_length()
-
-
 class Sweep:
     """One sweep over the stations.
 
@@ -168,68 +162,96 @@ class Sweep:
     free : (lines, half offsets, C) array of words
         Free cells in each case.
     ends : Ends
-    in_time : (n + 1, K, O) array of words
-        Delays that are looked at, at each station, of each class of speed and offset.
+    in_time : (n + 1, K, O) array of int
+        So many delays are looked at, at each station, of each class of speed and offset.
     deadline : float
         Value of :func:`time.perf_counter` after which nothing further is reached.
 
     Attributes
     ----------
     layout : Layout
-    reached : list of Reached
-        What is reached at each station, up to the last one at which anything is.
+    reached : list of Reached or None
+        What is reached at each station, up to the last one at which anything is; of large grids only at some stations:
+        from these the others are found again where a way is followed back.
     """
 
-    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Words, deadline: float = np.inf) -> None:
+    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Counts, deadline: float = np.inf) -> None:
         self.grid, self.free, self.in_time = grid, free, in_time
-        looked_at = np.append(np.flatnonzero(np.any(in_time != 0, axis=(0, 1))), grid.middle)
+        looked_at = np.append(np.flatnonzero(in_time.any(axis=(0, 1))), grid.middle)
         first, last = int(looked_at.min()), int(looked_at.max())
         beside = int(np.abs(grid.sidesteps).max())
-        self.layout = Layout(first, last + 1 - first, beside, free.shape[2], latest_delay(in_time))
+        # A delay is never made up for: one that is too long at the goal is too long everywhere.
+        self.layout = Layout(first, last + 1 - first, beside, free.shape[2], int(in_time[-1].max()))
         self._sides: list[int] = grid.sidesteps.tolist()
-        self._cells()
+        self._loaded = range(0)
+        classes = len(grid.speeds) * len(grid.slopes)
+        self._thin = classes * grid.columns * self.layout.bytes > MOST_KEPT
         start = 0
         for case in range(free.shape[2]):
             start |= 1 << self.layout.bit(grid.middle, 0, case)
         speeds, slopes = range(len(grid.speeds)), range(len(grid.slopes))
         there = range(len(grid.speeds))[grid.first_speeds]
         before: Reached = [dict.fromkeys(slopes[ends.first_slopes], start) if k in there else {} for k in speeds]
-        self.reached = [before]
+        self.reached: list[Reached | None] = [before]
         self.arrivals: Reached = [{} for _ in speeds]
         for i in range(1, grid.columns + 1):
             before = self._advanced(i, before)
             if not any(before) or perf_counter() > deadline:
                 return
             self.reached.append(before)
+            if self._thin and (i - 1) % STRETCH:
+                self.reached[i - 1] = None
         goal = self.layout.of_each(ends.goal[None, first : last + 1])[0]
         at_last = set(slopes[ends.last_slopes])
         self.arrivals = [
             {m: bits & goal for m, bits in some.items() if m in at_last and bits & goal} for some in before
         ]
 
-    def _cells(self) -> None:
-        """Free cells at stations, and halfway at whole and at half offsets, as integers."""
+    def _load(self, begin: int) -> None:
+        """Take the cells of some stations as integers: free at stations, and halfway at whole and at half offsets."""
         layout, free = self.layout, self.free
+        end = min(begin + STRETCH, self.grid.columns + 1)
+        self._loaded = range(begin, end)
         first, last = layout.first, layout.first + layout.size
-        self._free = layout.of_cases(free[::EACH_STATION, 2 * first : 2 * last - 1 : 2])
-        between = free[1::EACH_STATION, 2 * first : 2 * last - 1]
+        at = slice(EACH_STATION * begin, EACH_STATION * end - 1, EACH_STATION)
+        self._free = layout.of_cases(free[at, 2 * first : 2 * last - 1 : 2])
+        between = free[EACH_STATION * begin - 1 : EACH_STATION * end - 2 : EACH_STATION, 2 * first : 2 * last - 1]
         self._even = layout.of_cases(between[:, ::2])
         self._odd = layout.of_cases(between[:, 1::2])
         speeds = len(self.grid.speeds)
-        timely = layout.of_each(self.in_time[:, :, first:last].reshape(-1, layout.size))
+        timely = layout.of_each(FIRST_DELAYS[self.in_time[begin:end, :, first:last].reshape(-1, layout.size)])
         self._timely = [timely[row : row + speeds] for row in range(0, len(timely), speeds)]
+
+    def _at(self, i: int) -> Reached:
+        """What is reached at a station."""
+        found = self.reached[i]
+        if found is None:
+            begin = i - i % STRETCH
+            end = min(begin + STRETCH, len(self.reached))
+            for later in range(end + 1, min(end + STRETCH, len(self.reached) - 1)):
+                self.reached[later] = None
+            for j in range(begin + 1, end):
+                before = self.reached[j - 1]
+                assert before is not None, "one is kept before each stretch"
+                self.reached[j] = self._advanced(j, before)
+            found = self.reached[i]
+        assert found is not None, "it was found again"
+        return found
 
     def _advanced(self, i: int, before: Reached) -> Reached:
         """What is reached at the next station."""
         grid, layout = self.grid, self.layout
+        if i not in self._loaded:
+            self._load(i - (i - 1) % STRETCH)
+        place = i - self._loaded.start
         line = EACH_STATION * (i - 1)
         first, second = grid.shift_lists[line], grid.shift_lists[line + 1]
         halfway: dict[int, int] = {}
         reached: Reached = []
-        for k, timely in enumerate(self._timely[i]):
+        for k, timely in enumerate(self._timely[place]):
             here: dict[int, int] = {}
             reached.append(here)
-            open_ = timely & self._free[i]
+            open_ = timely & self._free[place]
             if not open_:
                 continue
             for m, bits in self._left(before, k).items():
@@ -238,7 +260,7 @@ class Sweep:
                 if not bits:
                     continue
                 if m not in halfway:
-                    halfway[m] = self._halfway(i, side)
+                    halfway[m] = self._halfway(place, side)
                 bits = (_moved(bits, layout.length * side + delays) & halfway[m]) << more & open_
                 if bits:
                     here[m] = bits
@@ -255,10 +277,10 @@ class Sweep:
                 driven[m] = driven[m] | bits if m in driven else bits
         return _spread(driven, grid.turn_counts[k], len(self._sides))
 
-    def _halfway(self, i: int, side: int) -> int:
+    def _halfway(self, place: int, side: int) -> int:
         """Free cells halfway to each offset from so many offsets to the side."""
         whole, half = divmod(side, 2)
-        cells = self._odd[i - 1] if half else self._even[i - 1]
+        cells = self._odd[place] if half else self._even[place]
         return _moved(cells, self.layout.length * (whole + half))
 
     def _wait(self, slowest: dict[int, int], open_: int) -> None:
@@ -310,7 +332,7 @@ class Sweep:
 
     def _earlier(self, i: int, m: int, k: int) -> Iterator[tuple[int, int, int]]:
         """Classes of speed and slope at the station before from which others can be had, and what is reached there."""
-        grid, turns, before = self.grid, self.grid.turn_counts[k], self.reached[i - 1]
+        grid, turns, before = self.grid, self.grid.turn_counts[k], self._at(i - 1)
         for speed in range(max(k - grid.falls, 0), min(k + grid.rises + 1, len(before))):
             some = before[speed]
             for slope in range(m - turns, m + turns + 1):
@@ -331,7 +353,6 @@ class Sweep:
             left |= bits
         came = left >> self.layout.bit(offset - side, 0, case) & self.layout.word
         came = came << grid.shift_lists[line - 1][k][m] & int(self.free[line, 2 * offset - side, case])
-        came = came << grid.shift_lists[line][k][m] & int(
-            self.free[line + 1, 2 * offset, case] & self.in_time[i, k, offset]
-        )
+        came = came << grid.shift_lists[line][k][m] & int(self.free[line + 1, 2 * offset, case])
+        came &= (1 << int(self.in_time[i, k, offset])) - 1
         return (came & (2 << delay) - 1).bit_length() - 1
