@@ -116,7 +116,7 @@ def demo(
     check_folder("--output", output, *DEMO_FILES)
     scenario, quiet = load_scenario(BUILT_IN + name), printing.quiet
     with waiting("planning", quiet):
-        made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
+        made = _plan(scenario, Method.SCP).bounded()
     run = _drive(scenario, DriveOptions(noise=0.1, rate=10.0), quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
@@ -164,7 +164,7 @@ def plan(
             solution.write(made, scenario_file)
     if bound:
         with waiting("bounding what another plan could gain", printing.quiet):
-            made = _with_lower_bound(scenario, made)
+            made = made.bounded()
     if output is not None:
         made.save(output, samples=planning.samples)
     if picture.plot is not None:
@@ -226,6 +226,7 @@ def _plan(
             return penalty_descent(scenario, settings, time_limit=time_limit)
 
 
+<<<<<<< HEAD
 def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
     """Raise the lower bound of a certified plan to the one among the obstacles; another's gap would say nothing."""
     if not made.certified:
@@ -236,6 +237,17 @@ def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
 
 
 def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
+=======
+def _drive(
+    scenario: Scenario,
+    noise: float | None,
+    rate: float | None,
+    seed: int,
+    quiet: bool,
+    solver: str | None = None,
+    assignments: list[str] | None = None,
+) -> Run:
+>>>>>>> bound
     from scp_planner.online.planner import SETTINGS
     from scp_planner.scenario.units import NaturalUnits
     from scp_planner.settings.online import OnlineSettings

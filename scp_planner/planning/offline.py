@@ -113,6 +113,7 @@ def _told(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, units: Natura
         lower_bound=runs.lower_bound * units.time,
         timings=runs.task.tally.timings,
         converged=best.run.status is LoopStatus.CONVERGED,
+        planned=scenario,
     )
 
 

@@ -10,7 +10,7 @@ from math import log2
 
 import numpy as np
 
-from scp_planner.certificate.lower_bound import bound_among
+from scp_planner.certificate.lower_bound import bound_among, goal_is_covered_for_good
 from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch, to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
 from scp_planner.problem.limits.discs import DiscClearance
@@ -60,7 +60,11 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         self._failed: list[Branch] = []
 
     def best(self) -> ScpAttempt:
-        """Return the best attempt from any way, or from bows."""
+        """Return the best attempt from any way, or from bows; one attempt where the goal is covered for good."""
+        if self._goal_is_covered():
+            logger.info("the goal is covered for good")
+            self.tally.tried += 1
+            return self.runs.attempt(next(bows(self.problem)), loop=self.runs.patient_loop)
         best = self.try_all(self._branches())
         broken = best is not None and best.run.status is LoopStatus.SOLVER_FAILED
         if best is None or not (best.holds or broken or self.out_of_time):
@@ -73,6 +77,15 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             best = attempt if attempt.better_than(best) else best
         assert best is not None, "the first start is never cut off"
         return best
+
+    def _goal_is_covered(self) -> bool:
+        """Whether it is proved that what stands there lets no trip arrive."""
+        zones, task = self.problem.zones, self.runs.task
+        if len(zones.standing) == 0:
+            return False
+        goal = self.problem.frame.to_frame(np.array([task.scenario.goal.position]))
+        near = zones.subset(zones.standing).distances(np.zeros(1), goal)
+        return bool(np.any(near < 0.0)) and goal_is_covered_for_good(task.scenario, task.threat_zones)
 
     def tried(self, start: Branch) -> ScpAttempt:
         """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""

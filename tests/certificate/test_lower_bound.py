@@ -17,7 +17,7 @@ from scp_planner import builtin
 from scp_planner.certificate.cell_grid import CellGrid, widths
 from scp_planner.certificate.fastest_drive import Speeds
 from scp_planner.certificate.inscribed import CORNERS, polygons_inside
-from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.certificate.lower_bound import goal_is_covered_for_good, kinematic_bound
 from scp_planner.certificate.relaxation import Relaxation
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
@@ -470,3 +470,21 @@ def check_polygons(scenario: sp.Scenario) -> None:
         edges = np.roll(polygons, -1, axis=1) - polygons
         after = np.roll(edges, -1, axis=1)
         assert (edges[..., 0] * after[..., 1] - edges[..., 1] * after[..., 0]).min() > -1e-9  # convex, anticlockwise
+
+
+@pytest.mark.parametrize(
+    ("away", "velocity", "goal_radius", "covered"),
+    [
+        (1.25, 0.0, 0.0, True),  # a disc of 1 m and a vehicle of 0.3 m
+        (1.35, 0.0, 0.0, False),
+        (0.5, 0.0, 0.75, True),
+        (0.5, 0.0, 0.85, False),  # some of the goal is free
+        (0.5, 1e-3, 0.0, False),  # it will be gone some day
+    ],
+)
+def test_only_what_stands_and_covers_all_of_the_goal_does_so_for_good(
+    away: float, velocity: float, goal_radius: float, covered: bool
+) -> None:
+    lid = disc("lid", (20.0, away), (velocity, 0.0), radius=1.0)
+    scenario = scene(disc("far", (5.0, 9.0)), lid, goal={"radius": goal_radius})
+    assert goal_is_covered_for_good(scenario, sp.zones(scenario)) is covered

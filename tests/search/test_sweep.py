@@ -11,11 +11,12 @@ from scenes import scene
 
 from scp_planner.problem.build import build_problem
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid
-from scp_planner.search.sweep import ALL, Ends, Sweep
+from scp_planner.search.sweep import Ends, Sweep
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
 State = tuple[int, int, int, int]
+ALL = ~np.uint64(0)
 TINY = Fineness(slope_step=0.5, slopes=(1, 3), turns=2, speeds=3, delays=4.0)
 
 
@@ -81,18 +82,22 @@ class Rules:
 
 def as_states(sweep: Sweep, case: int) -> list[set[State]]:
     """States of a sweep as tuples."""
-    found = []
+    layout, found = sweep.layout, []
     for reached in sweep.reached:
-        words = reached.words[..., case]
-        bits = words[..., None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
-        corner = [reached.speed, reached.slope, reached.offset, 0]
-        found.append({tuple(row) for row in (np.argwhere(bits) + corner).tolist()})
+        assert reached is not None
+        states: set[State] = set()
+        for k, some in enumerate(reached):
+            for m, bits in some.items():
+                words = layout.words(bits)[case]
+                free = words[:, None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
+                states |= {(k, m, layout.first + o, d) for o, d in np.argwhere(free).tolist()}
+        found.append(states)
     return found
 
 
 def always(grid: Grid) -> np.ndarray:
     """All delays are in time."""
-    return np.full((grid.columns + 1, len(grid.speeds), 2 * grid.middle + 1), ALL)
+    return np.full((grid.columns + 1, len(grid.speeds), 2 * grid.middle + 1), DELAYS, dtype=np.uint8)
 
 
 def ends_of(grid: Grid) -> Ends:
@@ -133,6 +138,30 @@ def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
             assert way[i + 1] in set(rules.followers(i, way[i]))
             driven = grid.shifts[EACH_STATION * i : EACH_STATION * i + 2, way[i + 1][0], way[i + 1][1]].sum()
             assert way[i + 1][3] - way[i][3] == driven + states.waited[i]
+
+
+def test_what_is_not_kept_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = small_grid()
+    free, ends = free_cells(grid, np.random.default_rng(0), 2), ends_of(grid)
+    whole = Sweep(grid, free, ends, always(grid))
+    monkeypatch.setattr("scp_planner.search.sweep.STRETCH", 3)
+    monkeypatch.setattr("scp_planner.search.sweep.MOST_KEPT", 0)
+    thin = Sweep(grid, free, ends, always(grid))
+    assert [i for i, some in enumerate(thin.reached) if some is not None] == [*range(0, grid.columns, 3), grid.columns]
+    for case in range(2):
+        delay = whole.first_arrival(case)
+        assert delay is not None and delay == thin.first_arrival(case)
+        expected, found = whole.trace(delay, case), thin.trace(delay, case)
+        for name in ("slope", "speed", "offset", "delay", "waited"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_nothing_arrives_after_the_deadline() -> None:
+    grid = small_grid()
+    free = free_cells(grid, np.random.default_rng(0), 1)
+    late = Sweep(grid, free, ends_of(grid), always(grid), deadline=-np.inf)
+    assert len(late.reached) == 1
+    assert late.first_arrival() is None
 
 
 def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:
