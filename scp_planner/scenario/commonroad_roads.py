@@ -251,7 +251,7 @@ def drivable(network: Any, line: Array, reach: float, width: float) -> Any:
     """
     from shapely import LineString, union_all
 
-    around = LineString(line).buffer(reach)
+    around = LineString(line if len(line) > 1 else np.repeat(line, 2, axis=0)).buffer(reach)
     polygons = [lane.polygon.shapely_object for lane in network.lanelets]
     near = [polygon.buffer(0.0) for polygon in polygons if polygon.intersects(around)]
     fill, inwards = GAP * width, DRAWN_IN * width
