@@ -8,7 +8,7 @@ What becomes what:
 - the planning problem: start, and a goal with its region, where the route comes to it, and its ranges of headings,
   speeds and times; a goal of time alone is a place so far ahead on the lane;
 - the lanes from start to goal: the guide, along their centre lines;
-- the borders of the road: walls;
+- the borders of the road: walls; those of lanes: lines in pictures;
 - for a model of the benchmark's: its car, as the official checker looks at it.
 
 Not taken over: the rules of traffic. After its last state an obstacle goes straight on.
@@ -51,6 +51,7 @@ from scp_planner.scenario.commonroad_obstacles import obstacles_of
 from scp_planner.scenario.commonroad_roads import (
     GUIDE_STEP,
     drivable,
+    lane_borders,
     route_ahead,
     route_to,
     spaced,
@@ -424,6 +425,7 @@ class _Reader:
             goal={**self.goal.fields(), **goal},
             guide=guide.tolist() if self.guided and len(guide) > 1 else None,
             walls=walls,
+            lanes=lane_borders(self.world.lanelet_network, guide, REACH * vehicle.length, vehicle.width),
             obstacles=obstacles_of(self.world, step, self.name),
         )
 

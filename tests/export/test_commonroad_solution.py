@@ -291,6 +291,13 @@ def test_problems_that_nobody_solves_are_refused_by_name(
         load_commonroad(road_file, model=model)
 
 
+def test_borders_of_lanes_are_there_to_be_drawn(road_file: Path) -> None:
+    """Three for two lanes beside each other, as far as the map around the way goes."""
+    borders = [np.array(line) for line in load_commonroad(road_file).lanes]
+    assert sorted(border[:, 1].mean() for border in borders) == pytest.approx([-0.5 * LANE, 0.5 * LANE, 1.5 * LANE])
+    assert all(np.ptp(border[:, 1]) < 1e-6 and np.ptp(border[:, 0]) > GOAL["x"] - 8.0 for border in borders)
+
+
 def test_command_writes_a_solution(road_file: Path, tmp_path: Path) -> None:
     target = tmp_path / "solution.xml"
     words = ["plan", str(road_file), "--commonroad-solution", str(target), "--commonroad-model", "KS", "--no-bound"]
