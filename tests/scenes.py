@@ -147,6 +147,7 @@ def rewritten(
     if data["guide"] is not None:
         data["guide"] = [place(point) for point in data["guide"]]
     data["walls"] = [[place(point) for point in wall] for wall in data["walls"]]
+    data["lanes"] = [[place(point) for point in line] for line in data["lanes"]]
     for obstacle in data["obstacles"]:
         scale(obstacle, margin=length)
         scale(obstacle["shape"], disc=length)

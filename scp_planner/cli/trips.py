@@ -226,28 +226,7 @@ def _plan(
             return penalty_descent(scenario, settings, time_limit=time_limit)
 
 
-<<<<<<< HEAD
-def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
-    """Raise the lower bound of a certified plan to the one among the obstacles; another's gap would say nothing."""
-    if not made.certified:
-        return made
-    from scp_planner.certificate.lower_bound import lower_bound
-
-    return replace(made, lower_bound=max(made.lower_bound, lower_bound(scenario, at_most=made.travel_time)))
-
-
 def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
-=======
-def _drive(
-    scenario: Scenario,
-    noise: float | None,
-    rate: float | None,
-    seed: int,
-    quiet: bool,
-    solver: str | None = None,
-    assignments: list[str] | None = None,
-) -> Run:
->>>>>>> bound
     from scp_planner.online.planner import SETTINGS
     from scp_planner.scenario.units import NaturalUnits
     from scp_planner.settings.online import OnlineSettings

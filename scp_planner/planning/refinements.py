@@ -15,13 +15,13 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
-from scp_planner.planning.attempts import to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
+from scp_planner.scp.goal import to_beat
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -212,7 +212,9 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
         timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival - EARLIEST_MARGIN))
         breakpoints = _in_step(trajectory, steps, task.settings)
         spans = len(trajectory.space.path.widths)
-        again = CheckedRuns(replace(task, scenario=timed), trajectory.space.guide, breakpoints, spans)
+        again = CheckedRuns(
+            replace(task, scenario=timed, arrival_step=None), trajectory.space.guide, breakpoints, spans
+        )
         space = again.problem.space
         start = Trajectory.of(space, trajectory.theta, _driven_over(space, trajectory), trajectory.travel_time)
         attempt = again.attempt(start, loop=again.patient_loop)

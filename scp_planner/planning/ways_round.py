@@ -11,10 +11,11 @@ from math import log2
 import numpy as np
 
 from scp_planner.certificate.lower_bound import bound_among, goal_is_covered_for_good
-from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch, to_beat
+from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
 from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.problem import Problem
+from scp_planner.scp.goal import to_beat
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
 from scp_planner.search.grid import Fineness
@@ -197,7 +198,8 @@ def _touched(problem: Problem, run: LoopRun) -> tuple[tuple[int, int], ...]:
     normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
     side = np.einsum("ij,ij->i", contacts.normal, normal)
     found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
-    for limit, depth in zip(problem.optional, evaluation.optional, strict=True):
+    # One that was slowed down to its step of time has one limit more.
+    for limit, depth in zip(problem.optional, evaluation.optional, strict=False):
         if isinstance(limit, DiscClearance):
             found.update(limit.touched(evaluation.trajectory, depth, TOUCHING))
     return tuple(reversed(found.items()))
