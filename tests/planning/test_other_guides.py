@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner.planning.other_guides import over_the_fastest_way, with_headings
@@ -11,7 +12,6 @@ from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import build_problem
 from scp_planner.settings.planning import Settings, for_scene
-from tests.scenes import scene
 
 pytestmark = pytest.mark.numerics
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.problem.build import build_problem, slow_stretches
@@ -14,7 +15,6 @@ from scp_planner.problem.problem import Problem
 from scp_planner.problem.shortcuts import fastest_way, ground_of
 from scp_planner.scenario.places import Line
 from scp_planner.settings.planning import Settings, for_scene
-from tests.scenes import disc, scene
 
 Array = np.ndarray
 
