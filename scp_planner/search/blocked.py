@@ -26,6 +26,7 @@ STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
+FEW_CUTS = 10_000  # that are made in no time: the clock is not looked at before
 MOST_MARKED = 1_000_000  # cells at a time
 
 
@@ -196,12 +197,12 @@ class Cells:
         new = range(self._looked, until)
         self._looked = until
         self._closed.clear()
-        seen = False
+        marked = 0
         for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size), new):
-            if seen and perf_counter() > self.deadline:
+            if marked > FEW_CUTS and perf_counter() > self.deadline:
                 self.cut_off = True
                 break
-            seen = True
+            marked += len(cuts.line)
             for lines, words in self._blocked(cuts, 0, new):
                 self._free[lines] &= ~words
             if self._kept is not None:

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
-from time import perf_counter
 
 import numpy as np
 
@@ -141,7 +140,7 @@ class WaySearch:
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
                 free = self.cells.without_each([cases[k] for k in some], int(in_time[-1].max()))
-                if self.cells.cut_off or perf_counter() > self.deadline:
+                if self.cells.cut_off:
                     return found
                 sweep = Sweep(grid, free, self.ends, in_time, self.deadline)
                 for case, k in enumerate(some):

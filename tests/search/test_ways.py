@@ -183,6 +183,7 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
     problem = build_problem(scenario, zones(scenario), Settings())
     assert WaySearch(problem).best() is not None
     monkeypatch.setattr(blocked, "MOST_LOOKS", 1)  # a zone at a time
+    monkeypatch.setattr(blocked, "FEW_CUTS", 0)
     looked: list[Cuts] = []
     mark = Cells._mark
 
