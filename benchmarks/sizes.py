@@ -209,7 +209,7 @@ def _planned(scene: Scene, repeat: int) -> tuple[Any, float]:
     return plan, common.median(walls)
 
 
-def reference_walls(counts: Sequence[int], seed: int, scenes_each: int = 5) -> dict[int, float]:
+def reference_walls(counts: Sequence[int], seed: int, scenes_each: int = 15) -> dict[int, float]:
     """Time of a plan of the reference family with so many obstacles, ms, by their number."""
     found = {}
     for count in sorted(set(counts)):

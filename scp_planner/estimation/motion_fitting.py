@@ -30,6 +30,7 @@ from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.estimation.kalman import FilterState, first_state, predict_state, update_state
 from scp_planner.estimation.track_files import Track
+from scp_planner.estimation.track_units import unit_of
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
 
@@ -45,7 +46,7 @@ _LONGEST_PIECE = 40  # positions; longer tracks are cut, so that the filter runs
 _GROUPS = 20  # of tracks, for the jackknife
 _FEWEST_TRACKS = 10  # that reach a lead time, for its tail to be fitted
 _BOUNDS = (1e-7, 1e4)  # of any parameter, in its unit, but
-_TIME_CONSTANTS = (1e-2, 1e3)  # s
+_TIME_CONSTANTS = (1e-2, 1e3)  # units of time
 _LEAST_NOISE = 1e-3  # of the usual distance between positions: less does not matter
 _AT_BOUND = 0.01  # relative: a parameter so near to its bound is at it
 _LEAD_TOLERANCE = 0.501  # of the usual time between positions: how near to a lead time one must be
@@ -393,13 +394,13 @@ def bounds_met(tracks: Tracks, model: ProcessModel) -> list[str]:
 
 
 def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
-    """Least and largest value of a parameter that are tried, in its unit."""
-    if name == "time_constant":
-        return _TIME_CONSTANTS
+    """Least and largest value of a parameter that are tried, in SI."""
+    unit = unit_of(name, tracks)
+    least, most = (unit * bound for bound in (_TIME_CONSTANTS if name == "time_constant" else _BOUNDS))
     if name == "noise_deviation":
         steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in tracks])
-        return max(_BOUNDS[0], _LEAST_NOISE * float(steps.mean()) if len(steps) else 0.0), _BOUNDS[1]
-    return _BOUNDS
+        least = max(least, _LEAST_NOISE * float(steps.mean()) if len(steps) else 0.0)
+    return least, most
 
 
 def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel:
@@ -418,7 +419,7 @@ def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel
         return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=own)
 
     bounds = [_bounds_of(name, tracks) for name in starts]
-    start = np.clip(list(starts.values()), *np.transpose(bounds))
+    start = np.clip([value * unit_of(name, tracks) for name, value in starts.items()], *np.transpose(bounds))
     result = minimize(
         lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,
         np.log(start),

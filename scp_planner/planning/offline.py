@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import Ending, explain
-from scp_planner.planning.other_guides import over_the_fastest_way
+from scp_planner.planning.other_guides import with_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refined
 from scp_planner.planning.runs import CheckedRuns, Given, ScpAttempt, Task
@@ -89,8 +89,9 @@ def plan(
     runs = CheckedRuns(task)
     best = WaysRound(runs).best()
     if constraints is None:  # those are written in stations of the guide
-        over, best = over_the_fastest_way(runs, best)
-        best = refined(over, best)
+        for over, attempt in with_the_fastest_way(runs, best):
+            further = refined(over, attempt)
+            best = further if further.better_than(best) else best
     best = on_a_step(runs, inside, best)
     return _told(scenario, runs, best, units, began)
 

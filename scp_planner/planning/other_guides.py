@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from math import cos, sin
+from typing import TypeAlias
 
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.planning.refinements import HARDLY
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import slow_stretches
@@ -23,7 +25,11 @@ RUN_UP = 0.05  # of the way: a guide leads so far along the heading at an end th
 ASKEW = 0.7  # rad; by which it misses that
 
 
-def over_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> tuple[CheckedRuns, ScpAttempt]:
+Candidates: TypeAlias = list[tuple[CheckedRuns, ScpAttempt]]
+"""Attempts, each with the runs that it is one of."""
+
+
+def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     """Look for trips along the fastest way on the ground, where the best trip is slower than that may be driven.
 
     Parameters
@@ -35,24 +41,30 @@ def over_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> tuple[CheckedRu
 
     Returns
     -------
-    (runs, best)
-        The same, or those over the other guide.
+    list of (runs, attempt)
+        What is worth going on from: the same, that over the other guide if it is better, or both if that is faster and
+        fails by little.
     """
     problem, task = runs.everything, runs.task
     if task.out_of_time or not _may_make_a_detour(problem) or best.travel_time <= DETOUR * runs.lower_bound:
-        return runs, best
+        return [(runs, best)]
     with task.tally.timed("search"):
         points = fastest_way(problem, slow_stretches(problem.scenario, problem.frame, problem.settings))
     if points is None:
-        return runs, best
+        return [(runs, best)]
     guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
     again = CheckedRuns(task, guide)
     estimate = float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1])
     if best.holds and best.travel_time <= DETOUR * estimate:
-        return runs, best
+        return [(runs, best)]
     other = WaysRound(again).best()
     logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
-    return (again, other) if other.better_than(best) else (runs, best)
+    if other.better_than(best):
+        return [(again, other)]
+    hopeful = not other.holds and other.run.evaluation.worst_violation < HARDLY
+    if hopeful and other.travel_time * DETOUR < best.travel_time:
+        return [(again, other), (runs, best)]
+    return [(runs, best)]
 
 
 def _may_make_a_detour(problem: Problem) -> bool:

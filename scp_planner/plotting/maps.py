@@ -21,7 +21,7 @@ from scp_planner.plotting.ground import (
     path_of,
 )
 from scp_planner.plotting.recording import ObstacleRecord, Recording
-from scp_planner.plotting.scales import unit_of
+from scp_planner.plotting.scales import unit_of, unit_of_rate
 from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, label_lengths, time_text
 from scp_planner.trips.trip import discs_at
 
@@ -257,7 +257,7 @@ def _draw_speed(axes: Axes, recording: Recording) -> None:
     figure = axes.get_figure(root=False)
     assert figure is not None
     bar = figure.colorbar(line, ax=axes, fraction=0.025, pad=0.01, aspect=18, shrink=0.85)
-    bar.set_label("speed (m/s)")
+    label_lengths(bar.ax.yaxis, "speed", unit_of_rate("m/s", recording.max_speed))
     bar.ax.spines[:].set_visible(False)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.drawn import length_of
 from scp_planner.plotting.recording import Profile, Recording
-from scp_planner.plotting.scales import unit_of
+from scp_planner.plotting.scales import unit_of, unit_of_rate
 from scp_planner.plotting.style import COLOURS, FAINT, GREY, INK, WARNING, limit_times, tick_lengths, time_label
 
 if TYPE_CHECKING:
@@ -60,7 +60,9 @@ def draw_profile(axes: Axes, recording: Recording, profile: Profile, indices: In
         axes.fill_between(time, profile.upper_at, profile.upper, color=WARNING, alpha=0.10, linewidth=0)
         axes.plot(time, profile.upper_at, color=WARNING, linewidth=0.9)
     axes.plot(recording.time - recording.epoch, values, color=INK, linewidth=1.3)
-    _finish(axes, recording, f"{profile.name} ({profile.unit})", low - pad, high + pad)
+    unit = unit_of_rate(profile.unit, max(abs(low), abs(high)))
+    _finish(axes, recording, unit.label(profile.name), low - pad, high + pad)
+    tick_lengths(axes.yaxis, unit)
     _mark(axes, recording, values, indices)
 
 

@@ -28,7 +28,7 @@ def length_text(metres: float) -> str:
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of lengths: its name, and its size in m."""
+    """A unit of lengths, or of something per length or time: its name, and its size in the unit with m in it."""
 
     name: str
     size: float
@@ -38,7 +38,7 @@ class Unit:
         return f"{quantity} ({self.name})"
 
     def text(self, metres: float) -> str:
-        """Write a length, given in m, in this unit, as it stands at an axis."""
+        """Write a length, given in m, or a speed in m/s and so on, in this unit, as it stands at an axis."""
         return f"{metres / self.size:.10g}".replace("-", "\N{MINUS SIGN}")
 
 
@@ -47,11 +47,39 @@ UNITS = (Unit("km", 1e3), METRES, Unit("mm", 1e-3))
 """From the largest on."""
 LEAST_SHOWN = 2.0
 """An axis is in the largest unit of which it shows at least this many."""
+FEW_METRES = 0.05
+"""Axes of speeds and the like are in m from here on: 1.5 m/s is easier to read than 1500 mm/s."""
 
 
 def unit_of(span: float) -> Unit:
     """Unit for axes that show a span, m."""
     return next((unit for unit in UNITS if span >= LEAST_SHOWN * unit.size), UNITS[-1])
+
+
+def unit_of_rate(name: str, most: float) -> Unit:
+    """Unit for an axis of speeds, accelerations or curvatures.
+
+    Parameters
+    ----------
+    name : str
+        Unit in which they are given: one with m in it, as ``m/s``, or ``1/m``.
+    most : float
+        The largest of them, in that unit.
+
+    Returns
+    -------
+    Unit
+        In km where at least two of them are shown, and in mm where it is next to nothing in m.
+    """
+    inverse = name.startswith("1/")
+    length = 1.0 / most if inverse and most > 0.0 else most
+    kilometres, _, millimetres = UNITS
+    unit = METRES
+    if length >= LEAST_SHOWN * kilometres.size:
+        unit = kilometres
+    elif 0.0 < length < FEW_METRES:
+        unit = millimetres
+    return Unit(name.replace("m", unit.name, 1), 1.0 / unit.size if inverse else unit.size)
 
 
 def nice_times(start: float, end: float, most: int = 6) -> Array:

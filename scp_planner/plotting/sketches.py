@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scp_planner.plotting.scales import unit_of
+from scp_planner.plotting.scales import unit_of, unit_of_rate
 from scp_planner.plotting.style import GREY, INK, label_lengths, settle, style
 
 if TYPE_CHECKING:
@@ -53,12 +53,14 @@ def sketch_plan(plan: Plan) -> Figure:
         unit = unit_of(float(np.ptp(position, axis=0).max()))
         label_lengths(places.xaxis, "x", unit)
         label_lengths(places.yaxis, "y", unit)
-        figure.colorbar(line, ax=places, label="speed (m/s)", shrink=0.9)
+        pace = unit_of_rate("m/s", float(speed.max()))
+        bar = figure.colorbar(line, ax=places, shrink=0.9)
+        label_lengths(bar.ax.yaxis, "speed", pace)
         speeds.plot(time, speed, color=INK, linewidth=1.3)
         speeds.set_xlim(time[0], time[-1])
         speeds.set_ylim(0.0, 1.06 * float(speed.max()))
         speeds.set_xlabel("time (s)")
-        speeds.set_ylabel("speed (m/s)")
+        label_lengths(speeds.yaxis, "speed", pace)
         speeds.axhline(0.0, color=GREY, linewidth=0.6)
         settle(figure)
     return figure

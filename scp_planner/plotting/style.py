@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scp_planner.files import replacing
-from scp_planner.plotting.scales import METRES, Unit
+from scp_planner.plotting.scales import Unit
 from scp_planner.settings.pictures import FIGURE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -125,16 +125,16 @@ def limit_times(axes: Axes, recording: Recording) -> None:
 
 
 def label_lengths(axis: Axis, quantity: str, unit: Unit) -> None:
-    """Label an axis of lengths in m, and its ticks, in a unit."""
+    """Label an axis of lengths in m, or of speeds in m/s and so on, and its ticks, in a unit."""
     axis.set_label_text(unit.label(quantity))
     tick_lengths(axis, unit)
 
 
 def tick_lengths(axis: Axis, unit: Unit) -> None:
-    """Write the ticks of an axis of lengths in m in a unit."""
+    """Write the ticks of an axis of lengths in m, or of speeds in m/s and so on, in a unit."""
     from matplotlib.ticker import FuncFormatter
 
-    if unit != METRES:
+    if unit.size != 1.0:
         axis.set_major_formatter(FuncFormatter(lambda value, _: unit.text(value)))
 
 

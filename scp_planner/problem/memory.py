@@ -9,7 +9,8 @@ from __future__ import annotations
 from scp_planner.errors import TooLargeError
 from scp_planner.trips.space import ACCELERATION_ENTRIES, PATH_ENTRIES
 
-MOST_BYTES = 350_000_000  # of a plan: 500 MB less what Python and its libraries take, and what a search takes
+SEARCH_BYTES = 165_000_000  # of a search on the largest grid, whose cells have a bound of their own
+MOST_BYTES = 500_000_000 - SEARCH_BYTES  # of all else of a plan
 MOST_TOGETHER = 128_000_000  # of trips that are looked at together
 _ENTRY_BYTES = 8
 _BEND_ENTRIES = 140  # of a span and a variable of a step: gradients of the arc length, rows of bends, all twice

@@ -64,6 +64,18 @@ def test_parameters_come_back(kind: str) -> None:
     assert (fitted.fitted_to.tracks, fitted.fitted_to.observations) == (200, 4000)
 
 
+@pytest.mark.parametrize(("length", "time"), [(1e-4, 1e-3), (1e4, 3e3)])
+def test_tracks_of_all_sizes_are_fitted_like_those_of_people(length: float, time: float) -> None:
+    people = simulated("mean_reverting", 20, 12)
+    others = Tracks([Track(track.id, time * track.times, length * track.positions) for track in people])
+    one, other = (fit_motion_model(tracks, "mean_reverting", tails=False) for tracks in (people, others))
+    assert bounds_met(others, other) == []
+    assert other.process.time_constant == pytest.approx(time * one.process.time_constant, rel=0.02)
+    assert other.process.diffusion == pytest.approx(length**2 / time**3 * one.process.diffusion, rel=0.02)
+    assert other.velocity_deviation == pytest.approx(length / time * one.velocity_deviation, rel=0.02)
+    assert other.noise_deviation == pytest.approx(length * one.noise_deviation, rel=0.02)
+
+
 def test_no_parameters_near_are_more_likely() -> None:
     tracks = simulated("mean_reverting", 40, 15)
     fitted = fit_motion_model(tracks, "mean_reverting", tails=False)

@@ -7,7 +7,7 @@ import pytest
 from scenes import scene
 
 import scp_planner as sp
-from scp_planner.planning.other_guides import over_the_fastest_way, with_headings
+from scp_planner.planning.other_guides import with_headings, with_the_fastest_way
 from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import build_problem
@@ -29,7 +29,7 @@ def test_nothing_is_tried_where_the_trip_is_hardly_slower_than_any_can_be() -> N
     runs = CheckedRuns(Task(scenario, (), for_scene(Settings()), np.inf))
     best = WaysRound(runs).best()
     tried = runs.task.tally.tried
-    assert over_the_fastest_way(runs, best) == (runs, best)
+    assert with_the_fastest_way(runs, best) == [(runs, best)]
     assert runs.task.tally.tried == tried
 
 
