@@ -34,6 +34,7 @@ from scp_planner.online.suspicions import (
     LEFT_OUT,
     LOOKED_AT,
     MOST_EVIDENCE,
+    ONSETS,
     Changes,
     Suspicions,
     changed_motions,
@@ -376,13 +377,15 @@ class ObstacleTracks:
         estimators = [track.estimator for track in tracks if track.estimator is not None]
         slots = np.array([one.slot for one in estimators], dtype=np.intp)
         mixtures = bank.mixed(slots, np.full(len(slots), start))
-        if self.watch.changes <= 0.0:
+        enough = [track.settled and bank.count[slot] > ONSETS[0] for track, slot in zip(tracks, slots, strict=True)]
+        some = np.flatnonzero(enough)
+        if self.watch.changes <= 0.0 or not len(some):
             return mixtures
-        roots = SquareRoots.together([one.roots for one in estimators if one.roots is not None])
-        changes = self._changes(tracks, roots)
-        changed = changed_motions(roots, changes.sure(), bank.noise_of(slots), start)
-        share = 1.0 / (1.0 + np.exp(np.clip(bank.gain[slots] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)))
-        return mixtures.blended(changed, share)
+        roots = SquareRoots.together([one.roots for one in estimators if one.roots is not None]).of(some)
+        changes = self._changes([tracks[k] for k in some.tolist()], roots)
+        changed = changed_motions(roots, changes.sure(), bank.noise_of(slots[some]), start)
+        odds = np.clip(bank.gain[slots[some]] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
+        return mixtures.blended(some, changed, 1.0 / (1.0 + np.exp(odds)))
 
     def _changes(self, tracks: Sequence[Track], roots: SquareRoots) -> Changes:
         slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
