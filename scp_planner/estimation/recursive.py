@@ -55,6 +55,10 @@ class SquareRoots:
     first: Array
     last: Array
 
+    def of(self, some: Index) -> SquareRoots:
+        """Those of some of the motions."""
+        return SquareRoots(**{name: value[some] for name, value in vars(self).items()})
+
     @classmethod
     def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:
         """Those of several, one after the other."""

@@ -70,7 +70,12 @@ def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) ->
     (..., windows, n)
         The larger of what trend and size are as multiples of their limits; above 1: improbable.
     """
+    trends = trends_of(x, y) / (-2.0 * np.log(probability))
+    return np.asarray(np.maximum(trends, (_members() / _limits(probability)).T @ squares))
+
+
+def trends_of(x: Array, y: Array) -> Array:
+    """Squared trends of the newest innovations, window by window: (..., windows, n), chi-square with 2 degrees."""
     trends = (_weights().T @ x) ** 2
     trends += (_weights().T @ y) ** 2
-    trends /= -2.0 * np.log(probability)
-    return np.asarray(np.maximum(trends, (_members() / _limits(probability)).T @ squares))
+    return np.asarray(trends)

@@ -180,12 +180,14 @@ class Mixture:
     diffusion: Array
     shape: Array
 
-    def blended(self, other: Mixture, share: Array) -> Mixture:
-        """The mixture of this one and another, which has shares (K,) of it and no noise of its own."""
+    def blended(self, some: Index, other: Mixture, share: Array) -> Mixture:
+        """With another mixture for some obstacles (n,), which has shares (n,) of theirs and no noise of its own."""
         ours, theirs = (1.0 - share)[:, None, None], share[:, None, None]
-        mean = ours * self.mean + theirs * other.mean
-        covariance = ours[..., None, None] * self.covariance + theirs[..., None, None] * other.covariance
-        apart = other.mean - self.mean
+        mean, covariance, diffusion = self.mean.copy(), self.covariance.copy(), self.diffusion.copy()
+        apart = other.mean - mean[some]
         between = (share * (1.0 - share))[:, None, None, None, None]
-        covariance += between * (apart[:, :, :, None, None] * apart[:, None, None])
-        return Mixture(mean, covariance, (1.0 - share)[:, None] * self.diffusion, self.shape)
+        mean[some] = ours * mean[some] + theirs * other.mean
+        parts = ours[..., None, None] * covariance[some] + theirs[..., None, None] * other.covariance
+        covariance[some] = parts + between * (apart[:, :, :, None, None] * apart[:, None, None])
+        diffusion[some] *= (1.0 - share)[:, None]
+        return Mixture(mean, covariance, diffusion, self.shape)

@@ -23,7 +23,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
-from scp_planner.online.innovations import WINDOWS, cut, windows_of
+from scp_planner.online.innovations import WINDOWS, cut, trends_of, windows_of
 from scp_planner.online.mixtures import FilterStates, Mixture, Widening
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.online.suspicions import Looks
@@ -73,6 +73,8 @@ class Bank:
         Of the filters, of those that are alarmed.
     gain : (K,)
         Logarithm of how many times as likely what was seen since the alarm is with the filters as with the polynomial.
+    trend : (K,)
+        The largest squared trend of the polynomial motion's innovations over a window, chi-square with 2 degrees.
     foretold : Foretold
         Where the next observations are expected.
     """
@@ -84,7 +86,7 @@ class Bank:
         levels = len(widening.filters)
         self.count = np.zeros(0, dtype=np.intp)
         self.alarmed = np.zeros(0, dtype=bool)
-        self.weights, self.gain = np.zeros((0, levels)), np.zeros(0)
+        self.weights, self.gain, self.trend = np.zeros((0, levels)), np.zeros(0), np.zeros(0)
         self.states = FilterStates(np.zeros((3, 2, levels, 0)), np.zeros((6, levels, 0)))
         self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0)
         self.last = np.zeros(0)
@@ -115,7 +117,7 @@ class Bank:
     def clear(self, slot: int) -> None:
         """Forget all that was seen of the obstacle in a slot."""
         self.polynomials.reset(slot)
-        for array in (self.count, self.alarmed, self.weights, self._since):
+        for array in (self.count, self.alarmed, self.weights, self.trend, self._since):
             array[slot] = 0
         for ring in (self._innovations, self._cut, self._evidence):
             ring[..., slot] = 0.0
@@ -294,6 +296,7 @@ class Bank:
         x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 0])
         worst = windows_of(x, y, squares, self.alarm_probability)
         most = worst.max(axis=0)
+        self.trend[slots] = trends_of(x, y).max(axis=0)
         fresh = (most > 1.0) & ~self.alarmed[slots]
         if fresh.any():
             self.alarm(slots[fresh], np.array(WINDOWS)[worst[:, fresh].argmax(axis=0)])

@@ -30,7 +30,16 @@ from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures
 from scp_planner.online.mixtures import Mixture, Widening
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
-from scp_planner.online.suspicions import LEFT_OUT, MOST_EVIDENCE, Changes, Suspicions, changed_motions, changes_of
+from scp_planner.online.suspicions import (
+    LEFT_OUT,
+    LOOKED_AT,
+    MOST_EVIDENCE,
+    ONSETS,
+    Changes,
+    Suspicions,
+    changed_motions,
+    changes_of,
+)
 from scp_planner.online.track import (
     MOST_LATE,
     NoticingTrack,
@@ -356,21 +365,27 @@ class ObstacleTracks:
         """Changes of acceleration of some tracks of one order that are likely enough to matter."""
         if self.watch.changes <= 0.0 or not all(isinstance(track.estimator, NoticingTrack) for track in tracks):
             return None
-        found = self._changes(tracks, roots).suspicions(self.watch.changes)
-        return found.only(found.probability > LEFT_OUT * level.alpha)
+        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+        some = np.flatnonzero(self._banks[tracks[0].model.order].trend[slots] > LOOKED_AT)
+        if not len(some):
+            return None
+        found = self._changes([tracks[k] for k in some.tolist()], roots.of(some)).suspicions(self.watch.changes)
+        return found.among(some, len(tracks), LEFT_OUT * level.alpha)
 
     def _mixtures(self, tracks: Sequence[Track], bank: Bank, start: float) -> Mixture:
         """What is predicted of tracks of one order that are alarmed: by the filters, and by a single change."""
         estimators = [track.estimator for track in tracks if track.estimator is not None]
         slots = np.array([one.slot for one in estimators], dtype=np.intp)
         mixtures = bank.mixed(slots, np.full(len(slots), start))
-        if self.watch.changes <= 0.0:
+        enough = [track.settled and bank.count[slot] > ONSETS[0] for track, slot in zip(tracks, slots, strict=True)]
+        some = np.flatnonzero(enough)
+        if self.watch.changes <= 0.0 or not len(some):
             return mixtures
-        roots = SquareRoots.together([one.roots for one in estimators if one.roots is not None])
-        changes = self._changes(tracks, roots)
-        changed = changed_motions(roots, changes.sure(), bank.noise_of(slots), start)
-        share = 1.0 / (1.0 + np.exp(np.clip(bank.gain[slots] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)))
-        return mixtures.blended(changed, share)
+        roots = SquareRoots.together([one.roots for one in estimators if one.roots is not None]).of(some)
+        changes = self._changes([tracks[k] for k in some.tolist()], roots)
+        changed = changed_motions(roots, changes.sure(), bank.noise_of(slots[some]), start)
+        odds = np.clip(bank.gain[slots[some]] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
+        return mixtures.blended(some, changed, 1.0 / (1.0 + np.exp(odds)))
 
     def _changes(self, tracks: Sequence[Track], roots: SquareRoots) -> Changes:
         slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Index
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.mixtures import Mixture
@@ -39,6 +39,8 @@ LEFT_OUT = 0.1
 SPEAKS = math.log(20.0)
 """Evidence from which on an onset counts: with less there would be too many. For what nothing speaks for yet, zones
 allow as ``manoeuvre`` says."""
+LOOKED_AT = 5.0
+"""Squared trend of the innovations, of which there is more than 6 where anything could speak for a change."""
 MOST_EVIDENCE = 500.0
 WILD = 8.0
 """Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change."""
@@ -78,13 +80,17 @@ class Suspicions:
     shift: Array
     spread: Array
 
-    def only(self, some: Mask) -> Suspicions:
-        """Suspicions of some obstacles, (K,) bool, and none of the others."""
-        return Suspicions(
-            np.where(some, self.probability, 0.0),
-            np.where(some[:, None, None], self.shift, 0.0),
-            np.where(some[:, None, None], self.spread, 0.0),
+    def among(self, some: Index, count: int, least: float) -> Suspicions:
+        """Those of some (K,) of so many obstacles that are more probable than that; 0 for all others."""
+        probability, shift, spread = np.zeros(count), np.zeros((count, 3, 2)), np.zeros((count, 3, 3))
+        likely = self.probability > least
+        which = some[likely]
+        probability[which], shift[which], spread[which] = (
+            self.probability[likely],
+            self.shift[likely],
+            self.spread[likely],
         )
+        return Suspicions(probability, shift, spread)
 
 
 @dataclass(frozen=True)

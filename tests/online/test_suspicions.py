@@ -10,6 +10,7 @@ import pytest
 import scp_planner as sp
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online import frames
+from scp_planner.online.mixtures import Mixture
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.suspicions import (
     ONSETS,
@@ -155,3 +156,43 @@ def test_zones_of_those_that_move_as_foretold_stay_as_they_are() -> None:
     _, without = watched(0.0, Watch(changes=0.0))
     assert np.mean(sizes != without) < 0.01
     assert np.all(sizes >= without)
+
+
+def test_two_mixtures_together_have_the_moments_of_both() -> None:
+    rng = np.random.default_rng(6)
+
+    def made(count: int) -> Mixture:
+        roots = rng.normal(size=(count, 6, 6))
+        covariance = (roots @ roots.transpose(0, 2, 1)).reshape(count, 3, 2, 3, 2)
+        return Mixture(rng.normal(size=(count, 3, 2)), covariance, np.ones((count, 2)), np.ones((count, 2, 2)))
+
+    filters, change = made(3), made(2)
+    share = np.array([0.3, 0.8])
+    both = filters.blended(np.array([0, 2]), change, share)
+    for number, (k, s) in enumerate(zip((0, 2), share, strict=True)):
+        means = [one.reshape(6) for one in (filters.mean[k], change.mean[number])]
+        spreads = [one.reshape(6, 6) for one in (filters.covariance[k], change.covariance[number])]
+        mean = (1.0 - s) * means[0] + s * means[1]
+        second = (1.0 - s) * (spreads[0] + np.outer(means[0], means[0])) + s * (
+            spreads[1] + np.outer(means[1], means[1])
+        )
+        assert both.mean[k].reshape(6) == pytest.approx(mean)
+        assert both.covariance[k].reshape(6, 6) == pytest.approx(second - np.outer(mean, mean))
+        assert both.diffusion[k] == pytest.approx(1.0 - s)
+    assert np.array_equal(both.mean[1], filters.mean[1]) and np.array_equal(both.covariance[1], filters.covariance[1])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_an_alarm_among_the_first_looks_leaves_zones(count: int) -> None:
+    """Too few looks for a polynomial, let alone for a change of one."""
+    tracks = ObstacleTracks(sp.Confidence())
+    tracks.add_unseen("a", sp.Disc(disc=0.3), sp.Model(order=2), 0.0, NOISE**2 * np.eye(2))
+    for number in range(count):
+        tracks.observe("a", STEP * number, (0.1 * number, 0.0))
+    estimator = tracks.tracks["a"].estimator
+    assert estimator is not None and estimator.bank is not None
+    estimator.bank.alarm(np.array([estimator.slot]), np.array([2]))
+    tracks.observe("a", STEP * count, (0.1 * count, 0.0))
+    (zone,) = tracks.zones(STEP * count)
+    assert tracks.tracks["a"].alarmed
+    assert zone.center(STEP * count) == pytest.approx((0.1 * count, 0.0), abs=3.0 * NOISE)
