@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.mathematics.frames import directions_of
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.vetting import NOTHING, TINY, Moment
 from scp_planner.scenario.units import NaturalUnits
@@ -73,31 +72,34 @@ class Assumptions:
     def _escaped(self, before: Moment, now: Moment) -> dict[str, str]:
         """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each."""
         old, new = before.batch, now.batch
-        known = {name: place for place, name in enumerate(old.ids)}
-        pairs = [(known[name], place) for place, name in enumerate(new.ids) if name in known]
-        if not pairs:
+        if old.ids == new.ids:
+            first = second = np.arange(old.size)
+        else:
+            known = {name: place for place, name in enumerate(old.ids)}
+            pairs = [(known[name], place) for place, name in enumerate(new.ids) if name in known]
+            first, second = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        if not len(first):
             return {}
-        first, second = np.array(pairs).T
         elapsed = np.array([now.state.time - before.state.time])
         was = before.frame.to_world(old.centers.grid(elapsed)[0, first])
         moved = now.frame.to_world(new.centers.grid(np.zeros(1))[0, second]) - was
         apart = np.hypot(moved[:, 0], moved[:, 1])
         allowed = INSIDE * old.radius[first] + NOTHING
         if old.covariances is not None:
-            # In the direction in which it moved: the ellipse reaches so far
             some = old.slot[first] >= 0
-            turned = before.frame.rotation.T @ (directions_of(moved[some])).T
-            inverse = np.linalg.inv(_matrices(old.covariances.grid(elapsed)[0, old.slot[first[some]]]))
-            # Where it is just as foretold it has moved in no direction, and there is nothing to reach
-            along = np.einsum("in,nij,jn->n", turned, inverse, turned)
-            allowed[some] += 1.0 / np.sqrt(np.maximum(along, NOTHING**2))
+            spread = old.covariances.grid(elapsed)[0, old.slot[first[some]]]
+            allowed[some] += _reach(moved[some] @ before.frame.rotation, spread)
         return {
             new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
             for k in np.flatnonzero(apart > allowed)
         }
 
 
-def _matrices(packed: Array) -> Array:
-    """Covariances (xx, xy, yy), (n, 3), as matrices that can be inverted, (n, 2, 2)."""
-    matrices: Array = packed[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    return matrices + NOTHING**2 * np.eye(2)
+def _reach(moved: Array, covariances: Array) -> Array:
+    """How far ellipses x' C^-1 x = 1, (n, 3) as (xx, xy, yy), reach in the directions of vectors (n, 2): (n,) m."""
+    x, y = moved.T
+    xx, xy, yy = (covariances + NOTHING**2 * np.array([1.0, 0.0, 1.0])).T
+    squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    # Where it is just as foretold it has moved in no direction, and there is nothing to reach
+    reach: Array = np.hypot(x, y) / np.sqrt(np.maximum(squared, np.finfo(float).tiny))
+    return reach

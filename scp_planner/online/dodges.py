@@ -59,6 +59,12 @@ class Room:
         least: Array = self.each.min(axis=0, initial=np.inf)
         return least
 
+    def less(self, spare: Array) -> Array:
+        """The least of them, (C, J) m, where so much, (L,) m, is taken from those to each of all L zones."""
+        taken = np.append(spare, 0.0)[self.zones]  # the border is the last
+        least: Array = (self.each - taken[:, None, None]).min(axis=0, initial=np.inf)
+        return least
+
     def nearest(self, dodge: int, sample: int) -> int:
         """The nearest zone of one dodge at one sample, or `BORDER`, also where there is nothing."""
         return int(self.zones[self.each[:, dodge, sample].argmin()]) if len(self.zones) else BORDER

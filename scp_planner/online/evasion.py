@@ -3,8 +3,8 @@
 What is promised is that the vehicle is not hit, not that it stands. So it leaves along a dodge
 (`scp_planner.online.dodges`) that keeps clear until it stands, and for a while after that. Of several such the one is
 driven that soon gains most of the way to the goal, less what its nearness to zones is worth: people turn by more than
-their zones allow for, and who is near cannot be evaded then. Where there is none, what counts too is how soon and how
-deep they come into zones.
+their zones allow for, and who is near cannot be evaded then. What comes nearly into zones, or into them where nothing
+is safe, counts as harm, the more the sooner and deeper.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left
 from scp_planner.scenario.limits import Box, Limits
-from scp_planner.scenario.models import Steering
+from scp_planner.scenario.models import Steering, Vehicle
+from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.trip import Trip
 
 TRIED = 4
@@ -43,11 +44,14 @@ FADING = 0.9
 BETTER = 0.1
 """Widths of way by which a dodge must do better for the vehicle to leave a trip."""
 PATIENCE = 10.0
-"""Moments without coming nearer to the goal, after which nearness counts half."""
+"""Moments without coming nearer to the goal, after which nearness and spare room count half."""
 OUTLOOK = 5.0
 """Moments for which nearness counts."""
+SPARE = 1.0 / 12.0
+"""Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a small
+turn takes as much. Of who is slower: in proportion."""
 HARM = 50.0
-"""Widths of way that a width of depth in a zone is worth, if it were now, where nothing is safe..."""
+"""Widths of way that a width of depth there is worth, if it were now..."""
 HARM_AT_ALL = 1.0 / 6.0
 """...and widths that count for any depth."""
 FARTHEST = 1e9
@@ -126,9 +130,8 @@ class _Outlook:
     away : (C, J) array
         What is left of the way to the goal, m, as the vehicle can turn.
     worth : (C,) array
-        What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones.
-    harm : (C,) array
-        What speaks against those that are not safe, m.
+        What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones
+        and the harm of coming into them or nearly so.
     """
 
     least: Array
@@ -136,12 +139,6 @@ class _Outlook:
     clear: Array
     away: Array
     worth: Array
-    harm: Array
-
-    @property
-    def balance(self) -> Array:
-        """By what dodges are compared where none is safe, (C,) m."""
-        return self.worth - self.harm
 
 
 @dataclass(frozen=True)
@@ -183,7 +180,7 @@ class Evasion:
     def least_harmful(self, now: Replan) -> Dodge:
         """Return what does best where nothing is safe: by what it gains, and how soon and deep it enters zones."""
         dodges, seen = self._looked(now)
-        return self._made(now.moment, dodges, seen, int(np.argmax(seen.balance)))
+        return self._made(now.moment, dodges, seen, int(np.argmax(seen.worth)))
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where no new dodge does better; None where one does.
@@ -209,7 +206,7 @@ class Evasion:
         dodges, new = self._looked(now)
         seen = self._look_on(moment, stop, dodges.times)
         now.lap("evasion")
-        if seen.balance[0] < new.balance.max():
+        if seen.worth[0] < new.worth.max():
             return None
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
         return self._dodge(moment, seen, 0, last.trip, certificate)
@@ -257,7 +254,7 @@ class Evasion:
             seen = self._look(moment, dodges)
             now.lap("evasion")
             # Of those the one that does least harm in whole zones: it is no time to gain way.
-            safe = self._first_safe(now, moment, dodges, seen, whole.balance)
+            safe = self._first_safe(now, moment, dodges, seen, whole.worth)
             if safe is not None:
                 return safe, share
         return None
@@ -348,11 +345,20 @@ class Evasion:
         width = 2.0 * vehicle.radius
         time = driven.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
-        worth = gained - width * NEARNESS * self._patience * nearness(time, near / width)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
-        later = np.where(after & (time <= OUTLOOK), near, np.inf)
-        worth -= width * harm(time, later / width)
-        return _Outlook(least, room, clear, away, worth, width * harm(time, least / width))
+        counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
+        worth = gained - self._cost(time, near / width, counted / width) * width
+        return _Outlook(least, room, clear, away, worth)
+
+    def _cost(self, time: Array, near: Array, counted: Array) -> Array:
+        """What speaks against dodges, (C,) widths of way, by their clearances (C, J) and those that may be harmful."""
+        return NEARNESS * self._patience * nearness(time, near) + harm(time, counted)
+
+    def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
+        """Clearance from each of L zones, (L,) m, below which a place counts as within them."""
+        speeds = np.hypot(*batch.velocities.grid(np.zeros(1))[0].T)
+        spare: Array = SPARE * self._patience * 2.0 * vehicle.radius * np.minimum(speeds / vehicle.max_speed, 1.0)
+        return spare
 
     @staticmethod
     def _box(moment: Moment) -> Box:
@@ -366,15 +372,16 @@ class Evasion:
         points, _ = trip.at(begin + ahead)
         place = points.path.position
         clock = ahead + (begin - trip.frame.time)
-        least = moment.batch_in(trip.frame).distances(clock, place, width).min(axis=1, initial=np.inf)[None]
+        each = moment.batch_in(trip.frame).distances(clock, place, width).T[:, None]
+        room = Room(np.arange(len(each)), each)
         time = ahead * vehicle.max_speed / width
         # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
         gained = _at(GAIN, time, (driven + vehicle.max_speed * over)[None])
-        least = np.where(over > 0.0, np.inf, least)
-        worth = gained - width * NEARNESS * self._patience * nearness(time, least / width)
-        return float(worth[0] - width * harm(time, least / width)[0])
+        near = np.where(over > 0.0, np.inf, room.least)
+        counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
+        return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 
     def _tightest(self, moment: Moment) -> float:
         """Radius of the tightest turn that dodges of a vehicle with a heading take, m; 0 where that is free."""
