@@ -17,7 +17,7 @@ from benchmarks import common  # isort: skip
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,8 @@ from benchmarks.crowds.policies import PLAN_OUTCOMES
 from benchmarks.online_crowds import fitted_model, recordings
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
-from scp_planner.simulation.crowds import LEVEL, among_people
+from scp_planner.settings.online import OnlineSettings
+from scp_planner.simulation.crowds import among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
@@ -41,6 +42,16 @@ MOST_STEPS = 100
 ROBOT, PERSON = 0.4, 1.0 / math.sqrt(2.0)  # m
 TOP_SPEED, TURNING = 0.8, 0.7  # m/s, rad/s
 NEAR_EXIT = 0.6  # m
+VEHICLE = sp.Vehicle(
+    radius=ROBOT,
+    max_speed=TOP_SPEED,
+    max_acceleration=TOP_SPEED / STEP,
+    max_deceleration=TOP_SPEED / STEP,
+    max_curvature=TURNING / TOP_SPEED,
+    steering=Steering.BOTH_WAYS,
+)
+LEVEL = 0.5
+"""At which zones hold people: lower than where they avoid each other, since wider zones leave fewer safe answers."""
 BEGINNINGS = (100, 200, 300)
 """Steps of the recording at which the published scenes begin; further ones follow at the same distance."""
 
@@ -77,14 +88,7 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
     start = tracks.start + (beginning + WAITING) * STEP
     scenario = sp.Scenario(
         name=f"{place}-{number}",
-        vehicle=sp.Vehicle(
-            radius=ROBOT,
-            max_speed=TOP_SPEED,
-            max_acceleration=TOP_SPEED / STEP,
-            max_deceleration=TOP_SPEED / STEP,
-            max_curvature=TURNING / TOP_SPEED,
-            steering=Steering.BOTH_WAYS,
-        ),
+        vehicle=VEHICLE,
         start=sp.Start(time=start, position=where.start, heading=where.heading, speed=0.0),
         goal=sp.Goal(position=where.goal, radius=NEAR_EXIT),
         confidence=sp.Confidence(probability=LEVEL, level="per_time"),
@@ -94,6 +98,14 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
     some = [t for t in tracks if len(t) > 1 and t.times[-1] > start - WAITING * STEP and t.times[0] < end]
     people = {track.id: track_course(track) for track in some}
     return Scene(scenario, people, {name: sp.Disc(disc=PERSON) for name in people})
+
+
+def among_recorded_people() -> OnlineSettings:
+    """Settings among people who take as much room as here: a stop stays clear for as long as it takes to leave it.
+
+    By default that is the time of the vehicle's own width; but these people are wider than it, and walk twice as fast.
+    """
+    return replace(among_people(VEHICLE, STEP), stay_clear=(ROBOT + PERSON) / TOP_SPEED)
 
 
 def run(row: Row, folder: str | None = None) -> Row:
@@ -112,7 +124,7 @@ def run(row: Row, folder: str | None = None) -> Row:
         sensors=[Sensor(rate=1.0 / STEP, noise=0.0)],
         history=WAITING * STEP,
         model=sp.Model(order=1, process=fitted_model(tracks)),
-        online=online or among_people(drawn.scenario.vehicle, STEP),
+        online=online or among_recorded_people(),
         time_limit=(MOST_STEPS - WAITING) * STEP,
     )
     return written(done)

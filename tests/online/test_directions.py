@@ -12,7 +12,9 @@ import scp_planner as sp
 from scp_planner.certificate.ends import EndState, start_violations
 from scp_planner.online.directions import can_reverse, can_turn, direction
 from scp_planner.online.dodges import Dodges
+from scp_planner.online.evasion import Evasion, _Driven
 from scp_planner.online.planner import Planner
+from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
@@ -98,3 +100,35 @@ def test_only_who_drives_both_ways_backs_out_of_a_passage(steering: Steering) ->
         assert safe and apart >= 0.6 and place[0] < -1.0
     else:
         assert not safe and apart < 0.6
+
+
+def test_way_left_is_that_of_the_tightest_bends_that_are_driven() -> None:
+    scenario = scene(vehicle={"max_curvature": 0.875, "steering": Steering.BOTH_WAYS, "max_lateral_acceleration": None})
+    planner = Planner(scenario)
+    evasion = Evasion(planner._means)
+    moment = planner._means.moment(State(0.0, (0.0, 0.0), 0.0, 0.0))
+    dodges = evasion._dodges(moment)
+    turned = np.abs(np.diff(dodges.heading, axis=1))
+    driven = np.linalg.norm(np.diff(dodges.position, axis=1), axis=2)
+    bends = (turned[driven > 1e-3] / driven[driven > 1e-3]).max()
+    assert 1.0 / evasion._tightest(moment) == pytest.approx(bends, rel=0.05) and bends > 0.0
+
+
+def test_stop_of_a_vehicle_that_drives_both_ways_counts_as_one_that_it_backs_out_of() -> None:
+    """Somebody walks at it: it is hit if it stands, not if it backs out. Other dodges are judged as before."""
+    walker = {"id": "walker", "shape": {"disc": 0.3}, "motion": {"position": [3.0, 0.0], "velocity": [-0.9, 0.0]}}
+    scenario = scene(
+        walker,
+        goal={"position": (8.0, 0.0)},
+        vehicle={"max_speed": 1.0, "max_curvature": 1.0, "steering": Steering.BOTH_WAYS},
+    )
+    planner = Planner(scenario)
+    evasion = Evasion(planner._means)
+    moment = planner._means.moment(State(0.0, (0.0, 0.0), 0.0, 0.3))
+    dodges = evasion._dodges(moment)
+    room = dodges.room(moment.batch, evasion._box(moment), moment.scenario.vehicle)
+    before = evasion._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
+    after = evasion._look(moment, dodges)
+    at_once = np.arange(len(after.worth)) % len(dodges.families[0].profiles.stands) == 0
+    assert np.all(after.balance[at_once] > before.balance[at_once])
+    assert np.array_equal(after.worth[~at_once], before.worth[~at_once]) and np.array_equal(after.clear, before.clear)
