@@ -33,6 +33,7 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks import families, online_crowds, online_noticing, online_regions
+from benchmarks.facts import facts_of
 from benchmarks.online_faults import injected_run
 from scp_planner.online.planner import Planner
 from scp_planner.settings.online import Regions
@@ -112,21 +113,7 @@ def loop(row: Row) -> Row:
     confidence = sp.Confidence(probability=float(row["level"]), level="joint")
     noise = float(np.random.default_rng([int(row["seed"]), 7]).uniform(*NOISE))
     run = simulate(scenario.model_copy(update={"confidence": confidence}), noise, 10.0, int(row["seed"]))
-    wall = 1e3 * run.wall_times[1:]
-    return {
-        "noise": round(noise, 4),
-        "arrived": int(run.arrived),
-        "contact": int(run.contact),
-        "contact_standing": int(run.contact_standing),
-        "travel_time": run.travel_time,
-        "truth_time": truth,
-        "least_clearance": run.least_clearance,
-        "cycles": len(run.records),
-        **run.outcomes,
-        "unsafe": sum(not record.safe for record in run.records),
-        "median_ms": float(np.median(wall)),
-        "longest_ms": float(wall.max()),
-    }
+    return {"noise": round(noise, 4), "truth_time": truth, **facts_of(run)}
 
 
 def loops(options: argparse.Namespace) -> int:

@@ -28,6 +28,7 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks.crowds.policies import SHY, STANDING, closest, reciprocal_velocity
+from benchmarks.facts import facts_of
 from scp_planner.estimation.motion_fitting import fit_motion_model
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -174,17 +175,7 @@ def drive(tracks: Tracks, row: Mapping[str, Any]) -> dict[str, Any]:
         online=among_people(VEHICLE, 1.0 / RATE),
         time_limit=LONGEST,
     )
-    wall = 1e3 * run.wall_times[1:]
-    return {
-        "arrived": int(run.arrived),
-        "contact": int(run.contact),
-        "contact_standing": int(run.contact_standing),
-        "travel_time": run.travel_time,
-        "people": len(drawn.places(drawn.time)),
-        "median_ms": float(np.median(wall)),
-        "longest_ms": float(wall.max()),
-        **run.outcomes,
-    }
+    return {"people": len(drawn.places(drawn.time)), **facts_of(run)}
 
 
 def _wait(drawn: Task) -> dict[str, Any]:

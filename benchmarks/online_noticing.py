@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
+from benchmarks.facts import facts_of
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.loop import FORGET_AFTER, simulate
 from scp_planner.simulation.sensors import LEAST_NOISE, Observation, Sensor
@@ -156,21 +157,4 @@ def drive(
         sensors=(sensor_of(family),),
         online=online or _online_of(family),
     )
-    wall = 1e3 * run.wall_times[1:]
-    return {
-        "arrived": int(run.arrived),
-        "contact": int(run.contact),
-        "contact_standing": int(run.contact_standing),
-        "travel_time": run.travel_time,
-        "truth_time": truth,
-        "least_clearance": run.least_clearance,
-        "cycles": len(run.records),
-        "improved": 0,
-        "kept": 0,
-        "repaired": 0,
-        "braking": 0,
-        **run.outcomes,
-        "unsafe": sum(not record.safe for record in run.records),
-        "median_ms": float(np.median(wall)),
-        "longest_ms": float(wall.max()),
-    }
+    return {"truth_time": truth, **facts_of(run)}

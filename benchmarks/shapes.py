@@ -14,15 +14,8 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
+from benchmarks.families import VEHICLE
 
-VEHICLE = {
-    "radius": 0.3,
-    "max_speed": 3.0,
-    "max_acceleration": 1.5,
-    "max_deceleration": 2.0,
-    "max_lateral_acceleration": 2.0,
-    "max_curvature": 1.0,
-}
 TRIP = 30.0  # m
 NEAR, FAR = (4.0, 14.0), (14.0, 60.0)  # m to the sides of the trip
 

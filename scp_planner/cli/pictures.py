@@ -10,11 +10,9 @@ from typing import Annotated
 import typer
 
 from scp_planner.cli.options import bad_option, check_target
-from scp_planner.settings.pictures import FIGURE_SUFFIXES, FILM_SUFFIXES, View
+from scp_planner.settings.pictures import FIGURE_SUFFIXES, FILM_SUFFIXES, PAGE_SUFFIXES, PICTURE_SUFFIXES, View
 
-PAGE_SUFFIX = ".html"
-MOVING_SUFFIXES = (*FILM_SUFFIXES, PAGE_SUFFIX)
-PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *MOVING_SUFFIXES)
+MOVING_SUFFIXES = (*FILM_SUFFIXES, *PAGE_SUFFIXES)
 
 
 PictureView = Annotated[
@@ -47,7 +45,7 @@ def check_picture(
     suffix = target.suffix.lower()
     if suffix not in suffixes:
         raise bad_option(option, target, f"must end in one of {', '.join(suffixes)}")
-    if suffix != PAGE_SUFFIX and not can_plot():
+    if suffix not in PAGE_SUFFIXES and not can_plot():
         raise bad_option(option, target, "needs matplotlib: pip install 'scp-planner[plot]'")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise bad_option(option, target, "needs ffmpeg, which is not installed; .gif does without")

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
 
 CONSISTENCY_FIGURES = ("consistency.png", "border.png")
 CONSISTENCY_FILES = ("results.jsonl", "summary.csv", "slopes.csv", "border.csv", *CONSISTENCY_FIGURES)
+PredictionWindow = Annotated[
+    int,
+    typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
+]
 COVERAGE_FILES = ("coverage.csv", "coverage.png", "recorded.csv")
 
 
@@ -90,6 +94,7 @@ def coverage(
         int, typer.Option("--runs", metavar="N", callback=at_least(1), help="Simulated runs of each case.")
     ] = 20_000,
     probability: Annotated[float, typer.Option("--probability", metavar="P", help="Nominal level.")] = 0.95,
+    window: PredictionWindow = 8,
     model: Annotated[
         str | None,
         typer.Option(
@@ -130,7 +135,7 @@ def coverage(
         measured = [
             row
             for name, own in loaded
-            for row in recorded.measure_recorded_coverage(own, data=name, probability=probability)
+            for row in recorded.measure_recorded_coverage(own, data=name, window=window, probability=probability)
         ]
         recorded.save_csv(measured, output / "recorded.csv")
         written.append(output / "recorded.csv")
@@ -183,10 +188,7 @@ class FitOptions:
     kind: Annotated[
         str, typer.Option("--kind", metavar="NAME", help="random_walk (of the velocity), mean_reverting or singer.")
     ] = "random_walk"
-    window: Annotated[
-        int,
-        typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
-    ] = 8
+    window: PredictionWindow = 8
     conformal: Annotated[
         float | None,
         typer.Option(

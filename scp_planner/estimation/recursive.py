@@ -5,14 +5,11 @@ triangular R and a right-hand side d with R c = d for the estimated coefficients
 more row, rotated into R by Givens rotations, plain array arithmetic over all obstacles. That is the QR
 factorisation of the batch estimate made one row at a time, and it agrees with it to rounding, where normal
 equations would lose half of the digits.
-
-`ObservationWindow` keeps the newest observations of one obstacle and estimates from them alone.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import insort
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,10 +19,10 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, NormalErrors
-from scp_planner.estimation.estimate import HIGHEST_ORDER, estimate_motion
+from scp_planner.estimation.estimate import HIGHEST_ORDER
 from scp_planner.estimation.least_squares import Moments, MotionPrior, Noise, estimated_noise, prior_rows
 from scp_planner.estimation.motion_estimate import PolynomialEstimate, shift_powers
-from scp_planner.estimation.observations import Faulty, Screening, check_covariance, usable
+from scp_planner.estimation.observations import Faulty, check_covariance, usable
 from scp_planner.settings.knobs import word_of
 
 _MEMORIES = 2.0
@@ -449,60 +446,3 @@ class RecursiveEstimator:
             distance = float(offset @ np.linalg.solve(estimate.covariance(t[k]) + noise, offset))
             inside[k] = estimate.errors.exceedance(distance) >= (self.gate_probability or 0.0)
         return inside
-
-
-class ObservationWindow:
-    """The newest observations of one obstacle, and the estimate from them alone.
-
-    The cost of an update does not grow with time; late observations are sorted in.
-
-    Parameters
-    ----------
-    length : int
-        How many observations are kept.
-    duration : float, s
-        None older than this, before the newest, is kept.
-    """
-
-    def __init__(self, length: int, duration: float = math.inf) -> None:
-        if length < 1:
-            raise EstimationError(f"length: {length!r} is not a positive number")
-        if not duration > 0.0:
-            raise EstimationError(f"duration: {duration!r} is not a positive number")
-        self.length = length
-        self.duration = duration
-        self._rows: list[tuple[float, Array, Array | None]] = []  # in order of time
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def update(self, time: float, position: ArrayLike, covariance: ArrayLike | None = None) -> None:
-        """Take in one observation: s, (2,) m and, if each comes with its own, (2, 2) m^2."""
-        z = np.asarray(position, dtype=float)
-        if z.shape != (2,) or not (math.isfinite(time) and np.isfinite(z).all()):
-            raise EstimationError(f"observation: time {time!r}, position {position!r} is not finite or not (2,)")
-        if self._rows and (covariance is None) is not (self._rows[0][2] is None):
-            raise EstimationError("covariance: either all observations come with one or none does")
-        sigma = None if covariance is None else check_covariance(covariance, 1)
-        if any(row[0] == time and np.array_equal(row[1], z) for row in self._rows):
-            raise EstimationError(f"observation: the one at time {time!r} comes twice")
-        insort(self._rows, (float(time), z, sigma), key=lambda row: row[0])
-        oldest = self._rows[-1][0] - self.duration
-        self._rows = [row for row in self._rows if row[0] >= oldest][-self.length :]
-
-    def estimate(
-        self,
-        covariance: ArrayLike | None = None,
-        order: int = 2,
-        prior: MotionPrior | None = None,
-        *,
-        noise: Noise | str = Noise.GENERAL,
-        screening: Screening | None = None,
-    ) -> PolynomialEstimate:
-        """Give what `estimate_motion` makes of the window."""
-        times = np.array([row[0] for row in self._rows])
-        positions = np.array([row[1] for row in self._rows]).reshape(-1, 2)
-        own = [row[2] for row in self._rows if row[2] is not None]
-        if own:
-            covariance = np.array(own)
-        return estimate_motion(times, positions, covariance, order, prior, noise=noise, screening=screening)

@@ -19,7 +19,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
-from scp_planner.certificate.verdict import Certificate, Clearance, Ends
+from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foresight import foreseen
@@ -467,11 +467,6 @@ class _Ahead:
 
 def _violations(certificate: Certificate) -> str:
     return "; ".join(str(violation) for violation in certificate.violations)
-
-
-def no_certificate(zones: tuple[ThreatZone, ...]) -> Certificate:
-    """The certificate of something that has not been looked at."""
-    return Certificate(False, Clearance(-math.inf if zones else math.inf), {}, ())
 
 
 def refused(certificate: Certificate) -> Certificate:

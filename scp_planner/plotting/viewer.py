@@ -21,6 +21,7 @@ from scp_planner.plotting.borders import borders_of
 from scp_planner.plotting.ground import slow_boxes
 from scp_planner.plotting.recording import ObstacleRecord, Recording, Truth, record_plan
 from scp_planner.plotting.scales import unit_of
+from scp_planner.settings.pictures import PAGE_SUFFIXES
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 SAMPLE_INTERVAL = 0.05
 """s. The viewer draws straight lines between samples: at 2 m/s2 they are off by 1 mm at most."""
 FEWEST_SAMPLES, MOST_SAMPLES = 100, 800
-VIEWER_SUFFIXES = (".html", ".htm")
 
 
 def save_viewer(plan: Plan, scenario: Scenario, path: str | PathLike[str], *, truth: Truth | None = None) -> None:
@@ -67,8 +67,8 @@ def save_recording(recording: Recording, path: str | PathLike[str]) -> None:
     ValueError
         If the suffix is another one.
     """
-    if Path(path).suffix.lower() not in VIEWER_SUFFIXES:
-        raise ValueError(f"{path}: must end in one of {', '.join(VIEWER_SUFFIXES)}")
+    if Path(path).suffix.lower() not in PAGE_SUFFIXES:
+        raise ValueError(f"{path}: must end in one of {', '.join(PAGE_SUFFIXES)}")
     write_text(path, to_html(recording))
 
 

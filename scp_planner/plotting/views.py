@@ -10,9 +10,9 @@ from scp_planner.plotting.figures import plot_plan, plot_profiles, plot_run, plo
 from scp_planner.plotting.run_recording import record_run
 from scp_planner.plotting.space_time import plot_run_space_time, plot_space_time
 from scp_planner.plotting.style import check_suffix
-from scp_planner.plotting.viewer import VIEWER_SUFFIXES, save_recording, save_viewer
+from scp_planner.plotting.viewer import save_recording, save_viewer
 from scp_planner.settings.knobs import word_of
-from scp_planner.settings.pictures import FIGURE_SUFFIXES, FILM_SUFFIXES, View
+from scp_planner.settings.pictures import FILM_SUFFIXES, PAGE_SUFFIXES, PICTURE_SUFFIXES, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
     from scp_planner.scenario.models import Scenario
     from scp_planner.simulation.run import Run
-
-PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *FILM_SUFFIXES, *VIEWER_SUFFIXES)
 
 
 def plot_view(
@@ -101,7 +99,7 @@ def draw_plan(plan: Plan, scenario: Scenario, path: str | PathLike[str], view: V
         If the suffix or the view is another one.
     """
     suffix = check_suffix(path, PICTURE_SUFFIXES)
-    if suffix in VIEWER_SUFFIXES:
+    if suffix in PAGE_SUFFIXES:
         save_viewer(plan, scenario, path)
     elif suffix in FILM_SUFFIXES:
         animate_plan(plan, scenario, path)
@@ -126,7 +124,7 @@ def draw_run(run: Run, path: str | PathLike[str], view: View | str = View.MAP) -
         If the suffix or the view is another one.
     """
     suffix = check_suffix(path, PICTURE_SUFFIXES)
-    if suffix in VIEWER_SUFFIXES:
+    if suffix in PAGE_SUFFIXES:
         save_recording(record_run(run), path)
     elif suffix in FILM_SUFFIXES:
         animate(record_run(run), path)

@@ -6,6 +6,8 @@ from enum import StrEnum
 
 FIGURE_SUFFIXES = (".pdf", ".png", ".svg")
 FILM_SUFFIXES = (".gif", ".mp4")
+PAGE_SUFFIXES = (".html", ".htm")
+PICTURE_SUFFIXES = (*FIGURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
 
 
 class View(StrEnum):

@@ -10,16 +10,14 @@ The motion itself does not matter, the estimate being linear and unbiased, so th
 0; nor do the covariance of the noise and the time step, but a lopsided one is used. Thousands of runs are
 estimated at once by the estimate's own linear map; a test compares with `estimate_motion`, run by run.
 
-Command: ``python -m scp_planner.studies.coverage --help``.
+Command: ``scp-planner study coverage``.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import math
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
@@ -345,22 +343,3 @@ def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None 
         if path is not None:
             save(figure, path)
     return figure
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the study from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m scp_planner.studies.coverage", description=__doc__.split("\n")[0])
-    parser.add_argument("--runs", type=int, default=RUNS, help="of each case")
-    parser.add_argument("--probability", type=float, default=0.95, help="nominal level")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("-o", "--output", type=Path, default=Path("coverage"), help="folder for coverage.csv and .png")
-    chosen = parser.parse_args(arguments)
-    results = measure_coverage(probability=chosen.probability, runs=chosen.runs, seed=chosen.seed)
-    chosen.output.mkdir(parents=True, exist_ok=True)
-    save_csv(results, chosen.output / "coverage.csv")
-    plot_coverage(results, chosen.output / "coverage.png")
-    sys.stdout.write(f"{summary(results)}\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -17,15 +17,12 @@ tracks.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import io
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 
@@ -313,25 +310,3 @@ def summary(results: Sequence[RecordedCoverage]) -> str:
             )
         lines.append(f"{data:<{wide}}{model:<22}{level:<14}" + "".join(f"{cell:^24}" for cell in cells))
     return "\n".join(lines)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the study from the command line."""
-    parser = argparse.ArgumentParser(prog="python -m scp_planner.studies.recorded", description=__doc__.split("\n")[0])
-    parser.add_argument("tracks", type=Path, nargs="+", help="files or folders of tracks")
-    parser.add_argument("--window", type=int, default=WINDOW, help="positions that a prediction is made from")
-    parser.add_argument("--probability", type=float, default=0.95, help="nominal level")
-    parser.add_argument("-o", "--output", type=Path, default=Path("coverage"), help="folder for recorded.csv")
-    chosen = parser.parse_args(arguments)
-    results: list[RecordedCoverage] = []
-    for path in chosen.tracks:
-        tracks = Tracks.load(path)
-        name = path.stem.removesuffix("_obsmat")
-        results += measure_recorded_coverage(tracks, data=name, window=chosen.window, probability=chosen.probability)
-    chosen.output.mkdir(parents=True, exist_ok=True)
-    save_csv(results, chosen.output / "recorded.csv")
-    sys.stdout.write(f"{summary(results)}\n")
-
-
-if __name__ == "__main__":
-    main()

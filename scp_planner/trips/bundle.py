@@ -35,11 +35,6 @@ def stacked(arrays: Sequence[Array]) -> Array:
     return arrays[0][None] if len(arrays) == 1 else np.array(arrays)
 
 
-def gathered(arrays: Sequence[Array], owner: Index, index: Index) -> Array:
-    """Some of the entries of arrays, (n, ...) of equal length, of which there is one for each trip."""
-    return arrays[0][index] if len(arrays) == 1 else np.concatenate(arrays)[len(arrays[0]) * owner + index]
-
-
 class TripBundle:
     """Trips of one space.
 

@@ -7,7 +7,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation.estimate import estimate_motion
 from scp_planner.estimation.least_squares import MotionPrior
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
-from scp_planner.estimation.recursive import ObservationWindow, RecursiveEstimator
+from scp_planner.estimation.recursive import RecursiveEstimator
 
 pytestmark = pytest.mark.numerics
 
@@ -192,50 +192,3 @@ def test_too_few_observations_are_named() -> None:
         known.estimate(prior=MotionPrior(velocity_deviation=1.0))
     with pytest.raises(EstimationError, match="it must come"):
         RecursiveEstimator(1, 2, varying=True).update(0.0, [[0.0, 0.0]])
-
-
-class TestWindow:
-    def test_keeps_the_newest(self) -> None:
-        times, positions = recording(30, 1)
-        window = ObservationWindow(8)
-        for i, (t, z) in enumerate(zip(times, positions[:, 0], strict=True)):
-            window.update(t, z)
-            assert len(window) == min(i + 1, 8)
-        assert_same(window.estimate(SIGMA), estimate_motion(times[-8:], positions[-8:, 0], SIGMA))
-        assert_same(window.estimate(), estimate_motion(times[-8:], positions[-8:, 0]))
-        assert_same(window.estimate(SIGMA, 1, PRIOR), estimate_motion(times[-8:], positions[-8:, 0], SIGMA, 1, PRIOR))
-
-    def test_forgets_what_is_old(self) -> None:
-        times, positions = recording(30, 1)
-        window = ObservationWindow(30, duration=1.0)
-        for t, z in zip(times, positions[:, 0], strict=True):
-            window.update(t, z)
-        kept = times >= times[-1] - 1.0
-        assert len(window) == kept.sum() < 30
-        assert_same(window.estimate(SIGMA), estimate_motion(times[kept], positions[kept, 0], SIGMA))
-
-    def test_sorts_in_what_comes_late(self) -> None:
-        times, positions = recording(9, 1)
-        window = ObservationWindow(6)
-        for i in (0, 1, 2, 5, 4, 3, 8, 6, 7):
-            window.update(times[i], positions[i, 0], SIGMA * (i + 1))
-        each = np.array([SIGMA * (i + 1) for i in range(3, 9)])
-        assert_same(window.estimate(), estimate_motion(times[3:], positions[3:, 0], each))
-
-    def test_refuses_what_is_faulty(self) -> None:
-        window = ObservationWindow(5)
-        window.update(0.0, [1.0, 2.0])
-        for arguments, message in (
-            ((np.nan, [0.0, 0.0]), "not finite"),
-            ((1.0, [0.0, np.inf]), "not finite"),
-            ((1.0, [0.0]), r"not \(2,\)"),
-            ((0.0, [1.0, 2.0]), "comes twice"),
-            ((1.0, [0.0, 0.0], SIGMA), "either all observations come with one"),
-        ):
-            with pytest.raises(EstimationError, match=message):
-                window.update(*arguments)
-        assert len(window) == 1
-        with pytest.raises(EstimationError, match="length: 0"):
-            ObservationWindow(0)
-        with pytest.raises(EstimationError, match="duration: 0"):
-            ObservationWindow(5, 0)

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from typer.testing import CliRunner
 
+from scp_planner.cli import app
 from scp_planner.estimation.confidence import region_scale
 from scp_planner.estimation.estimate import estimate_motion
 from scp_planner.estimation.track_files import Track
@@ -15,7 +17,6 @@ from scp_planner.estimation.tracks import Tracks
 from scp_planner.studies.coverage import (
     Coverage,
     load_csv,
-    main,
     measure_coverage,
     plot_coverage,
     save_csv,
@@ -24,7 +25,6 @@ from scp_planner.studies.coverage import (
     summary,
     wilson_interval,
 )
-from scp_planner.studies.recorded import main as main_recorded
 from scp_planner.studies.recorded import measure_recorded_coverage
 from scp_planner.studies.recorded import summary as summary_of_recorded
 
@@ -134,13 +134,6 @@ def test_results_are_saved_exactly_and_drawn(tmp_path: Path) -> None:
     assert f"{worst.coverage:.4f} (order {worst.order}, n = {worst.observations})" in table
 
 
-def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--runs", "40", "--probability", "0.9", "-o", str(tmp_path / "out")])
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["coverage.csv", "coverage.png"]
-    assert {r.nominal for r in load_csv(tmp_path / "out" / "coverage.csv")} == {0.9}
-    assert "per_obstacle estimated" in capsys.readouterr().out
-
-
 def wanderers(count: int = 60, length: int = 24) -> Tracks:
     rng = np.random.default_rng(5)
     velocity = rng.normal(size=(count, 1, 2)) + 0.15 * rng.normal(size=(count, length, 2)).cumsum(axis=1)
@@ -216,8 +209,16 @@ def test_fitted_models_cover_real_people(recorded_data: Path, name: str) -> None
     assert 0.95 <= cases["random_walk", "per_obstacle", 2, 4.8].coverage <= 0.98
 
 
-def test_command_for_recorded_tracks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(tmp_path: Path) -> None:
     wanderers(24, 20).save(tmp_path / "walkers.csv")
-    main_recorded([str(tmp_path / "walkers.csv"), "-o", str(tmp_path / "out"), "--window", "6"])
+    options = ["--runs", "40", "--probability", "0.9", "--window", "6", "-o", str(tmp_path / "out")]
+    told = CliRunner().invoke(app, ["study", "coverage", str(tmp_path / "walkers.csv"), *options])
+    assert told.exit_code == 0, told.output
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "coverage.csv",
+        "coverage.png",
+        "recorded.csv",
+    ]
+    assert {row.nominal for row in load_csv(tmp_path / "out" / "coverage.csv")} == {0.9}
     assert (tmp_path / "out" / "recorded.csv").read_text().startswith("data,model,level,fold,lead_time")
-    assert "quadratic, inflated" in capsys.readouterr().out
+    assert "per_obstacle estimated" in told.stdout and "quadratic, inflated" in told.stdout

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import VEHICLE, scene
 
 import scp_planner
 import verification
@@ -21,15 +21,6 @@ from verification.dense_check import SAMPLES, check_samples, check_trip
 from verification.differences import end_heading
 from verification.distances import distance_to_ellipses, distance_to_observed, distance_to_polygon
 from verification.findings import DenseReport, Tolerances
-
-VEHICLE = {
-    "radius": 0.3,
-    "max_speed": 3.0,
-    "max_acceleration": 1.5,
-    "max_deceleration": 2.0,
-    "max_lateral_acceleration": 2.0,
-    "max_curvature": 1.0,
-}
 
 
 def scenario(**changes: Any) -> dict[str, Any]:

@@ -213,6 +213,8 @@ def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytes
     assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
     refused = run("plan", easy, "--plot", tmp_path / "plan.png")
     assert refused.exit_code == 2 and "needs matplotlib" in refused.stderr
+    short = sp.simulate(Scenario.load(easy), noise=0.05, rate=2.0)  # how the demo drives is tested with its pictures
+    monkeypatch.setattr("scp_planner.cli.trips._drive", lambda *_: short)
     result = run("demo", "headon", "-o", tmp_path / "demo")
     assert result.exit_code == 0 and "no figures: matplotlib is not installed" in result.stderr
     assert {file.name for file in (tmp_path / "demo").iterdir()} == {
