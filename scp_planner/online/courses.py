@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -35,6 +36,7 @@ SPANS = 32
 """Of the accelerations of a dodge, all as long as each other."""
 WHOLE = 3
 """Spans that are lost where phases become whole numbers of them."""
+BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
 TABLE = 33
 """Points of a turn, of which the others are interpolated."""
 LIMIT_SHARE = 0.98
@@ -47,6 +49,80 @@ def smooth_step(share: Array) -> Array:
     share = np.minimum(share, 1.0)
     smooth: Array = share * share * (3.0 - 2.0 * share)
     return smooth
+
+
+@dataclass(frozen=True)
+class DodgeDrive:
+    """What a dodge drives along its course.
+
+    Attributes
+    ----------
+    start_speed : float
+        m/s.
+    degree : int
+        Of the acceleration.
+    breakpoints : tuple of float
+        Of the acceleration, in normalised time.
+    beta : array
+        Control points of the acceleration, m/s^2.
+    lasts : float
+        s.
+    """
+
+    start_speed: float
+    degree: int
+    breakpoints: tuple[float, ...]
+    beta: Array
+    lasts: float
+
+
+class DodgeProfiles(Protocol):
+    """P drives that end in a stop."""
+
+    @property
+    def stands(self) -> Array:
+        """When the vehicle stands, (P,) s from now."""
+        ...
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        ...
+
+    @property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        ...
+
+    def last(self, count: int) -> Self:
+        """The last so many of them."""
+        ...
+
+    def distance(self, times: Array) -> Array:
+        """Distances driven at times (J,), (P, J) m."""
+        ...
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        ...
+
+
+def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
+    """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once.
+
+    Parameters
+    ----------
+    top : float
+        Speed, m/s.
+    width : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    ((P,) array, (P,) array)
+    """
+    levels, cruises = np.meshgrid(np.array(LEVELS) * top, np.array(CRUISES) * width / top)
+    return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
 
 
 @dataclass(frozen=True)
@@ -85,10 +161,7 @@ class Profiles:
         -------
         Profiles
         """
-        levels, cruises = np.meshgrid(np.array(LEVELS) * limits.speed, np.array(CRUISES) * width / limits.speed)
-        # The first is a stop at once.
-        level = np.concatenate([[0.0], levels.ravel()])
-        cruise = np.concatenate([[0.0], cruises.ravel()])
+        level, cruise = levels_and_cruises(limits.speed, width)
         rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
         change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
         span = np.maximum(change + cruise + braking + wait, width / limits.speed) / (SPANS - WHOLE)
@@ -103,6 +176,22 @@ class Profiles:
     def last(self, count: int) -> Profiles:
         """The last so many of them."""
         return Profiles(self.speed[-count:], self.span[-count:], self.stands[-count:])
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        highest: Array = self.speed.max(axis=1)
+        return highest
+
+    @property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        return self.driven[:, -1]
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        speeds, span = self.speed[number], float(self.span[number])
+        return DodgeDrive(float(speeds[0]), 0, BREAKS, np.diff(speeds) / span, SPANS * span)
 
     @cached_property
     def driven(self) -> Array:

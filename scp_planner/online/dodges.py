@@ -14,7 +14,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.courses import BEND_TIME, BENT_PROFILES, LIMIT_SHARE, SPANS, Courses, Profiles, smooth_step
+from scp_planner.online.courses import BEND_TIME, BENT_PROFILES, LIMIT_SHARE, Courses, DodgeProfiles, smooth_step
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -34,7 +34,6 @@ NEAR = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
-_BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
 _PATH_DEGREE = 3
 
 
@@ -78,24 +77,24 @@ class Family:
     ----------
     courses : Courses
         In the planning frame.
-    profiles : Profiles
+    profiles : DodgeProfiles
     lead, length : (K, P) arrays
         How far it is to the turns, and of them, m.
     """
 
     courses: Courses
-    profiles: Profiles
+    profiles: DodgeProfiles
     lead: Array
     length: Array
 
     @classmethod
-    def of(cls, courses: Courses, profiles: Profiles, limits: Limits, radius: float, turning_at: float) -> Family:
+    def of(cls, courses: Courses, profiles: DodgeProfiles, limits: Limits, radius: float, turning_at: float) -> Family:
         """Return the dodges of a vehicle.
 
         Parameters
         ----------
         courses : Courses
-        profiles : Profiles
+        profiles : DodgeProfiles
         limits : Limits
         radius : float
             Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
@@ -106,7 +105,7 @@ class Family:
         -------
         Family
         """
-        fastest = profiles.speed.max(axis=1)
+        fastest = profiles.fastest
         tightest = np.maximum(
             radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),
             fastest**2 / (LIMIT_SHARE * limits.lateral_acceleration),
@@ -160,9 +159,9 @@ class Family:
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
         """Return a dodge as a trip, from the planning frame that they are in."""
-        course, profile = divmod(number, len(self.profiles.span))
+        course, profile = divmod(number, len(self.profiles.stands))
         turn, length = float(self.courses.turn[course]), float(self.length[course, profile])
-        driven = float(self.profiles.driven[profile, -1])
+        drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
         far = max(driven * (1.0 + 1e-6), 1e-2)
         guide: Guide = StraightGuide(far)
         pieces = PATH_PIECES[0]
@@ -172,10 +171,8 @@ class Family:
             stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
             along = np.maximum(stations - self.lead[course, profile], 0.0)
             guide = CurvedGuide(far, turn * smooth_step(along / length))
-        speeds = self.profiles.speed[profile]
-        space = TripSpace(guide, float(speeds[0]), _PATH_DEGREE, pieces, 0, _BREAKS)
-        span = float(self.profiles.span[profile])
-        trajectory = Trajectory(Path(space, np.zeros(space.path_size)), np.diff(speeds) / span, SPANS * span)
+        space = TripSpace(guide, drive.start_speed, _PATH_DEGREE, pieces, drive.degree, drive.breakpoints)
+        trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
         return Trip(
             PlanningFrame(frame.origin, frame.heading + float(self.courses.base[course]), frame.time), trajectory
         )
@@ -208,7 +205,7 @@ class Dodges:
     def of(
         cls,
         heading: float | None,
-        speed: float,
+        profiles: DodgeProfiles,
         ahead: float,
         limits: Limits,
         radius: float,
@@ -221,8 +218,7 @@ class Dodges:
         ----------
         heading : float or None
             In the planning frame, rad; None: free.
-        speed : float
-            m/s.
+        profiles : DodgeProfiles
         ahead : float
             Direction of interest, rad.
         limits : Limits
@@ -237,7 +233,6 @@ class Dodges:
         -------
         Dodges
         """
-        profiles = Profiles.of(speed, limits, 2.0 * radius, wait)
         families: tuple[Family, ...]
         if heading is None:
             late, turning_at = profiles.last(BENT_PROFILES), BEND_TIME * 2.0 * radius / limits.speed

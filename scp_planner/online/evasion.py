@@ -16,12 +16,14 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.online.courses import LIMIT_SHARE, SPANS
+from scp_planner.online.braking import braking_of
+from scp_planner.online.courses import LIMIT_SHARE, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.directions import can_reverse
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
+from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left
@@ -281,9 +283,14 @@ class Evasion:
         state = moment.state
         heading = None if state.heading is None else state.heading - moment.frame.heading
         limits = Limits.of(moment.scenario, self._means.settings.limit_margin)
-        vehicle = moment.scenario.vehicle
+        vehicle, width, wait = moment.scenario.vehicle, 2.0 * moment.scenario.vehicle.radius, self._means.wait
+        profiles: DodgeProfiles = (
+            Profiles.of(state.speed, limits, width, wait)
+            if vehicle.max_jerk is None
+            else RampedProfiles.of(state, limits, vehicle.max_jerk, width, wait)
+        )
         both_ways = can_reverse(vehicle, state.speed)
-        return Dodges.of(heading, state.speed, 0.0, limits, vehicle.radius, self._means.wait, both_ways)
+        return Dodges.of(heading, profiles, 0.0, limits, vehicle.radius, wait, both_ways)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
         vehicle = moment.scenario.vehicle
@@ -334,7 +341,8 @@ class Evasion:
         """Judge what is driven by the room that it keeps."""
         vehicle, after, near = moment.scenario.vehicle, driven.times > driven.until[:, None], room.least
         least = np.where(after, np.inf, near)
-        entered = _until(near, driven) < self._means.settings.clearance_margin
+        # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
+        entered = _until(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
         away = way_left(driven.position, driven.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
@@ -393,7 +401,7 @@ class Evasion:
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""
-        return self._means.online.period + moment.state.speed / moment.scenario.vehicle.max_deceleration
+        return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
 
     def _made(self, moment: Moment, dodges: Dodges, seen: _Outlook, number: int) -> Dodge:
         trip = dodges.trip(number, moment.frame)

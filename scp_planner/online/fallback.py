@@ -11,11 +11,13 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
-from scp_planner.online.vetting import Stop, Vetted, refused
+from scp_planner.online.remaining import eased
+from scp_planner.online.stops import STANDING, fits
+from scp_planner.online.vetting import TINY, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
@@ -90,6 +92,10 @@ class Fallback:
         if before is not None:
             text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
             return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
+        promised = self._as_promised(now)
+        if promised is not None:
+            text = f"{why}; the last plan's stop is gone on with"
+            return self._means.plan_of(promised, now, Outcome.BRAKING, text)
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower
@@ -97,14 +103,26 @@ class Fallback:
             return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
         return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
 
+    def _as_promised(self, now: Replan) -> Vetted | None:
+        """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""
+        moment, last = now.moment, now.last
+        if moment.state.acceleration is None or last is None or last.stop is None:
+            return None
+        stop = Stop(last.stop, last.branch_time)
+        begun = moment.state.time > stop.branch + TINY
+        if begun or stop.stands <= moment.state.time or not self._means.vetting.is_on(moment, stop.trip):
+            return None
+        certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        # From now on it is this stop that is driven, up to its end.
+        whole = Stop(stop.trip, stop.trip.frame.time + stop.trip.trajectory.travel_time)
+        return Vetted(stop.trip, certificate, whole, 0.0) if certificate.holds else None
+
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
         for share in EASINGS:
             if perf_counter() > now.deadline:
                 return None
-            beta = ahead.beta.copy()
-            beta[0] = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
-            trial = Trajectory.of(problem.space, ahead.theta, beta)
+            trial = Trajectory.of(problem.space, ahead.theta, eased(problem, ahead, share))
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
             vetted = self._means.vet(now, problem, trial)
@@ -169,13 +187,16 @@ class Fallback:
 
     def _stops(self, now: Replan, problem: Problem, ahead: Trajectory | None) -> Iterator[Trip]:
         moment = now.moment
-        if now.last is not None and now.last.stop is not None and self._means.vetting.is_on(moment, now.last.stop):
-            yield now.last.stop
+        last = now.last
+        if last is not None and last.stop is not None and self._means.vetting.is_on(moment, last.stop):
+            # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
+            if moment.state.acceleration is None or moment.state.time <= last.branch_time + TINY:
+                yield last.stop
         if ahead is not None:
-            along = stop_now(ahead.path, problem.space.start_speed, problem.limits.deceleration)
+            along = self._means.braking.stop_now(ahead.path, moment.state)
             if fits(along):
                 yield Trip(problem.frame, along)
-        yield straight_stop(moment.state, problem.limits, self._means.settings, self._means.breakpoints)
+        yield straight_stop(moment.state, self._means.braking, self._means.settings, self._means.breakpoints)
 
 
 def _what(dodge: Dodge) -> str:

@@ -31,7 +31,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.errors import Fault, ScenarioError
 from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
@@ -68,7 +67,7 @@ class Planner:
         Vehicle, goal, bounds, confidence, and what is known of obstacles so far. A latest arrival is not looked at:
         the plans are as fast as they may be, and their arrival time tells.
     settings : Settings, optional
-        Of the loop. Accelerations are piecewise constant here.
+        Of the loop. Accelerations are piecewise constant here, or straight in pieces where the jerk is limited.
     online : OnlineSettings, optional
     solver : str or QpSolver, optional
         Overrides ``settings.solver``: a name, or a solver of one's own.
@@ -86,8 +85,6 @@ class Planner:
     ------
     ValueError
         If no solver has that name.
-    ScenarioError
-        If the scenario limits the jerk.
     """
 
     def __init__(
@@ -97,9 +94,6 @@ class Planner:
         online: OnlineSettings | None = None,
         solver: str | QpSolver | None = None,
     ) -> None:
-        if scenario.vehicle.max_jerk is not None:
-            text = "must be null online: the vehicle has to be able to brake at once"
-            raise ScenarioError(scenario.name, [Fault("vehicle.max_jerk", scenario.vehicle.max_jerk, text)])
         self._units = units = NaturalUnits.of(scenario)
         scenario = units.scenario(scenario)
         settings = SETTINGS if settings is None else for_scene(settings, units)
@@ -126,7 +120,7 @@ class Planner:
         self._means = Means(
             self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
         )
-        self._assumptions = Assumptions(self._online.period, self._online.tracking_error, units)
+        self._assumptions = Assumptions(self._means.vetting.period, self._online.tracking_error, units)
         self._decision = Decision(self._means)
         self._state: State | None = None
         self._clock: float | None = None
@@ -340,7 +334,9 @@ class Planner:
         speed : float
             m/s.
         acceleration : float, optional
-            Along the path, m/s2. Not used: accelerations of the plan may jump.
+            Along the path, m/s2, with which the plan begins where the jerk is limited; within the limits of the
+            acceleration. None: that of the last plan at this time; at first that of the scenario's start, or 0. Without
+            such a limit it is not used: accelerations may jump.
         deadline : float, optional
             Wall time in s from now by which the answer is wanted. Without one the work is limited by steps only,
             and the same calls give the same plans.
@@ -348,6 +344,7 @@ class Planner:
         Returns
         -------
         OnlinePlan
+            Where the jerk is limited and there is a reaction time, it begins so much later, where the last plan leads.
 
         Raises
         ------
@@ -355,7 +352,7 @@ class Planner:
             If a number is not finite or time goes backwards.
         """
         began = perf_counter()
-        state = self._checked_state(time, position, heading, speed, acceleration, deadline)
+        state = self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
         end = math.inf if deadline is None else began + deadline - self._online.reserve
         with self._inbox.work:
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
@@ -390,9 +387,41 @@ class Planner:
             raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
         # The sensor of a vehicle that stands may show a speed below nothing.
         units, given = self._units, self.given
-        pace, there = max(float(speed), 0.0) / units.speed, units.place(place)
+        pace, there, instant = max(float(speed), 0.0) / units.speed, units.place(place), units.instant(float(time))
         heading = direction(given.vehicle, there, heading, pace, given.goal.position)
-        return State(units.instant(float(time)), there, heading, pace)
+        return State(instant, there, heading, pace, self._present_acceleration(instant, acceleration))
+
+    def _present_acceleration(self, time: float, given: float | None) -> float | None:
+        """The acceleration that a plan begins with, in units of the scene; None where it may jump."""
+        vehicle, last = self.given.vehicle, self._last
+        if vehicle.max_jerk is None:
+            return None
+        if given is not None:
+            found = float(given) / self._units.acceleration
+        elif last is None:
+            found = self.given.start.acceleration or 0.0
+        elif time < last.arrival_time:
+            found = float(last.trip.at(time)[0].acceleration[0])
+        else:
+            found = 0.0
+        return min(max(found, -vehicle.max_deceleration), vehicle.max_acceleration)
+
+    def _when_followed(self, state: State) -> State:
+        """The state in which a new plan is begun: that of the present, or, without jumps, where the last one leads."""
+        reaction, last = self._online.reaction_time, self._last
+        if state.acceleration is None or last is None or reaction == 0.0:
+            return state
+        points, _ = last.trip.at(np.array([state.time, state.time + reaction]))
+        (x, y), (after_x, after_y) = last.trip.frame.to_world(points.path.position).tolist()
+        turned = np.arctan2(points.path.direction[:, 1], points.path.direction[:, 0])
+        left = last.arrival_time > state.time + reaction
+        return State(
+            state.time + reaction,
+            (state.position[0] + after_x - x, state.position[1] + after_y - y),
+            None if state.heading is None else state.heading + float(turned[1] - turned[0]),
+            max(state.speed + float(points.speed[1] - points.speed[0]), 0.0),
+            state.acceleration + float(points.acceleration[1] - points.acceleration[0]) if left else 0.0,
+        )
 
     def at_goal(self, position: ArrayLike) -> bool:
         """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""

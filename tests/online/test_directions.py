@@ -10,6 +10,7 @@ from scenes import scene
 
 import scp_planner as sp
 from scp_planner.certificate.ends import EndState, start_violations
+from scp_planner.online.courses import Profiles
 from scp_planner.online.directions import can_reverse, can_turn, direction
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, _Driven
@@ -49,8 +50,9 @@ def test_direction_of_a_vehicle_whose_goal_is_behind_it(
 
 def test_dodges_backwards_are_those_forwards_turned_round() -> None:
     limits = Limits(1.5, 1.0, 1.5, 1.5, 2.0)
-    both = Dodges.of(0.3, 0.0, 0.0, limits, 0.3, 0.5, both_ways=True)
-    ahead = Dodges.of(0.3, 0.0, 0.0, limits, 0.3, 0.5)
+    profiles = Profiles.of(0.0, limits, 0.6, 0.5)
+    both = Dodges.of(0.3, profiles, 0.0, limits, 0.3, 0.5, both_ways=True)
+    ahead = Dodges.of(0.3, profiles, 0.0, limits, 0.3, 0.5)
     count = len(ahead.position)
     assert len(both.position) == 2 * count and np.all(both.position[:count] == ahead.position)
     assert both.position[count:] == pytest.approx(-ahead.position, abs=1e-12)

@@ -14,12 +14,14 @@ from scipy.integrate import quad
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.assumptions import _reach
+from scp_planner.online.courses import Profiles
 from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, _Driven, _until, harm, nearness
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
+from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
 from scp_planner.scenario.limits import Box, Limits
@@ -42,6 +44,10 @@ def follow(planner: Planner, time: float) -> OnlinePlan:
 
 
 # dodges
+
+
+def dodges_of(heading: float | None, speed: float, ahead: float, radius: float) -> Dodges:
+    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
 
 
 def test_nearness_is_an_integral_that_fades() -> None:
@@ -71,7 +77,7 @@ def test_harm_is_that_of_the_worst_moment() -> None:
 
 @pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])
 def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float) -> None:
-    dodges = Dodges.of(heading, speed, 0.2, LIMITS, 0.3, 1.0)
+    dodges = dodges_of(heading, speed, 0.2, 0.3)
     frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
     for number in range(len(dodges.position)):
         trip = dodges.trip(number, frame)
@@ -87,6 +93,33 @@ def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: 
         assert np.all(points.speed[over] <= 1e-9)
 
 
+@pytest.mark.parametrize(("heading", "speed", "acceleration"), [(None, 1.2, 0.9), (0.7, 0.0, 0.0), (0.7, 1.2, -1.3)])
+def test_dodges_without_jumps_are_the_trips_that_they_stand_for(
+    heading: float | None, speed: float, acceleration: float
+) -> None:
+    state, jerk = State(0.0, (0.0, 0.0), heading, speed, acceleration), 3.0
+    profiles = RampedProfiles.of(state, LIMITS, jerk, 0.6, 1.0)
+    dodges = Dodges.of(heading, profiles, 0.2, LIMITS, 0.3, 1.0)
+    frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
+    for number in range(0, len(dodges.position), 3):
+        trip = dodges.trip(number, frame)
+        drive = trip.trajectory
+        points, _ = trip.at(5.0 + dodges.times)
+        place = frame.to_frame(trip.frame.to_world(points.path.position))
+        assert np.abs(place - dodges.position[number]).max() < 0.02
+        assert drive.beta[0] == acceleration and drive.beta[-1] == 0.0
+        slopes = np.diff(drive.beta) / (np.diff(drive.space.acceleration.breakpoints) * drive.travel_time)
+        assert np.abs(slopes).max() <= jerk
+        assert drive.beta.max() <= LIMITS.acceleration and drive.beta.min() >= -LIMITS.deceleration
+        fine = drive.speed_at(np.linspace(0.0, 1.0, 400))
+        assert fine.min() >= -1e-9
+        assert fine.max() <= profiles.fastest.max() + 1e-9
+        bend = np.abs(drive.path.bend(points.path).curvature)
+        assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
+        over = dodges.times > dodges.until[number] - dodges.wait
+        assert np.all(points.speed[over] <= 1e-9)
+
+
 def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     """Discs exactly; an ellipse in the direction of its centre, which is never more; outlines where they are near."""
     wall = {"id": "wall", "shape": {"polygon": [[-0.2, -4.0], [0.2, -4.0], [0.2, 4.0], [-0.2, 4.0]]}}
@@ -97,7 +130,7 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     )
     zones, vehicle = tuple(ZonesOf(scenario)), scenario.vehicle
     frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
-    dodges = Dodges.of(0.1, 0.5, 0.0, LIMITS, vehicle.radius, 1.0)
+    dodges = dodges_of(0.1, 0.5, 0.0, vehicle.radius)
     batch = ZoneBatch.of(zones, frame, vehicle.radius)
     room = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
     exact = np.array(
@@ -256,7 +289,7 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         evasion = Evasion(means)
         dodges, seen = evasion._looked(now)
         # The first course leads to the goal; for longest, at top speed
-        straight = len(dodges.families[0].profiles.span) - 2
+        straight = len(dodges.families[0].profiles.stands) - 2
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
         assert bool(seen.worth[straight] < 0.0) is harmful
         assert worth == pytest.approx(seen.worth[straight], abs=0.02)
@@ -319,14 +352,22 @@ def promised(plan: OnlinePlan, times: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("seed", "way"), [*((seed, GiveWay.LATE) for seed in (0, 1, 2, 3, 5)), (0, GiveWay.EARLY), (1, GiveWay.EARLY)]
+    ("seed", "way", "jerk"),
+    [
+        *((seed, GiveWay.LATE, None) for seed in (0, 1, 2, 3, 5)),
+        (0, GiveWay.EARLY, None),
+        (1, GiveWay.EARLY, None),
+        (5, GiveWay.LATE, 2.0),
+    ],
 )
-def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(seed: int, way: GiveWay) -> None:
+def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(
+    seed: int, way: GiveWay, jerk: float | None
+) -> None:
     """Whatever they do within their zones, with no replan ever after, up to when the vehicle stands."""
     scenario = scene(
         start={"speed": 0.5},
         goal={"position": (8.0, 0.0)},
-        vehicle={"max_speed": 1.5},
+        vehicle={"max_speed": 1.5, "max_jerk": jerk},
         confidence={"probability": 0.95, "level": "per_time"},
     )
     planner, hunters = Planner(scenario, online=OnlineSettings(period=PERIOD, give_way=way)), Hunters(seed, 0.15)

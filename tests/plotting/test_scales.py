@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from matplotlib.figure import Figure
+from scenes import scene
 
 import scp_planner as sp
 from scp_planner.plotting.scales import unit_of_rate
 from scp_planner.plotting.style import label_lengths
-from tests.scenes import scene
 
 
 def test_rates_are_in_units_of_their_size() -> None:
