@@ -49,7 +49,7 @@ PATIENCE = 10.0
 """Moments without coming nearer to the goal, after which nearness and spare room count half."""
 OUTLOOK = 5.0
 """Moments for which nearness counts."""
-SPARE = 1.0 / 12.0
+SPARE = 1.0 / 24.0
 """Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a small
 turn takes as much. Of who is slower: in proportion."""
 HARM = 50.0

@@ -235,7 +235,7 @@ def test_giving_way_early_arrives(posts: list[tuple[float, float]], half_width: 
 def test_standing_where_somebody_will_come_is_harmful() -> None:
     """Nobody comes for as long as a stop has to stay clear; but soon after, and goes right over the vehicle.
 
-    Who walks as fast as the vehicle may drive is to be kept a twelfth of its width away from.
+    Who walks as fast as the vehicle may drive is to be kept a twenty-fourth of its width away from.
     """
     worth = {}
     for start in (-2.2, -20.0):
@@ -247,7 +247,7 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
         worth[start] = seen.worth[0]
     times = np.linspace(0.0, 3.0, 3001)
     depth = 0.6 - np.abs(times - 2.2)
-    harmful = 50.0 * np.where(depth > -0.05, depth + 0.15, 0.0) / (1.0 + 0.9 * times / 0.6)
+    harmful = 50.0 * np.where(depth > -0.025, depth + 0.125, 0.0) / (1.0 + 0.9 * times / 0.6)
     assert worth[-20.0] == pytest.approx(0.0, abs=0.01)
     assert harmful.max() * 0.95 < -worth[-2.2] < harmful.max() + 3.0
 
