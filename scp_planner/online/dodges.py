@@ -13,11 +13,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -64,6 +66,76 @@ def _smooth(share: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class DodgeDrive:
+    """What a dodge drives along its course.
+
+    Attributes
+    ----------
+    start_speed : float
+        m/s.
+    degree : int
+        Of the acceleration.
+    breakpoints : tuple of float
+        Of the acceleration, in normalised time.
+    beta : array
+        Control points of the acceleration, m/s^2.
+    lasts : float
+        s.
+    """
+
+    start_speed: float
+    degree: int
+    breakpoints: tuple[float, ...]
+    beta: Array
+    lasts: float
+
+
+class DodgeProfiles(Protocol):
+    """P drives that end in a stop."""
+
+    @property
+    def stands(self) -> Array:
+        """When the vehicle stands, (P,) s from now."""
+        ...
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        ...
+
+    @property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        ...
+
+    def distance(self, times: Array) -> Array:
+        """Distances driven at times (J,), (P, J) m."""
+        ...
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        ...
+
+
+def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
+    """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once.
+
+    Parameters
+    ----------
+    top : float
+        Speed, m/s.
+    width : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    ((P,) array, (P,) array)
+    """
+    levels, cruises = np.meshgrid(np.array(LEVELS) * top, np.array(CRUISES) * width / top)
+    return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
+
+
+@dataclass(frozen=True)
 class Profiles:
     """P drives that end in a stop.
 
@@ -82,13 +154,12 @@ class Profiles:
     stands: Array
 
     @classmethod
-    def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
+    def of(cls, state: State, limits: Limits, width: float, wait: float) -> Profiles:
         """Return the profiles of a vehicle.
 
         Parameters
         ----------
-        start_speed : float
-            m/s.
+        state : State
         limits : Limits
         width : float
             Of the vehicle, m.
@@ -99,10 +170,8 @@ class Profiles:
         -------
         Profiles
         """
-        levels, cruises = np.meshgrid(np.array(LEVELS) * limits.speed, np.array(CRUISES) * width / limits.speed)
-        # The first is a stop at once.
-        level = np.concatenate([[0.0], levels.ravel()])
-        cruise = np.concatenate([[0.0], cruises.ravel()])
+        start_speed = state.speed
+        level, cruise = levels_and_cruises(limits.speed, width)
         rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
         change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
         span = np.maximum(change + cruise + braking + wait, width / limits.speed) / (SPANS - WHOLE)
@@ -113,6 +182,22 @@ class Profiles:
         left = np.clip((end[:, None] - number) / np.maximum(last, 1.0)[:, None], 0.0, 1.0)
         speed = (start_speed + (level - start_speed)[:, None] * risen) * np.where(last[:, None] > 0.0, left, 1.0)
         return cls(speed, span, end * span)
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        highest: Array = self.speed.max(axis=1)
+        return highest
+
+    @property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        return self.driven[:, -1]
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        speeds, span = self.speed[number], float(self.span[number])
+        return DodgeDrive(float(speeds[0]), 0, _BREAKS, np.diff(speeds) / span, SPANS * span)
 
     @cached_property
     def driven(self) -> Array:
@@ -205,7 +290,7 @@ class Dodges:
     ----------
     courses : Courses
         In the planning frame.
-    profiles : Profiles
+    profiles : DodgeProfiles
     length : (K, P) array
         Of the turns, m.
     wait : float
@@ -219,7 +304,7 @@ class Dodges:
     """
 
     courses: Courses
-    profiles: Profiles
+    profiles: DodgeProfiles
     length: Array
     wait: float
     times: Array
@@ -228,7 +313,7 @@ class Dodges:
 
     @classmethod
     def of(
-        cls, heading: float | None, speed: float, ahead: float, limits: Limits, radius: float, wait: float
+        cls, heading: float | None, profiles: DodgeProfiles, ahead: float, limits: Limits, radius: float, wait: float
     ) -> Dodges:
         """Return the dodges of a vehicle.
 
@@ -236,8 +321,7 @@ class Dodges:
         ----------
         heading : float or None
             In the planning frame, rad; None: free.
-        speed : float
-            m/s.
+        profiles : DodgeProfiles
         ahead : float
             Direction of interest, rad.
         limits : Limits
@@ -250,9 +334,8 @@ class Dodges:
         -------
         Dodges
         """
-        profiles = Profiles.of(speed, limits, 2.0 * radius, wait)
         courses = Courses.of(heading, ahead)
-        fastest = profiles.speed.max(axis=1)
+        fastest = profiles.fastest
         tightest = np.maximum(
             radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),
             fastest**2 / (LIMIT_SHARE * limits.lateral_acceleration),
@@ -339,9 +422,9 @@ class Dodges:
 
     def trip(self, number: int, frame: PlanningFrame) -> Trip:
         """Return a dodge as a trip, from the planning frame that they are in."""
-        course, profile = divmod(number, len(self.profiles.span))
+        course, profile = divmod(number, len(self.profiles.stands))
         turn, length = float(self.courses.turn[course]), float(self.length[course, profile])
-        driven = float(self.profiles.driven[profile, -1])
+        drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
         far = max(driven * (1.0 + 1e-6), 1e-2)
         guide: Guide = StraightGuide(far)
         pieces = PATH_PIECES[0]
@@ -350,10 +433,8 @@ class Dodges:
             pieces = next((count for count in PATH_PIECES if count >= wanted), PATH_PIECES[-1])
             stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
             guide = CurvedGuide(far, turn * _smooth(stations / length))
-        speeds = self.profiles.speed[profile]
-        space = TripSpace(guide, float(speeds[0]), _PATH_DEGREE, pieces, 0, _BREAKS)
-        span = float(self.profiles.span[profile])
-        trajectory = Trajectory(Path(space, np.zeros(space.path_size)), np.diff(speeds) / span, SPANS * span)
+        space = TripSpace(guide, drive.start_speed, _PATH_DEGREE, pieces, drive.degree, drive.breakpoints)
+        trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
         return Trip(
             PlanningFrame(frame.origin, frame.heading + float(self.courses.base[course]), frame.time), trajectory
         )

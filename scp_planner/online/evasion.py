@@ -16,10 +16,12 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.online.dodges import SPANS, Dodges
+from scp_planner.online.braking import braking_of
+from scp_planner.online.dodges import SPANS, DodgeProfiles, Dodges, Profiles
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
+from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left
@@ -280,7 +282,13 @@ class Evasion:
         state = moment.state
         heading = None if state.heading is None else state.heading - moment.frame.heading
         limits = Limits.of(moment.scenario, self._means.settings.limit_margin)
-        return Dodges.of(heading, state.speed, 0.0, limits, moment.scenario.vehicle.radius, self._means.wait)
+        radius, jerk, wait = moment.scenario.vehicle.radius, moment.scenario.vehicle.max_jerk, self._means.wait
+        profiles: DodgeProfiles = (
+            Profiles.of(state, limits, 2.0 * radius, wait)
+            if jerk is None
+            else RampedProfiles.of(state, limits, jerk, 2.0 * radius, wait)
+        )
+        return Dodges.of(heading, profiles, 0.0, limits, radius, wait)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
         near, whose = dodges.distances(moment.batch, self._box(moment), moment.scenario.vehicle)
@@ -350,7 +358,7 @@ class Evasion:
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""
-        return self._means.online.period + moment.state.speed / moment.scenario.vehicle.max_deceleration
+        return self._means.online.period + braking_of(moment.scenario.vehicle).time(moment.state.speed)
 
     def _made(self, moment: Moment, dodges: Dodges, seen: _Outlook, number: int) -> Dodge:
         trip = dodges.trip(number, moment.frame)

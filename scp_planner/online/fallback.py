@@ -11,11 +11,13 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
-from scp_planner.online.stops import STANDING, fits, stop_now, straight_stop
-from scp_planner.online.vetting import Stop, Vetted, refused
+from scp_planner.online.remaining import eased
+from scp_planner.online.stops import STANDING, fits
+from scp_planner.online.vetting import TINY, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
@@ -102,9 +104,7 @@ class Fallback:
         for share in EASINGS:
             if perf_counter() > now.deadline:
                 return None
-            beta = ahead.beta.copy()
-            beta[0] = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
-            trial = Trajectory.of(problem.space, ahead.theta, beta)
+            trial = Trajectory.of(problem.space, ahead.theta, eased(problem, ahead, share))
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
             vetted = self._means.vet(now, problem, trial)
@@ -169,13 +169,16 @@ class Fallback:
 
     def _stops(self, now: Replan, problem: Problem, ahead: Trajectory | None) -> Iterator[Trip]:
         moment = now.moment
-        if now.last is not None and now.last.stop is not None and self._means.vetting.is_on(moment, now.last.stop):
-            yield now.last.stop
+        last = now.last
+        if last is not None and last.stop is not None and self._means.vetting.is_on(moment, last.stop):
+            # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
+            if moment.state.acceleration is None or moment.state.time <= last.branch_time + TINY:
+                yield last.stop
         if ahead is not None:
-            along = stop_now(ahead.path, problem.space.start_speed, problem.limits.deceleration)
+            along = self._means.braking.stop_now(ahead.path, moment.state)
             if fits(along):
                 yield Trip(problem.frame, along)
-        yield straight_stop(moment.state, problem.limits, self._means.settings, self._means.breakpoints)
+        yield straight_stop(moment.state, self._means.braking, self._means.settings, self._means.breakpoints)
 
 
 def _what(dodge: Dodge) -> str:

@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 
 from scp_planner.certificate.verdict import Ends
+from scp_planner.online.braking import braking_of, straight_stop
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from
-from scp_planner.online.stops import straight_stop
 from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
-from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
@@ -39,6 +38,10 @@ SPARE_WIDTHS = 0.15
 """Widths of the vehicle, by which trips keep farther away than they must where it gives way early."""
 CLEAR_WIDTHS = 4.0
 """Widths of the vehicle: a stop stays clear for the time in which it drives these at top speed, unless that is set."""
+
+SOON = (0.125, 0.25, 0.5)
+"""Of the first span: where the slope of an acceleration that does not jump may change besides, since a trip goes on
+with what the last one has come to, such as brakes that are to be let go of at once."""
 
 
 @dataclass
@@ -100,6 +103,8 @@ class Means:
         Of the acceleration of all trips, in normalised time.
     wait : float
         For how long a stop must stay clear after the vehicle stands, s.
+    braking : Braking
+        How the vehicle brakes, with the margin of its limits.
     """
 
     def __init__(
@@ -117,8 +122,9 @@ class Means:
         if online.stay_clear is not None:
             self.wait = online.stay_clear
         self.vetting = Vetting(online.period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
-        self.breakpoints = tuple(float(b) for b in np.linspace(0.0, 1.0, settings.acceleration_spans + 1))
-        stopping = given.vehicle.max_speed / given.vehicle.max_deceleration
+        self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
+        self.braking = braking_of(given.vehicle, settings.limit_margin)
+        stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
         self.spare = settings.clearance_margin
         if online.give_way is GiveWay.EARLY:
             self.spare += SPARE_WIDTHS * 2.0 * given.vehicle.radius
@@ -136,7 +142,11 @@ class Means:
     def scenario_at(self, state: State) -> Scenario:
         """Return what is left of the scenario, without obstacles."""
         start = Start.model_construct(
-            time=state.time, position=state.position, heading=state.heading, speed=state.speed, acceleration=None
+            time=state.time,
+            position=state.position,
+            heading=state.heading,
+            speed=state.speed,
+            acceleration=state.acceleration,
         )
         changes: dict[str, Any] = {"start": start, "obstacles": ()}
         if self.given.guide is not None:
@@ -180,11 +190,16 @@ class Means:
     def standing(self, now: Replan, why: str) -> OnlinePlan:
         """Return the plan to stand where the vehicle is."""
         moment = now.moment
-        limits = Limits.of(moment.scenario)
-        trip = straight_stop(replace(moment.state, speed=0.0), limits, self.settings, self.breakpoints)
-        certificate = moment.certify(trip, since=moment.state.time, until=moment.state.time, ends=Ends.START)
-        stop = Stop(trip, trip.frame.time) if certificate.holds else None
-        return self.plan_of(Vetted(trip, certificate, stop), now, Outcome.BRAKING, f"{why}; the vehicle stands")
+        state = replace(moment.state, speed=0.0) if moment.state.acceleration is None else moment.state
+        trip = straight_stop(state, self.braking, self.settings, self.breakpoints)
+        stop = Stop(trip, trip.frame.time)
+        certificate = moment.certify(trip, since=moment.state.time, until=stop.stands, ends=Ends.START)
+        return self.plan_of(
+            Vetted(trip, certificate, stop if certificate.holds else None),
+            now,
+            Outcome.BRAKING,
+            f"{why}; the vehicle stands",
+        )
 
     def plan_of(self, vetted: Vetted, now: Replan, outcome: Outcome, why: str) -> OnlinePlan:
         """Return a plan of what may be driven."""
@@ -208,3 +223,11 @@ class Means:
             stop=None if vetted.stop is None else vetted.stop.trip,
             branch_time=math.inf if vetted.stop is None else vetted.stop.branch,
         )
+
+
+def _breakpoints(spans: int, ramped: bool) -> tuple[float, ...]:
+    """Breakpoints of the acceleration of all trips, in normalised time."""
+    breaks = np.linspace(0.0, 1.0, spans + 1)
+    if ramped:
+        breaks = np.insert(breaks, 1, np.array(SOON) * breaks[1])
+    return tuple(float(b) for b in breaks)

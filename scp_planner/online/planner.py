@@ -31,7 +31,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.errors import Fault, ScenarioError
 from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
@@ -68,7 +67,7 @@ class Planner:
         Vehicle, goal, bounds, confidence, and what is known of obstacles so far. A latest arrival is not looked at:
         the plans are as fast as they may be, and their arrival time tells.
     settings : Settings, optional
-        Of the loop. Accelerations are piecewise constant here.
+        Of the loop. Accelerations are piecewise constant here, or straight in pieces where the jerk is limited.
     online : OnlineSettings, optional
     solver : str or QpSolver, optional
         Overrides ``settings.solver``: a name, or a solver of one's own.
@@ -86,8 +85,6 @@ class Planner:
     ------
     ValueError
         If no solver has that name.
-    ScenarioError
-        If the scenario limits the jerk.
     """
 
     def __init__(
@@ -97,9 +94,6 @@ class Planner:
         online: OnlineSettings | None = None,
         solver: str | QpSolver | None = None,
     ) -> None:
-        if scenario.vehicle.max_jerk is not None:
-            text = "must be null online: the vehicle has to be able to brake at once"
-            raise ScenarioError(scenario.name, [Fault("vehicle.max_jerk", scenario.vehicle.max_jerk, text)])
         self._units = units = NaturalUnits.of(scenario)
         scenario = units.scenario(scenario)
         settings = SETTINGS if settings is None else for_scene(settings, units)
@@ -340,7 +334,9 @@ class Planner:
         speed : float
             m/s.
         acceleration : float, optional
-            Along the path, m/s2. Not used: accelerations of the plan may jump.
+            Along the path, m/s2, with which the plan begins where the jerk is limited; within the limits of the
+            acceleration. None: that of the last plan at this time; at first that of the scenario's start, or 0. Without
+            such a limit it is not used: accelerations may jump.
         deadline : float, optional
             Wall time in s from now by which the answer is wanted. Without one the work is limited by steps only,
             and the same calls give the same plans.
@@ -395,7 +391,23 @@ class Planner:
             units.place(place),
             None if heading is None or self._is_free_to_turn(float(speed)) else float(heading),
             max(float(speed), 0.0) / units.speed,
+            self._present_acceleration(units.instant(float(time)), acceleration),
         )
+
+    def _present_acceleration(self, time: float, given: float | None) -> float | None:
+        """The acceleration that a plan begins with, in units of the scene; None where it may jump."""
+        vehicle, last = self.given.vehicle, self._last
+        if vehicle.max_jerk is None:
+            return None
+        if given is not None:
+            found = float(given) / self._units.acceleration
+        elif last is None:
+            found = self.given.start.acceleration or 0.0
+        elif time < last.arrival_time:
+            found = float(last.trip.at(time)[0].acceleration[0])
+        else:
+            found = 0.0
+        return min(max(found, -vehicle.max_deceleration), vehicle.max_acceleration)
 
     def _is_free_to_turn(self, speed: float) -> bool:
         """Whether the vehicle can set out in any direction at a speed, m/s."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.online.ramps import Ramps
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.guide import Guide
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -46,6 +47,8 @@ WAY_BACK_TIMES = 8.0
 """...or this many times its distance from it, if that is more."""
 CATCHING_UP = 0.3
 """Share of the limits of acceleration that is used to get back to the planned speed."""
+TINY = 1e-9
+"""Of the time of a trip: rounding."""
 GUIDE_STEP = 0.25
 """Units of length, between the points of a curved guide that nearest ones are looked for among."""
 
@@ -64,12 +67,15 @@ class State:
         rad; None: free, as for a vehicle that stands and can turn on the spot.
     speed : float
         m/s.
+    acceleration : float or None
+        Along the path, m/s^2; None: it may jump.
     """
 
     time: float
     position: tuple[float, float]
     heading: float | None
     speed: float
+    acceleration: float | None = None
 
 
 def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:
@@ -90,6 +96,8 @@ def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:
     trajectory = old.trajectory
     first = min(max((state.time - old.frame.time) / trajectory.travel_time, 0.0), 1.0)
     theta = _path(problem, old, first)
+    if state.acceleration is not None:
+        return _ramped(problem, theta, trajectory, first, state)
     beta = _drive(problem, trajectory, first, state.speed)
     return arriving(problem.space, theta, beta, problem.limits.acceleration)
 
@@ -155,3 +163,77 @@ def _drive(problem: Problem, old: Trajectory, first: float, speed: float) -> Arr
         return mean
     sites = np.linspace(0.0, 1.0, space.acceleration_size)
     return np.interp(sites, 0.5 * (breaks[1:] + breaks[:-1]), mean)
+
+
+def _ramped(problem: Problem, theta: Array, old: Trajectory, first: float, state: State) -> Trajectory:
+    """The planned accelerations, from the present one on; as fast as may be where with these it does not arrive."""
+    space, limits = problem.space, problem.limits
+    breaks = space.acceleration.breakpoints
+    left = max((1.0 - first) * old.travel_time, 1e-3)
+    planned = old.drive_at(first + (1.0 - first) * breaks)
+    ahead = state.speed - float(planned.speed[0])
+    rate = CATCHING_UP * (limits.deceleration if ahead > 0.0 else limits.acceleration)
+    wanted = planned.acceleration - np.sign(ahead) * rate * (breaks * left < abs(ahead) / rate)
+    wanted = np.clip(wanted, -limits.deceleration, limits.acceleration)
+    trip = Trajectory.of(space, theta, _from(state.acceleration, wanted, _most_change(problem, left)))
+    if np.isfinite(trip.travel_time):
+        return trip
+    fastest = _fastest(problem, float(trip.path.arc_length), state)
+    return arriving(space, theta, fastest, limits.acceleration)
+
+
+def _fastest(problem: Problem, length: float, state: State) -> Array:
+    """Accelerations at breakpoints of a drive that speeds up along ramps from the present acceleration on."""
+    limits = problem.limits
+    speed, acceleration = np.array([state.speed]), np.array([state.acceleration])
+    top = np.array([max(limits.speed, state.speed)])
+    ramps = Ramps.between(speed, acceleration, top, limits.acceleration, limits.deceleration, _jerk(problem))
+    time = float(ramps.duration[0] + max(length - ramps.way[0], 0.0) / top[0])
+    return np.interp(problem.space.acceleration.breakpoints * time, ramps.knots[0], ramps.acceleration[0])
+
+
+def _most_change(problem: Problem, duration: float) -> Array:
+    """By how much the jerk lets accelerations change from breakpoint to breakpoint of a trip, s, m/s^2."""
+    change: Array = _jerk(problem) * duration * np.diff(problem.space.acceleration.breakpoints)
+    return change
+
+
+def _jerk(problem: Problem) -> float:
+    jerk = problem.scenario.vehicle.max_jerk
+    assert jerk is not None, "the acceleration may not jump"
+    return jerk
+
+
+def _from(first: float | None, wanted: Array, change: Array) -> Array:
+    """Accelerations at breakpoints that begin with a given one, and follow wanted ones as soon as they may."""
+    values = wanted.copy()
+    values[0] = first
+    for number, most in enumerate(change.tolist()):
+        before = values[number]
+        values[number + 1] = min(max(values[number + 1], before - most), before + most)
+    return values
+
+
+def eased(problem: Problem, ahead: Trajectory, share: float) -> Array:
+    """Accelerations of a trip that eases off at first, and then goes on.
+
+    Parameters
+    ----------
+    problem : Problem
+    ahead : Trajectory
+    share : float
+        Of the planned acceleration that is left at first; the rest is braking.
+
+    Returns
+    -------
+    (K2,) array
+        m/s^2.
+    """
+    beta = ahead.beta.copy()
+    least = share * max(beta[0], 0.0) - (1.0 - share) * problem.limits.deceleration
+    if problem.ends.start_acceleration is None:
+        beta[0] = least
+        return beta
+    breaks = problem.space.acceleration.breakpoints
+    beta[breaks <= breaks[-1] - breaks[-2] + TINY] = least
+    return _from(problem.ends.start_acceleration, beta, _most_change(problem, ahead.travel_time))

@@ -10,19 +10,20 @@ that. Of those that stand, zones do not grow any more: a vehicle that stands see
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.foresight import foreseen
-from scp_planner.online.remaining import State
-from scp_planner.scenario.limits import Limits
-from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
-from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trajectory import Trajectory, TripPoints
 from scp_planner.trips.trip import Trip
 
 STANDING = 1e-3
@@ -63,10 +64,37 @@ def stop_after(trajectory: Trajectory, spans: int, deceleration: float) -> Traje
     return Trajectory(trajectory.path, beta, trajectory.travel_time)
 
 
+@dataclass(frozen=True)
+class Stopping:
+    """What m stops drive after they have left a trip.
+
+    Attributes
+    ----------
+    lasts : (m,) array
+        s.
+    after : (m, SAMPLES) array
+        Times from when they leave it until they stand, s.
+    driven : (m, SAMPLES) array
+        How far they have gone by then, m.
+    """
+
+    lasts: Array
+    after: Array
+    driven: Array
+
+
+def evenly(points: TripPoints, deceleration: float) -> Stopping:
+    """Return stops that decelerate evenly, m/s2, from points of a trip."""
+    speed = np.maximum(points.speed, 0.0)
+    braking = speed / deceleration
+    after = braking[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+    return Stopping(braking, after, after * (speed[:, None] - 0.5 * deceleration * after))
+
+
 def room_to_stop(
     trajectory: Trajectory, leads: Array, deceleration: float, zones: ZoneBatch, since: float = 0.0, wait: float = 0.0
 ) -> Array:
-    """Least clearance, sampled, of the stops that leave a trip after different times.
+    """Least clearance, sampled, of the stops that leave a trip after different times and decelerate evenly.
 
     Parameters
     ----------
@@ -86,22 +114,49 @@ def room_to_stop(
     (m,) array
         m; -inf for a stop that needs more than what is left of the path, inf without zones.
     """
+    return room_of_stops(trajectory, leads, partial(evenly, deceleration=deceleration), zones, since, wait)
+
+
+def room_of_stops(
+    trajectory: Trajectory,
+    leads: Array,
+    stopping: Callable[[TripPoints], Stopping],
+    zones: ZoneBatch,
+    since: float,
+    wait: float,
+) -> Array:
+    """Least clearance, sampled, of the stops that leave a trip after different times; see :func:`room_to_stop`.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    leads : (m,) array
+        s, increasing.
+    stopping : callable
+        Gives the stops from points of the trip.
+    zones : ZoneBatch
+    since, wait : float
+        s.
+
+    Returns
+    -------
+    (m,) array
+        m.
+    """
     tau, path = trajectory.travel_time, trajectory.path
     before = np.linspace(since, float(leads[-1]), SAMPLES)
     kept = trajectory.at(trajectory.space.time_table(np.concatenate([before, leads]) / tau))
-    speed, distance = np.maximum(kept.speed[SAMPLES:], 0.0), kept.distance[SAMPLES:]
-    braking = speed / deceleration
-    after = braking[:, None] * np.linspace(0.0, 1.0, SAMPLES)
-    driven = distance[:, None] + after * (speed[:, None] - 0.5 * deceleration * after)
+    stops = stopping(kept.take(slice(SAMPLES, None)))
+    driven = kept.distance[SAMPLES:, None] + stops.driven
     fit = driven[:, -1] <= path.arc_length
     if zones.size == 0:
         return np.where(fit, np.inf, -np.inf)
     points = path.points(path.parameter_at(driven.ravel()))
-    stopping = zones.distances((leads[:, None] + after).ravel(), points.position, NEAR).min(axis=1)
-    least = stopping.reshape(len(leads), SAMPLES).min(axis=1)
+    near = zones.distances((leads[:, None] + stops.after).ravel(), points.position, NEAR).min(axis=1)
+    least = near.reshape(len(leads), SAMPLES).min(axis=1)
     if wait > 0.0:
         # They do not grow beyond when the last of these stops stands.
-        stands = leads + braking
+        stands = leads + stops.lasts
         still = foreseen(zones, float(stands.max()), {})
         times = stands[:, None] + wait * np.linspace(0.0, 1.0, WAIT_LOOKS)
         places = np.repeat(points.position[SAMPLES - 1 :: SAMPLES], WAIT_LOOKS, axis=0)
@@ -114,12 +169,13 @@ def room_to_stop(
 
 def standing_from(stop: Trajectory) -> float:
     """Time after its start from which on the vehicle stands, s."""
-    speeds = stop.speed_control_points()
+    breaks = stop.space.acceleration.breakpoints
+    speeds = stop.speed_control_points() if stop.space.tables.constant else stop.speed_at(breaks)
     moving = np.flatnonzero(speeds > STANDING)
     if not len(moving):
         return 0.0
     last = min(int(moving[-1]) + 1, len(speeds) - 1)
-    return float(stop.space.acceleration.breakpoints[last] * stop.travel_time)
+    return float(breaks[last] * stop.travel_time)
 
 
 def stop_now(path: Path, speed: float, deceleration: float) -> Trajectory:
@@ -168,15 +224,6 @@ def surely_clear(zones: ZoneBatch, position: Array, since: float, wait: float, a
         return False
     moved = half * zones.velocities.size_bounds(middle, since, since + wait)
     return bool(np.all(np.hypot(offset[..., 0], offset[..., 1]) >= reach + moved))
-
-
-def straight_stop(state: State, limits: Limits, settings: Settings, breakpoints: tuple[float, ...]) -> Trip:
-    """Return the stop straight ahead: what is left where no path can be planned."""
-    heading = state.heading or 0.0
-    length = max(1.5 * state.speed**2 / (2.0 * limits.deceleration), 1.0)
-    space = TripSpace(StraightGuide(length), state.speed, settings.path_degree, 4, 0, breakpoints)
-    path = Path(space, np.zeros(space.path_size))
-    return Trip(PlanningFrame(state.position, heading, state.time), stop_now(path, state.speed, limits.deceleration))
 
 
 def fits(stop: Trajectory) -> bool:

@@ -21,9 +21,10 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Clearance, Ends
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.online.braking import Braking, braking_of
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import fits, room_to_stop, standing_from, standing_trip, stop_after, surely_clear
+from scp_planner.online.stops import fits, standing_from, standing_trip, surely_clear
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -311,12 +312,12 @@ class Vetting:
     def _stop(self, now: Moment, trip: Trip, branch: float) -> tuple[Stop, Certificate] | Refusal:
         """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
         driven = now.state.time - trip.frame.time
-        deceleration = now.scenario.vehicle.max_deceleration
+        braking = braking_of(now.scenario.vehicle)
         since = now.state.time if driven > 0.0 else None
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         reasons: list[str] = []
-        for spans in self._spans(now, trip, deceleration, branch, reasons):
-            stop = stop_after(trip.trajectory, spans, deceleration)
+        for spans in self._spans(now, trip, braking, branch, reasons):
+            stop = braking.stop_after(trip.trajectory, spans)
             if stop is None or not fits(stop):
                 continue
             made = Stop(Trip(trip.frame, stop), trip.frame.time + float(breaks[spans]))
@@ -326,7 +327,7 @@ class Vetting:
             reasons.append(_violations(certificate.outside(self.units)))
         return Refusal(reasons[-1])
 
-    def _spans(self, now: Moment, trip: Trip, deceleration: float, branch: float, reasons: list[str]) -> Iterator[int]:
+    def _spans(self, now: Moment, trip: Trip, braking: Braking, branch: float, reasons: list[str]) -> Iterator[int]:
         """After how many spans of acceleration a stop may leave a trip, the most promising first, and why not others.
 
         Most of the work is left out where the first will do.
@@ -343,7 +344,7 @@ class Vetting:
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
             yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
         batch = now.batch_in(trip.frame)
-        room = room_to_stop(trip.trajectory, breaks[spans], deceleration, batch, driven, self.wait)
+        room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
         # The latest of those with plenty of room: it will do for the most replans.
         order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
         if np.all(np.isneginf(room)):

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.decision import Waiting
-from scp_planner.online.dodges import Dodges
+from scp_planner.online.dodges import Dodges, Profiles
 from scp_planner.online.evasion import Evasion, harm, nearness
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
@@ -41,6 +41,11 @@ def follow(planner: Planner, time: float) -> OnlinePlan:
 # dodges
 
 
+def dodges_of(heading: float | None, speed: float, ahead: float, radius: float) -> Dodges:
+    state = State(0.0, (0.0, 0.0), heading, speed)
+    return Dodges.of(heading, Profiles.of(state, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
+
+
 def test_nearness_is_an_integral_that_fades() -> None:
     """At a constant clearance of a width, against a quadrature of another kind; and what comes later counts less."""
     time = np.linspace(0.0, 12.0, 4001)
@@ -60,7 +65,7 @@ def test_harm_is_that_of_the_worst_moment() -> None:
 
 @pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])
 def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float) -> None:
-    dodges = Dodges.of(heading, speed, 0.2, LIMITS, 0.3, 1.0)
+    dodges = dodges_of(heading, speed, 0.2, 0.3)
     frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
     for number in range(len(dodges.position)):
         trip = dodges.trip(number, frame)
@@ -86,7 +91,7 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     )
     zones, vehicle = tuple(ZonesOf(scenario)), scenario.vehicle
     frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
-    dodges = Dodges.of(0.1, 0.5, 0.0, LIMITS, vehicle.radius, 1.0)
+    dodges = dodges_of(0.1, 0.5, 0.0, vehicle.radius)
     batch = ZoneBatch.of(zones, frame, vehicle.radius)
     least, whose = dodges.distances(batch, Box.of(scenario, frame, 0.0), vehicle)
     exact = np.array(

@@ -8,8 +8,9 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.braking import EvenBraking, straight_stop
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after, stop_now, straight_stop
+from scp_planner.online.stops import fits, room_to_stop, standing_from, stop_after, stop_now
 from scp_planner.scenario.limits import Limits
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -90,7 +91,7 @@ def test_a_straight_stop_goes_where_the_vehicle_heads() -> None:
     scenario = scene()
     limits = Limits.of(scenario, 0.0)
     state = State(7.0, (2.0, -1.0), 0.6, 2.4)
-    stop = straight_stop(state, limits, Settings(), BREAKS)
+    stop = straight_stop(state, EvenBraking(limits.deceleration), Settings(), BREAKS)
     end = stop.frame.to_world(stop.at(np.array([7.0 + 2.4 / limits.deceleration]))[0].path.position)[0]
     way = 2.4**2 / (2.0 * 2.0)
     assert end == pytest.approx([2.0 + way * np.cos(0.6), -1.0 + way * np.sin(0.6)], abs=1e-9)

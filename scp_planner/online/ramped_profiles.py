@@ -1,0 +1,105 @@
+"""Profiles of dodges where the jerk is limited: to a level along ramps, on at that, and along ramps to a stop.
+
+They begin with the present acceleration, and have breakpoints of their own, where their ramps begin and end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.online.braking import distinct_knots
+from scp_planner.online.dodges import LIMIT_SHARE, DodgeDrive, levels_and_cruises
+from scp_planner.online.ramps import JERK_SHARE, Ramps
+from scp_planner.online.remaining import State
+from scp_planner.scenario.limits import Limits
+
+
+@dataclass(frozen=True)
+class RampedProfiles:
+    """P drives that end in a stop.
+
+    Attributes
+    ----------
+    change, braking : Ramps
+        To the levels, and from them to a stop.
+    level : (P,) array
+        m/s.
+    cruise : (P,) array
+        For how long it is kept, s.
+    lasts : (P,) array
+        Until it has stood for as long as it has to, s.
+    """
+
+    change: Ramps
+    braking: Ramps
+    level: Array
+    cruise: Array
+    lasts: Array
+
+    @classmethod
+    def of(cls, state: State, limits: Limits, jerk: float, width: float, wait: float) -> RampedProfiles:
+        """Return the profiles of a vehicle.
+
+        Parameters
+        ----------
+        state : State
+        limits : Limits
+        jerk : float
+            m/s^3.
+        width : float
+            Of the vehicle, m.
+        wait : float
+            For how long it is to stand at the end, s.
+
+        Returns
+        -------
+        RampedProfiles
+        """
+        level, cruise = levels_and_cruises(limits.speed, width)
+        speed, acceleration = np.full(len(level), state.speed), np.full(len(level), state.acceleration or 0.0)
+        rise, fall, jerk = limits.acceleration * LIMIT_SHARE, limits.deceleration * LIMIT_SHARE, JERK_SHARE * jerk
+        stops = Ramps.stopping(speed, acceleration, fall, jerk)
+        moving = Ramps.between(speed, acceleration, level, rise, fall, jerk)
+        change = stops.where(level == 0.0, moving)
+        braking = Ramps.stopping(level, np.zeros(len(level)), fall, jerk)
+        stands = change.duration + cruise + braking.duration
+        return cls(change, braking, level, cruise, np.maximum(stands + wait, width / limits.speed))
+
+    @property
+    def stands(self) -> Array:
+        """When the vehicle stands, (P,) s from now."""
+        found: Array = self.change.duration + self.cruise + self.braking.duration
+        return found
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        found: Array = np.maximum(self.change.fastest, self.level)
+        return found
+
+    @cached_property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        return self.change.way + self.level * self.cruise + self.braking.way
+
+    def distance(self, times: Array) -> Array:
+        """Distances driven at times (J,), (P, J) m."""
+        begun = (self.change.duration + self.cruise)[:, None]
+        changing = self.change.distance(np.minimum(times, begun))
+        braking: Array = self.braking.distance(
+            np.minimum(np.maximum(times - begun, 0.0), self.braking.duration[:, None])
+        )
+        return changing + braking
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        change, braking, whole = self.change, self.braking, float(self.lasts[number])
+        begun = change.duration[number] + self.cruise[number]
+        times = np.concatenate([change.knots[number], begun + braking.knots[number], [whole]])
+        accelerations = np.concatenate([change.acceleration[number], braking.acceleration[number], [0.0]])
+        breaks, beta = distinct_knots(times / whole, accelerations)
+        return DodgeDrive(float(change.start_speed[number]), 1, tuple(breaks.tolist()), beta, whole)

@@ -1,0 +1,156 @@
+"""Changes of speed in which the acceleration does not jump: it rises or falls along ramps, with a largest slope.
+
+From speed v and acceleration a to speed w and no acceleration, as soon as limits allow: a ramp with the jerk j to a
+peak A, which is held if it is at its limit, and a ramp to nothing. Let u = v + a |a| / 2 j be the speed that is left
+where a is taken away at once. If w >= u, the peak is positive, and what the ramps gain is
+
+    (A^2 - a^2) / 2 j + A^2 / 2 j = w - v,    so    A = sqrt(j (w - v) + a^2 / 2);
+
+where that is above the limit, the limit is held for what is missing. If w < u it is the same with all signs changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array, Mask
+
+JERK_SHARE = 0.9999
+"""Of the largest jerk, that ramps use: what rounding makes of the shortest ramps stays within it."""
+SLOWEST = 1e-10
+"""Units of speed. Slower, with the little acceleration that a stop has then, a vehicle is taken to stand: what is left
+of its stop is rounding."""
+_PHASES = 3
+
+
+@dataclass(frozen=True)
+class Ramps:
+    """n changes of speed of three phases: a ramp, a hold, a ramp.
+
+    Attributes
+    ----------
+    start_speed : (n,) array
+        m/s.
+    knots : (n, 4) array
+        When phases begin and end, s; some last for no time.
+    acceleration : (n, 4) array
+        Then, m/s^2; straight in between.
+    """
+
+    start_speed: Array
+    knots: Array
+    acceleration: Array
+
+    @classmethod
+    def between(
+        cls, speed: Array, acceleration: Array, wanted: Array, rise: float, fall: float, jerk: float | Array
+    ) -> Ramps:
+        """Return the fastest changes of speed.
+
+        Parameters
+        ----------
+        speed, acceleration : (n,) arrays
+            To begin with, m/s and m/s^2; an acceleration beyond its limit is the limit.
+        wanted : (n,) array
+            m/s, to be kept on.
+        rise, fall : float
+            Largest acceleration and deceleration, both positive, m/s^2.
+        jerk : float or (n,) array
+            m/s^3.
+
+        Returns
+        -------
+        Ramps
+        """
+        left = speed + acceleration * np.abs(acceleration) / (2.0 * jerk)
+        sign = np.where(wanted >= left, 1.0, -1.0)
+        begun = sign * acceleration
+        most = np.maximum(np.where(sign > 0.0, rise, fall), begun)
+        gain = sign * (wanted - speed)
+        # At least what it begins with, but for rounding.
+        free = np.maximum(np.sqrt(np.maximum(jerk * gain + 0.5 * acceleration**2, 0.0)), np.maximum(begun, 0.0))
+        peak = np.minimum(free, most)
+        up, down = (peak - begun) / jerk, peak / jerk
+        missing = np.where(free > most, gain - (peak**2 - 0.5 * acceleration**2) / jerk, 0.0)
+        hold = np.maximum(missing, 0.0) / np.where(peak > 0.0, peak, 1.0)
+        knots = np.stack([np.zeros_like(up), up, up + hold, up + hold + down], axis=1)
+        height = sign * peak
+        values = np.stack([acceleration, height, height, np.zeros_like(height)], axis=1)
+        return cls(np.asarray(speed, dtype=float), knots, values)
+
+    @classmethod
+    def stopping(cls, speed: Array, acceleration: Array, deceleration: float, jerk: float) -> Ramps:
+        """Return the fastest stops.
+
+        A vehicle that brakes too hard for its speed would go backwards before it has let go of the brake: it lets go
+        with more jerk, and no limit is kept.
+
+        Parameters
+        ----------
+        speed, acceleration : (n,) arrays
+            m/s, not negative, and m/s^2.
+        deceleration : float
+            m/s^2.
+        jerk : float
+            m/s^3.
+
+        Returns
+        -------
+        Ramps
+        """
+        still = (speed <= SLOWEST) & (acceleration <= 0.0)
+        speed, acceleration = np.where(still, 0.0, speed), np.where(still, 0.0, acceleration)
+        braking = np.minimum(acceleration, 0.0)
+        needed = np.maximum(jerk, braking**2 / np.maximum(2.0 * speed, SLOWEST))
+        return cls.between(speed, acceleration, np.zeros_like(speed), np.inf, deceleration, needed)
+
+    def where(self, mine: Mask, other: Ramps) -> Ramps:
+        """Return some of these, (n,), and else those of another, which begin alike."""
+        return Ramps(
+            self.start_speed,
+            np.where(mine[:, None], self.knots, other.knots),
+            np.where(mine[:, None], self.acceleration, other.acceleration),
+        )
+
+    @property
+    def duration(self) -> Array:
+        """(n,) s."""
+        last: Array = self.knots[:, -1]
+        return last
+
+    @cached_property
+    def _speeds(self) -> Array:
+        """At the knots, (n, 4) m/s."""
+        gained = 0.5 * np.diff(self.knots, axis=1) * (self.acceleration[:, 1:] + self.acceleration[:, :-1])
+        return self.start_speed[:, None] + np.concatenate([np.zeros((len(gained), 1)), gained.cumsum(axis=1)], axis=1)
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (n,) m/s: where the acceleration goes through nothing in the first ramp, or at a knot."""
+        first, second = self.acceleration[:, 0], self.acceleration[:, 1]
+        falls = (first > 0.0) & (second < 0.0)
+        until = self.knots[:, 1] * np.where(falls, first / np.where(falls, first - second, 1.0), 0.0)
+        highest: Array = np.maximum(self._speeds.max(axis=1), self.start_speed + 0.5 * first * until)
+        return highest
+
+    @property
+    def way(self) -> Array:
+        """Distances driven until the end, (n,) m."""
+        whole: Array = self.distance(self.duration[:, None])[:, 0]
+        return whole
+
+    def distance(self, times: Array) -> Array:
+        """Distances driven, (n, k) m, at times (n, k), s; at the end's speed after the end."""
+        driven = np.zeros(np.broadcast_shapes(times.shape, (len(self.knots), 1)))
+        speeds = self._speeds
+        length = np.diff(self.knots, axis=1)
+        slope = np.diff(self.acceleration, axis=1) / np.where(length > 0.0, length, np.inf)
+        for phase in range(_PHASES):
+            x = np.minimum(np.maximum(times - self.knots[:, phase, None], 0.0), length[:, phase, None])
+            start, rate = self.acceleration[:, phase, None], slope[:, phase, None]
+            driven += x * (speeds[:, phase, None] + x * (0.5 * start + x * rate / 6.0))
+        driven += np.maximum(times - self.knots[:, -1:], 0.0) * np.maximum(speeds[:, -1:], 0.0)
+        return driven
