@@ -92,12 +92,30 @@ class Fallback:
         if before is not None:
             text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
             return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
+        promised = self._as_promised(now)
+        if promised is not None:
+            text = f"{why}; the last plan's stop is gone on with"
+            return self._means.plan_of(promised, now, Outcome.BRAKING, text)
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower
             text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
             return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
         return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
+
+    def _as_promised(self, now: Replan) -> Vetted | None:
+        """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""
+        moment, last = now.moment, now.last
+        if moment.state.acceleration is None or last is None or last.stop is None:
+            return None
+        stop = Stop(last.stop, last.branch_time)
+        begun = moment.state.time > stop.branch + TINY
+        if begun or stop.stands <= moment.state.time or not self._means.vetting.is_on(moment, stop.trip):
+            return None
+        certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
+        # From now on it is this stop that is driven, up to its end.
+        whole = Stop(stop.trip, stop.trip.frame.time + stop.trip.trajectory.travel_time)
+        return Vetted(stop.trip, certificate, whole, 0.0) if certificate.holds else None
 
     def _repair(self, now: Replan, problem: Problem, ahead: Trajectory) -> Vetted | None:
         """Drive the same path slower: ease off for a while, then go on, or stop if need be."""
