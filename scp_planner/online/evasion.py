@@ -313,7 +313,8 @@ class Evasion:
         """Judge what is driven by its clearances (C, J), m, from the nearest zones."""
         vehicle, after = moment.scenario.vehicle, driven.times > driven.until[:, None]
         least = np.where(after, np.inf, near)
-        entered = least < self._means.settings.clearance_margin
+        # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
+        entered = least < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
         away = way_left(driven.position, driven.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
