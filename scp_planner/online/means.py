@@ -121,7 +121,9 @@ class Means:
         self.wait = CLEAR_WIDTHS * 2.0 * given.vehicle.radius / given.vehicle.max_speed
         if online.stay_clear is not None:
             self.wait = online.stay_clear
-        self.vetting = Vetting(online.period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
+        # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
+        period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
+        self.vetting = Vetting(period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)

@@ -120,7 +120,7 @@ class Planner:
         self._means = Means(
             self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
         )
-        self._assumptions = Assumptions(self._online.period, self._online.tracking_error, units)
+        self._assumptions = Assumptions(self._means.vetting.period, self._online.tracking_error, units)
         self._decision = Decision(self._means)
         self._state: State | None = None
         self._clock: float | None = None
@@ -344,6 +344,7 @@ class Planner:
         Returns
         -------
         OnlinePlan
+            Where the jerk is limited and there is a reaction time, it begins so much later, where the last plan leads.
 
         Raises
         ------
@@ -351,7 +352,7 @@ class Planner:
             If a number is not finite or time goes backwards.
         """
         began = perf_counter()
-        state = self._checked_state(time, position, heading, speed, acceleration, deadline)
+        state = self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
         end = math.inf if deadline is None else began + deadline - self._online.reserve
         with self._inbox.work:
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
@@ -408,6 +409,23 @@ class Planner:
         else:
             found = 0.0
         return min(max(found, -vehicle.max_deceleration), vehicle.max_acceleration)
+
+    def _when_followed(self, state: State) -> State:
+        """The state in which a new plan is begun: that of the present, or, without jumps, where the last one leads."""
+        reaction, last = self._online.reaction_time, self._last
+        if state.acceleration is None or last is None or reaction == 0.0:
+            return state
+        points, _ = last.trip.at(np.array([state.time, state.time + reaction]))
+        (x, y), (after_x, after_y) = last.trip.frame.to_world(points.path.position).tolist()
+        turned = np.arctan2(points.path.direction[:, 1], points.path.direction[:, 0])
+        left = last.arrival_time > state.time + reaction
+        return State(
+            state.time + reaction,
+            (state.position[0] + after_x - x, state.position[1] + after_y - y),
+            None if state.heading is None else state.heading + float(turned[1] - turned[0]),
+            max(state.speed + float(points.speed[1] - points.speed[0]), 0.0),
+            state.acceleration + float(points.acceleration[1] - points.acceleration[0]) if left else 0.0,
+        )
 
     def _is_free_to_turn(self, speed: float) -> bool:
         """Whether the vehicle can set out in any direction at a speed, m/s."""

@@ -220,10 +220,14 @@ class Drive:
         little = NO_TIME_AT_ALL * unit
         looks = [sensor.looks(now + little, following, start) for sensor in self.sensors]
         steps = np.concatenate([np.linspace(now, following, STEPS + 1)[1:], *looks])
+        smooth = self.scenario.vehicle.max_jerk is not None
+        if smooth and now < switch < following:
+            steps = np.append(steps, switch)
         times = np.unique(np.round(steps / unit, DECIMALS)) * unit
         for time in times:
             before = self.stage.times[-1]
-            if time >= switch - little and self.driven is not plan:
+            # Without jumps a plan begins just when it is followed; else it is taken up in the step in which it is.
+            if (before if smooth else time) >= switch - little and self.driven is not plan:
                 self._follow(plan, before)
             assert self.driven is not None
             if self._arrives(self.driven, time):

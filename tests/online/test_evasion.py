@@ -18,6 +18,7 @@ from scp_planner.online.evasion import Evasion, harm, nearness
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
+from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
 from scp_planner.scenario.limits import Box, Limits
@@ -76,6 +77,32 @@ def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: 
         assert points.acceleration.max() <= LIMITS.acceleration and points.acceleration.min() >= -LIMITS.deceleration
         bend = np.abs(trip.trajectory.path.bend(points.path).curvature)
         assert bend.max() <= LIMITS.curvature
+        assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
+        over = dodges.times > dodges.until[number] - dodges.wait
+        assert np.all(points.speed[over] <= 1e-9)
+
+
+@pytest.mark.parametrize(("heading", "speed", "acceleration"), [(None, 1.2, 0.9), (0.7, 0.0, 0.0), (0.7, 1.2, -1.3)])
+def test_dodges_without_jumps_are_the_trips_that_they_stand_for(
+    heading: float | None, speed: float, acceleration: float
+) -> None:
+    state, jerk = State(0.0, (0.0, 0.0), heading, speed, acceleration), 3.0
+    dodges = Dodges.of(heading, RampedProfiles.of(state, LIMITS, jerk, 0.6, 1.0), 0.2, LIMITS, 0.3, 1.0)
+    frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
+    for number in range(0, len(dodges.position), 3):
+        trip = dodges.trip(number, frame)
+        drive = trip.trajectory
+        points, _ = trip.at(5.0 + dodges.times)
+        place = frame.to_frame(trip.frame.to_world(points.path.position))
+        assert np.abs(place - dodges.position[number]).max() < 0.02
+        assert drive.beta[0] == acceleration and drive.beta[-1] == 0.0
+        slopes = np.diff(drive.beta) / (np.diff(drive.space.acceleration.breakpoints) * drive.travel_time)
+        assert np.abs(slopes).max() <= jerk
+        assert drive.beta.max() <= LIMITS.acceleration and drive.beta.min() >= -LIMITS.deceleration
+        fine = drive.speed_at(np.linspace(0.0, 1.0, 400))
+        assert fine.min() >= -1e-9
+        assert fine.max() <= dodges.profiles.fastest[number % len(dodges.profiles.fastest)] + 1e-9
+        bend = np.abs(drive.path.bend(points.path).curvature)
         assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
         over = dodges.times > dodges.until[number] - dodges.wait
         assert np.all(points.speed[over] <= 1e-9)

@@ -307,8 +307,3 @@ def test_penalty_descent_knows_them_too() -> None:
     assert by_descent.certified, by_descent.reason
     assert plan.certified, plan.reason
     assert by_descent.travel_time == pytest.approx(plan.travel_time, rel=0.01)
-
-
-def test_a_planner_online_refuses_a_limit_of_the_jerk() -> None:
-    with pytest.raises(ValueError, match=r"vehicle\.max_jerk"):
-        sp.Planner(scene(vehicle={"max_jerk": 3.0}))
