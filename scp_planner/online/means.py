@@ -16,6 +16,7 @@ from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import State, _guide_from
+from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
@@ -190,17 +191,17 @@ class Means:
                 yield Trip(problem.frame, bow)
 
     def standing(self, now: Replan, why: str) -> OnlinePlan:
-        """Return the plan to stand where the vehicle is."""
+        """Return the plan to stand where the vehicle is, or, without a jump, to come to a stop."""
         moment = now.moment
         state = replace(moment.state, speed=0.0) if moment.state.acceleration is None else moment.state
         trip = straight_stop(state, self.braking, self.settings, self.breakpoints)
-        stop = Stop(trip, trip.frame.time)
+        stop, does = Stop(trip, trip.frame.time), "stands" if state.speed <= STANDING else "comes to a stop"
         certificate = moment.certify(trip, since=moment.state.time, until=stop.stands, ends=Ends.START)
         return self.plan_of(
             Vetted(trip, certificate, stop if certificate.holds else None),
             now,
             Outcome.BRAKING,
-            f"{why}; the vehicle stands",
+            f"{why}; the vehicle {does}",
         )
 
     def plan_of(self, vetted: Vetted, now: Replan, outcome: Outcome, why: str) -> OnlinePlan:

@@ -138,7 +138,8 @@ class OnlineSettings(Knobs):
         Largest distance between the vehicle and where its plan has it. Zones are larger by this.
     reaction_time : float
         Time between a replan and the moment from which the vehicle follows it. At its top speed the vehicle drives
-        on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too.
+        on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too. Where the jerk
+        is limited, a plan begins so much later, where the last one leads.
     safety : Safety
         What must be certified before a plan is driven: ``stop``, a stop at any time; ``trip``, all of the trip.
     stay_clear : float or None

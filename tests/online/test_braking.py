@@ -51,6 +51,7 @@ def test_a_vehicle_brakes_evenly_unless_its_jerk_is_limited() -> None:
     assert 0.999 * JERK < limited.jerk < JERK
     # v / d, and the time in which the brake is put on and let go of
     assert limited.time(3.0) == pytest.approx(3.0 / 2.0 + 2.0 / JERK, rel=1e-3)
+    assert limited.time(0.5) == pytest.approx(2.0 * math.sqrt(0.5 / JERK), rel=1e-3)
 
 
 @pytest.mark.parametrize("spans", [0, 2, 3, 12])
