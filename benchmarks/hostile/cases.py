@@ -268,7 +268,6 @@ def _try_command(data: Data) -> Outcome:
 
 def _make_planner(rng: np.random.Generator) -> Data:
     drawn = wild(rng)
-    drawn.data["vehicle"]["max_jerk"] = None
     return {"scenario": drawn.scaled(), "calls": calls.draw(rng, drawn.scaled(), ODD)}
 
 
