@@ -335,14 +335,22 @@ def promised(plan: OnlinePlan, times: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("seed", "way"), [*((seed, GiveWay.LATE) for seed in (0, 1, 2, 3, 5)), (0, GiveWay.EARLY), (1, GiveWay.EARLY)]
+    ("seed", "way", "jerk"),
+    [
+        *((seed, GiveWay.LATE, None) for seed in (0, 1, 2, 3, 5)),
+        (0, GiveWay.EARLY, None),
+        (1, GiveWay.EARLY, None),
+        (5, GiveWay.LATE, 2.0),
+    ],
 )
-def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(seed: int, way: GiveWay) -> None:
+def test_what_is_safe_is_not_hit_by_whoever_keeps_to_the_assumptions(
+    seed: int, way: GiveWay, jerk: float | None
+) -> None:
     """Whatever they do within their zones, with no replan ever after, up to when the vehicle stands."""
     scenario = scene(
         start={"speed": 0.5},
         goal={"position": (8.0, 0.0)},
-        vehicle={"max_speed": 1.5},
+        vehicle={"max_speed": 1.5, "max_jerk": jerk},
         confidence={"probability": 0.95, "level": "per_time"},
     )
     planner, hunters = Planner(scenario, online=OnlineSettings(period=PERIOD, give_way=way)), Hunters(seed, 0.15)
