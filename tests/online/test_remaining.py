@@ -7,8 +7,9 @@ import pytest
 from scenes import scene
 
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.remaining import State, _guide_from, remaining_trip
+from scp_planner.online.remaining import State, _guide_from, eased, remaining_trip
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path
@@ -94,3 +95,55 @@ def test_what_is_left_of_a_guide_begins_where_the_vehicle_is() -> None:
     assert _guide_from(guide, (3.0, 0.0)) == ((3.0, 0.0), (8.0, 0.0), (8.0, 6.0))
     assert _guide_from(guide, (7.8, 0.3)) == ((7.8, 0.3), (8.0, 6.0))  # the vertex is about to be passed
     assert _guide_from(guide, (8.1, 5.0)) == ((8.1, 5.0), (8.0, 6.0))
+
+
+JERK = 2.0
+
+
+def ramped_problem(state: State) -> Problem:
+    """From a state to the goal, for a vehicle whose jerk is limited."""
+    start = {"time": state.time, "position": state.position, "heading": state.heading, "speed": state.speed}
+    scenario = scene(start={**start, "acceleration": state.acceleration}, vehicle={"max_jerk": JERK})
+    breaks = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
+    return build_problem(scenario, (), Settings(), breaks)
+
+
+def slopes(beta: np.ndarray, duration: float) -> np.ndarray:
+    return np.diff(beta) / (duration / SPANS)
+
+
+@pytest.mark.parametrize("acceleration", [RATE, -1.2, 0.9])
+def test_the_rest_of_a_drive_begins_with_the_present_acceleration(acceleration: float) -> None:
+    """And is that drive again as soon as the jerk lets it be."""
+    passed, speed = 1.0, START + RATE
+    problem = ramped_problem(State(4.0, (float(driven(1.0)), 0.0), 0.0, speed, acceleration))
+    state = State(4.0, (float(driven(passed)), 0.0), 0.0, speed, acceleration)
+    rest = remaining_trip(problem, old_trip(0.0), state)
+    assert rest.beta[0] == acceleration
+    assert np.abs(slopes(rest.beta, DURATION - passed)).max() <= JERK * (1.0 + 1e-9)
+    later = problem.space.acceleration.breakpoints * (DURATION - passed) > abs(acceleration - RATE) / JERK
+    assert rest.beta[later] == pytest.approx(RATE)
+
+
+def test_a_drive_that_would_not_arrive_speeds_up_along_a_ramp() -> None:
+    """The old trip stopped on its way; from then on a new one leads to the goal."""
+    old = old_trip(0.0)
+    stop = Trip(old.frame, Trajectory(old.trajectory.path, np.full(SPANS, -START / 5.0), 5.0))
+    state = State(3.0 + 5.0, (2.5, 0.0), 0.0, 0.0, -0.1)
+    rest = remaining_trip(ramped_problem(state), stop, state)
+    assert np.isfinite(rest.travel_time) and rest.beta[0] == -0.1
+    assert rest.beta.max() > 1.0
+    time = rest.travel_time
+    assert float(rest.at(rest.space.time_table(np.ones(1))).distance[0]) == pytest.approx(rest.path.arc_length)
+    assert np.abs(slopes(rest.beta, time)).max() <= JERK * 1.05
+
+
+@pytest.mark.parametrize("share", [0.6, 0.0])
+def test_easing_off_goes_no_faster_than_the_jerk(share: float) -> None:
+    state = State(4.0, (float(driven(1.0)), 0.0), 0.0, START + RATE, 0.3)
+    problem = ramped_problem(state)
+    ahead = remaining_trip(problem, old_trip(0.0), state)
+    beta = eased(problem, ahead, share)
+    assert beta[0] == 0.3 and beta[1] < ahead.beta[1]
+    assert np.abs(slopes(beta, ahead.travel_time)).max() <= JERK * (1.0 + 1e-9)
+    assert beta[SPANS // 2 :] == pytest.approx(ahead.beta[SPANS // 2 :])
