@@ -18,6 +18,7 @@ from benchmarks import common  # isort: skip
 
 import argparse
 import gc
+import itertools
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -43,7 +44,7 @@ LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99, 0.999)
 LEVEL = 0.99
 LOOP_FAMILIES = ("crossing5", "crossing10")
 NOISE = (0.05, 0.3)  # m, the range that the noise of a run is drawn from
-SAVED_EVERY = 10  # runs
+SAVED_EVERY = 2.0  # s: rows of short runs together, one of a long run at once
 
 
 class Ledger:
@@ -75,11 +76,13 @@ class Ledger:
         wanted = list(wanted)
         names = {self._name(row) for row in wanted}
         todo = self.missing(wanted)
-        began = perf_counter()
+        began = saved = perf_counter()
         for number, row in enumerate(todo, 1):
             self.rows.append({**row, **run(row)})
             self._done.add(self._name(row))
-            if number % SAVED_EVERY == 0 or number == len(todo):
+            now = perf_counter()
+            if now - saved > SAVED_EVERY or number == len(todo):
+                saved = now
                 common.write_csv(self.path, self.rows)
                 common.say(f"{self.path.name}: {number} of {len(todo)}, {perf_counter() - began:.0f} s")
         return [row for row in self.rows if self._name(row) in names]
@@ -304,13 +307,14 @@ def fault_table(rows: Sequence[Row]) -> str:
 
 def crowds(options: argparse.Namespace) -> int:
     """Through recorded crowds."""
-    tracks = online_crowds.recordings(options.tracks)
+    tracks = online_crowds.recordings(options.tracks, options.places)
     ledger = Ledger(options.output / "online-crowds.csv", ("place", "number", "way"), options.fresh)
+    places = tuple(online_crowds.FILES)
+    trips = ((number, places[number % len(places)]) for number in itertools.count(options.seed))
     wanted = [
         {"place": name, "number": number, "way": way}
-        for number in range(options.count)
-        for name in [tuple(tracks)[number % len(tracks)]]
-        for way in online_crowds.WAYS
+        for number, name in itertools.islice((trip for trip in trips if trip[1] in tracks), options.count)
+        for way in options.ways
     ]
     rows = ledger.fill(wanted, lambda row: online_crowds.drive(tracks[row["place"]], row))
     sys.stdout.write(crowd_table(rows) + "\n")
@@ -427,6 +431,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     checks.add_argument("--check-every", type=int, default=3, help="plans from one that is checked to the next")
     for name in ("crowds", "regions"):
         commands.choices[name].add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    places, ways = tuple(online_crowds.FILES), online_crowds.WAYS
+    recorded = commands.choices["crowds"]
+    recorded.add_argument("--places", nargs="+", choices=places, default=places, help="default: all")
+    recorded.add_argument("--ways", nargs="+", choices=ways, default=ways, help="to drive; default: all")
     commands.choices["noticing"].add_argument("--workers", type=int, default=2, help="processes; default: 2")
     return common.run_command(parser, argv)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 import scp_planner as sp
 from benchmarks import common, families, online_crowds, online_noticing
-from scp_planner.estimation.conformal import AdaptiveScales, region_score
+from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -151,8 +151,7 @@ def judged(told: Foretold, regions: Regions, since: float) -> Counted:
     """Count how often predictions made from a time on, s, hold."""
     border = NormalErrors().pointwise_scale(1.0 - LEVEL)
     needed = region_score(told.seen, told.covariance, told.noise, border)
-    (x, y), (xx, xy, yy) = told.truth.T, told.covariance.T
-    truly = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy) / border
+    truly = region_score(told.truth, told.covariance, np.zeros_like(told.noise), border)
     scales, due = AdaptiveScales(1.0 - LEVEL, 1), told.due
     given = np.ones(len(needed))
     if regions is Regions.ADAPTIVE:
@@ -163,7 +162,8 @@ def judged(told: Foretold, regions: Regions, since: float) -> Counted:
                 came += 1
             given[number] = scales.scales(str(told.track[number]))[0]
     late = told.made >= since
-    area = (border * given * np.sqrt(xx * yy - xy * xy))[late]
+    xx, xy, yy = sized(told.covariance, given).T
+    area = (border * np.sqrt(xx * yy - xy * xy))[late]
     held, met = (int((each <= given)[late].sum()) for each in (truly, needed))
     return Counted(int(late.sum()), held, met, float(area.sum()))
 

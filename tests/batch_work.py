@@ -40,12 +40,12 @@ def die_at_three(number: int) -> int:
     return number
 
 
-def sleep_and_tell(item: tuple[int, str]) -> int:
-    """Write down which process is at it, and take a moment."""
+def tell_and_die_at_three(item: tuple[int, str]) -> int:
+    """Write down which process is at it, take a moment, and die at the number 3."""
     number, folder = item
     (Path(folder) / f"{number}-{os.getpid()}").touch()
     time.sleep(0.1)
-    return number
+    return die_at_three(number)
 
 
 def sleep_long(folder: str) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from scp_planner import Scenario
 
 VEHICLE = {
@@ -46,11 +48,49 @@ def scene(*obstacles: dict[str, Any], **changes: Any) -> Scenario:
     return Scenario(**data)
 
 
+def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, Any]:
+    """A disc seen ten times through noise."""
+    rng = np.random.default_rng(seed)
+    times = np.linspace(-2.0, -0.1, 12)
+    truth = np.array([7.0, 3.0]) + times[:, None] * rng.normal(size=2) + 0.5 * times[:, None] ** 2 * 0.1
+    covariance = [[0.01, 0.0], [0.0, 0.01]] if isotropic else [[0.02, 0.006], [0.006, 0.008]]
+    seen = truth + rng.multivariate_normal([0, 0], covariance, len(times))
+    return {
+        "id": name,
+        "shape": {"disc": 0.4},
+        "observations": {"time": times.tolist(), "position": seen.tolist(), "covariance": covariance},
+    }
+
+
 CROSSERS = (
     disc("slow", (8.5, -3.9), (0.23, 0.86), (0.05, 0.1), 0.55),
     disc("oncoming", (16.0, 0.6), (-1.6, -0.1), (0.0, 0.02), 0.7),
     disc("fast", (12.0, 9.0), (0.1, -1.9), (0.0, 0.05), 0.5),
 )
+
+
+def drone(seed: int, noise: float = 1.0) -> Scenario:
+    """A drone of 15 m/s on 300 m, among others that were seen through noise for five seconds."""
+    rng = np.random.default_rng(seed)
+    times = np.linspace(-4.9, 0.0, 50)
+    along, velocity = rng.uniform(30.0, 280.0, 20), rng.uniform(-8.0, 8.0, (20, 2))
+    start = np.stack([along, rng.uniform(-6.0, 6.0, 20)], axis=1) - velocity * (along / 15.0)[:, None]
+    covariance = [[noise**2, 0.0], [0.0, noise**2]]
+    others = []
+    for k in np.flatnonzero(np.hypot(*start.T) > 40.0).tolist():
+        seen = start[k] + times[:, None] * velocity[k] + noise * rng.normal(size=(50, 2))
+        observations = {"time": times.tolist(), "position": seen.tolist(), "covariance": covariance}
+        others.append(
+            {"id": f"uav{k}", "shape": {"disc": 3.0}, "observations": observations, "model": {"order": 1}},
+        )
+    vehicle: dict[str, float | None] = {
+        "radius": 1.0,
+        "max_speed": 15.0,
+        "max_acceleration": 4.0,
+        "max_deceleration": 4.0,
+    }
+    vehicle |= {"max_lateral_acceleration": 5.0, "max_curvature": None}
+    return scene(*others, vehicle=vehicle, start={"speed": 15.0}, goal={"position": [300.0, 0.0]})
 
 
 def rewritten(
@@ -107,6 +147,7 @@ def rewritten(
     if data["guide"] is not None:
         data["guide"] = [place(point) for point in data["guide"]]
     data["walls"] = [[place(point) for point in wall] for wall in data["walls"]]
+    data["lanes"] = [[place(point) for point in line] for line in data["lanes"]]
     for obstacle in data["obstacles"]:
         scale(obstacle, margin=length)
         scale(obstacle["shape"], disc=length)

@@ -69,7 +69,7 @@ def through_recordings(options: argparse.Namespace) -> int:
     wanted = [
         {"place": place, "number": number, "profile": options.profile}
         for number in range(options.seed, options.seed + options.count)
-        for place in recorded.PLACES
+        for place in options.places
     ]
     rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
     sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED}\n")
@@ -96,6 +96,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     sub = commands.add_parser("recorded")
     sub.set_defaults(run=through_recordings)
     sub.add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
+    places = tuple(recorded.PLACES)
+    sub.add_argument("--places", nargs="+", choices=places, default=places, help="default: all")
     for name, sub in commands.choices.items():
         count, what = (3, "scenes of each place") if name == "recorded" else (500, "episodes")
         sub.add_argument("--profile", choices=tuple(PROFILES), default="crowd", help="settings of the planner")

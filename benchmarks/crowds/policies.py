@@ -13,7 +13,8 @@ import scp_planner as sp
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.simulation.crowds import Episode
 from scp_planner.simulation.loop import simulate
-from scp_planner.simulation.orca import Bodies, HalfPlanes, half_planes, nearest_velocities
+from scp_planner.simulation.orca import Bodies, half_planes, nearest_velocities
+from scp_planner.simulation.people import Manner
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.worlds import VehicleState
 
@@ -75,16 +76,24 @@ def outcome_of(run: Run, step: float) -> Outcome:
 
 def orca_velocity(episode: Episode, vehicle: VehicleState, goal: Array) -> Array:
     """The velocity, (2,) m/s, of a robot that does its half as people do."""
-    people, top = episode.people, episode.scenario.vehicle.max_speed
-    padding, horizon = people.manner.padding, people.manner.horizon
+    people = episode.people
     near = np.linalg.norm(people.positions - vehicle.position, axis=1) <= episode.view
+    others = Bodies(people.positions[near], people.velocities[near], people.radii[near])
+    return reciprocal_velocity(vehicle, goal, episode.scenario.vehicle.max_speed, others, people.manner)
+
+
+def reciprocal_velocity(vehicle: VehicleState, goal: Array, top_speed: float, others: Bodies, manner: Manner) -> Array:
+    """The velocity, (2,) m/s, by ORCA of a robot among others, (K,), with which it comes nearest to driving straight.
+
+    Speeds are in m/s; ``goal`` is (2,) m; it heeds all others, in the manner of people.
+    """
+    padding = manner.padding
     own = Bodies(vehicle.position[None, None], vehicle.velocity[None, None], np.array([[vehicle.radius + padding]]))
-    other = Bodies(people.positions[None], people.velocities[None], people.radii[None] + padding)
-    rows = half_planes(own, other, horizon, episode.step)
-    rows = HalfPlanes(rows.normal, np.where(near[None], rows.offset, -np.inf))
+    other = Bodies(others.position[None], others.velocity[None], others.radius[None] + padding)
+    rows = half_planes(own, other, manner.horizon, manner.step)
     towards = goal - vehicle.position
-    wanted = towards / max(float(np.hypot(*towards)), 1.0) * top
-    return nearest_velocities(rows, wanted[None], np.array([top]))[0]
+    wanted = towards / max(float(np.hypot(*towards)), 1.0) * top_speed
+    return nearest_velocities(rows, wanted[None], np.array([top_speed]))[0]
 
 
 def waiting_velocity(episode: Episode, vehicle: VehicleState, goal: Array) -> Array:

@@ -2,11 +2,12 @@
 
 J. Shin, J. Lee and I. Yang, *Egocentric conformal prediction for safe and efficient navigation in dynamic cluttered
 environments* (2025), whose starts, goals, times and measures these are: a robot of 0.4 m radius that drives at most
-0.8 m/s and turns at most 0.7 rad/s stands for 15 steps of 0.4 s and then drives among people who were recorded and do
-not react. A step counts as a collision if a person is within 1.107 m of the robot's centre; the exit is reached within
-0.6 m of the goal, and its step counts from when the robot was put there. Of their places ETH, HOTEL and the university
-are here. The university's coordinates differ from theirs, so its trip has the same direction and length and the middle
-of the place in its middle.
+0.8 m/s, forwards or backwards, and turns at most 0.7 rad/s stands for 15 steps of 0.4 s and then drives among people
+who were recorded and do not react. A step counts as a collision if a person is within 1.107 m of the robot's centre;
+the exit is reached within 0.6 m of the goal, and its step counts from when the robot was put there. Their robot changes
+its speed at once and turns on the spot. This one takes a step to its top speed, and turns only as it drives, in bends
+no tighter than theirs at top speed. Of their places ETH, HOTEL and the university are here. The coordinates of the last
+differ from theirs, so that trip has the same direction and length and the middle of the place in its middle.
 """
 
 from __future__ import annotations
@@ -17,17 +18,15 @@ from benchmarks import common  # isort: skip
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 import scp_planner as sp
 from benchmarks.crowds.policies import PLAN_OUTCOMES
-from benchmarks.online_crowds import recordings
-from scp_planner.estimation.motion_fitting import fit_motion_model
+from benchmarks.online_crowds import fitted_model, recordings
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.models import Steering
 from scp_planner.simulation.crowds import LEVEL, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
@@ -84,6 +83,7 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
             max_acceleration=TOP_SPEED / STEP,
             max_deceleration=TOP_SPEED / STEP,
             max_curvature=TURNING / TOP_SPEED,
+            steering=Steering.BOTH_WAYS,
         ),
         start=sp.Start(time=start, position=where.start, heading=where.heading, speed=0.0),
         goal=sp.Goal(position=where.goal, radius=NEAR_EXIT),
@@ -96,16 +96,11 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
     return Scene(scenario, people, {name: sp.Disc(disc=PERSON) for name in people})
 
 
-@cache
-def _model(tracks: Tracks) -> ProcessModel:
-    return fit_motion_model(tracks.halves()[0])
-
-
 def run(row: Row, folder: str | None = None) -> Row:
     """One scene; the row says which."""
     from benchmarks.crowds.profiles import profile
 
-    tracks = recordings(folder)[row["place"]]
+    tracks = recordings(folder, [row["place"]])[row["place"]]
     drawn = scene(row["place"], tracks, int(row["number"]))
     online, _ = profile(str(row["profile"]))
     done = simulate(
@@ -116,7 +111,7 @@ def run(row: Row, folder: str | None = None) -> Row:
         shapes=drawn.shapes,
         sensors=[Sensor(rate=1.0 / STEP, noise=0.0)],
         history=WAITING * STEP,
-        model=sp.Model(order=1, process=_model(tracks)),
+        model=sp.Model(order=1, process=fitted_model(tracks)),
         online=online or among_people(drawn.scenario.vehicle, STEP),
         time_limit=(MOST_STEPS - WAITING) * STEP,
     )

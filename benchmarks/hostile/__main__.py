@@ -19,7 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import common
-from benchmarks.hostile.cases import Kind, Outcome, make
+from benchmarks.hostile.cases import PLAN_TIME, Kind, Outcome, make
 from benchmarks.hostile.workers import tried
 
 CODE_OF_FINDINGS = 1
@@ -31,9 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(argv)
     kinds = options.only or list(Kind)
     until = time.monotonic() + 60.0 * options.minutes
-    report = Report(options.output)
+    report = Report(options.output, options.plan_time)
     jobs = _jobs(kinds, options.seed, options.count, until)
-    for kind, seed, outcome in tried(jobs, options.workers, options.seconds, options.memory * 10**6):
+    for kind, seed, outcome in tried(jobs, options.workers, options.seconds, options.memory * 10**6, options.plan_time):
         report.add(kind, seed, outcome)
     report.write()
     print(report.table())
@@ -52,6 +52,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: one a core)")
     parser.add_argument("--seconds", type=float, default=10.0, help="of the processor for one case (default: 10)")
+    parser.add_argument(
+        "--plan-time", type=float, default=PLAN_TIME, help=f"s that a plan may take (default: {PLAN_TIME:g})"
+    )
     parser.add_argument("--memory", type=int, default=1000, help="MB for one process (default: 1000)")
     parser.add_argument("--output", type=Path, default=common.DEFAULT_OUTPUT / "hostile", help="folder for findings")
     return parser
@@ -74,10 +77,13 @@ class Report:
     ----------
     folder : Path
         Findings are written there as they come, and a table of them in the end.
+    plan_time : float
+        s that a plan was given.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, plan_time: float = PLAN_TIME) -> None:
         self.folder = folder
+        self.plan_time = plan_time
         self.results: Counter[tuple[Kind, str]] = Counter()
         self.checked: Counter[Kind] = Counter()
         self.warned: Counter[str] = Counter()
@@ -91,7 +97,7 @@ class Report:
         if outcome.fault is None:
             return
         file = self.folder / f"{kind}-{seed}.json"
-        told = {"fault": outcome.fault, "detail": outcome.detail, "case": asdict(make(kind, seed))}
+        told = {"fault": outcome.fault, "detail": outcome.detail, "case": asdict(make(kind, seed, self.plan_time))}
         common.write_text(file, json.dumps(told, indent=1) + "\n")
         last = outcome.detail.strip().splitlines()[-1:] or [""]
         common.say(f"{kind} {seed}: {outcome.fault}: {last[0]}")

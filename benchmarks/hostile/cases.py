@@ -33,7 +33,7 @@ from verification.dense_check import check_trip
 from verification.findings import Tolerances
 
 PLAN_TIME = 4.0
-"""s that a plan may take; it returns somewhat later, with the best so far."""
+"""s that a plan may take if nobody says otherwise."""
 PLANNED = ("crossing", "headon", "overtaking")
 """Scenarios whose plan files are damaged."""
 
@@ -75,11 +75,14 @@ class Case:
     seed : int
     data : dict
         What JSON can hold: all that trying it needs.
+    plan_time : float
+        s that a plan may take; it returns somewhat later, with the best so far.
     """
 
     kind: Kind
     seed: int
     data: Data
+    plan_time: float = PLAN_TIME
 
 
 @dataclass(frozen=True)
@@ -106,9 +109,9 @@ class Outcome:
     checked: int = 0
 
 
-def make(kind: Kind, seed: int) -> Case:
+def make(kind: Kind, seed: int, plan_time: float = PLAN_TIME) -> Case:
     """Draw a case."""
-    return Case(kind, seed, _MAKERS[kind](np.random.default_rng([seed, list(Kind).index(kind)])))
+    return Case(kind, seed, _MAKERS[kind](np.random.default_rng([seed, list(Kind).index(kind)])), plan_time)
 
 
 def carry_out(case: Case) -> Outcome:
@@ -116,7 +119,7 @@ def carry_out(case: Case) -> Outcome:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         try:
-            outcome = _TRIED[case.kind](case.data)
+            outcome = _TRIED[case.kind](case)
         except Exception:
             outcome = Outcome("raised", Fault.TRACEBACK, traceback.format_exc())
     told = {f"{each.category.__name__}: {each.message} ({Path(each.filename).name}:{each.lineno})" for each in heard}
@@ -135,7 +138,8 @@ def _make_scenario(rng: np.random.Generator) -> Data:
     return {"suffix": suffix, "bytes": cut(json.dumps(base, indent=1).encode(), rng).hex()}
 
 
-def _try_scenario(data: Data) -> Outcome:
+def _try_scenario(case: Case) -> Outcome:
+    data = case.data
     raw = bytes.fromhex(data["bytes"]) if "bytes" in data else data["text"].encode()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"scenario{data['suffix']}"
@@ -148,7 +152,7 @@ def _try_scenario(data: Data) -> Outcome:
         scenario.save(Path(folder) / "again.yaml")
         if sp.Scenario.load(Path(folder) / "again.yaml") != scenario:
             return Outcome("legal", Fault.REFUSED, "what is saved is not what is loaded")
-        plan = sp.plan(scenario, time_limit=PLAN_TIME)
+        plan = sp.plan(scenario, time_limit=case.plan_time)
         plan.save(Path(folder) / "plan.json")
         sp.Plan.load(Path(folder) / "plan.json")
     return Outcome(plan.status.value)
@@ -159,13 +163,13 @@ def _make_wild(rng: np.random.Generator) -> Data:
     return {"data": drawn.data, "length": drawn.length, "time": drawn.time}
 
 
-def _try_wild(data: Data) -> Outcome:
-    drawn = Wild(**data)
+def _try_wild(case: Case) -> Outcome:
+    drawn = Wild(**case.data)
     try:
         scenario = sp.Scenario(**drawn.scaled())
     except sp.ScenarioError:
         return Outcome("bad input")
-    plan = sp.plan(scenario, time_limit=PLAN_TIME)
+    plan = sp.plan(scenario, time_limit=case.plan_time)
     if not plan.reason and not plan.certified:
         return Outcome(plan.status.value, Fault.REFUSED, "neither certified nor a reason")
     return _checked(drawn, scenario, plan) if plan.certified else Outcome(plan.status.value)
@@ -233,7 +237,8 @@ def _make_plan(rng: np.random.Generator) -> Data:
     return {"scenario": name, "bytes": cut(json.dumps(plan).encode(), rng).hex()}
 
 
-def _try_plan(data: Data) -> Outcome:
+def _try_plan(case: Case) -> Outcome:
+    data = case.data
     scenario, _ = _planned(data["scenario"])
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "plan.json"
@@ -255,7 +260,8 @@ def _try_plan(data: Data) -> Outcome:
 # the rest is of modules of its own
 
 
-def _try_command(data: Data) -> Outcome:
+def _try_command(case: Case) -> Outcome:
+    data = case.data
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         commands.lay_out()
         code, said = commands.run([os.fsdecode(bytes.fromhex(word)) for word in data["arguments"]])
@@ -271,7 +277,8 @@ def _make_planner(rng: np.random.Generator) -> Data:
     return {"scenario": drawn.scaled(), "calls": calls.draw(rng, drawn.scaled(), ODD)}
 
 
-def _try_planner(data: Data) -> Outcome:
+def _try_planner(case: Case) -> Outcome:
+    data = case.data
     try:
         scenario = sp.Scenario(**data["scenario"])
     except sp.ScenarioError:
@@ -287,7 +294,7 @@ _MAKERS: dict[Kind, Callable[[np.random.Generator], Data]] = {
     Kind.COMMAND: lambda rng: {"arguments": [word.hex() for word in commands.draw(rng)]},
     Kind.PLANNER: _make_planner,
 }
-_TRIED: dict[Kind, Callable[[Data], Outcome]] = {
+_TRIED: dict[Kind, Callable[[Case], Outcome]] = {
     Kind.SCENARIO: _try_scenario,
     Kind.WILD: _try_wild,
     Kind.PLAN: _try_plan,

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from benchmarks.hostile.cases import Fault, Kind, Outcome, carry_out, make
+from benchmarks.hostile.cases import PLAN_TIME, Fault, Kind, Outcome, carry_out, make
 
 LOOK = 0.2
 """s between two looks at how workers are."""
@@ -21,14 +21,14 @@ SPARE = 4.0
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
-def serve(link: Connection, memory: int) -> None:
+def serve(link: Connection, memory: int, plan_time: float) -> None:
     """Try what is asked for until nothing more is; this runs in a worker."""
     resource.setrlimit(resource.RLIMIT_AS, (int(SPARE * memory), resource.RLIM_INFINITY))
     carry_out(make(Kind.WILD, 0))  # what is loaded once is no part of any case
     link.send(None)
     while (asked := link.recv()) is not None:
         kind, seed = asked
-        case = make(kind, seed)
+        case = make(kind, seed, plan_time)
         link.send("made")
         try:
             outcome = carry_out(case)
@@ -40,10 +40,10 @@ def serve(link: Connection, memory: int) -> None:
 class Worker:
     """One process, and what it is at."""
 
-    def __init__(self, memory: int) -> None:
+    def __init__(self, memory: int, plan_time: float) -> None:
         context = multiprocessing.get_context("spawn")
         self.link, other = context.Pipe()
-        self.process = context.Process(target=serve, args=(other, memory), daemon=True)
+        self.process = context.Process(target=serve, args=(other, memory, plan_time), daemon=True)
         self.process.start()
         other.close()
         self.job: tuple[Kind, int] | None = None
@@ -104,7 +104,7 @@ class Worker:
 
 
 def tried(
-    jobs: Iterator[tuple[Kind, int]], workers: int, seconds: float, memory: int
+    jobs: Iterator[tuple[Kind, int]], workers: int, seconds: float, memory: int, plan_time: float = PLAN_TIME
 ) -> Iterator[tuple[Kind, int, Outcome]]:
     """Try cases in several processes.
 
@@ -117,13 +117,15 @@ def tried(
         Of the processor, that a case may take.
     memory : int
         Bytes that a process may have.
+    plan_time : float
+        s that a plan may take.
 
     Yields
     ------
     kind, seed, outcome
         As they come.
     """
-    crew = [Worker(memory) for _ in range(workers)]
+    crew = [Worker(memory, plan_time) for _ in range(workers)]
     try:
         while crew:
             wait([worker.link for worker in crew], LOOK)
@@ -131,13 +133,15 @@ def tried(
                 outcome = worker.take() if worker.link.poll() else None
                 if worker.job is not None and (outcome is None or outcome.fault is None):
                     outcome = worker.excess(seconds, memory) or outcome
+                if outcome is not None and worker.job is None:
+                    raise RuntimeError(f"a worker died before it could try anything: {outcome.detail}")
                 if outcome is not None and worker.job is not None:
                     yield *worker.job, outcome
                     worker.job = None
                     if outcome.fault in (Fault.DIED, Fault.HANG, Fault.MEMORY):
                         worker.end()
                         crew.remove(worker)
-                        crew.append(Worker(memory))
+                        crew.append(Worker(memory, plan_time))
                         continue
                 if worker.ready and worker.job is None:
                     job = next(jobs, None)

@@ -90,6 +90,7 @@ def penalty_descent(
         clearance=certificate.clearance,
         limits=certificate.limits,
         lower_bound=search.ready.lower_bound * units.time,
+        planned=scenario,
         timings=search.tally.timings,
         converged=best.run.status is DescentStatus.CONVERGED,
     )

@@ -22,12 +22,11 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
-from scp_planner.certificate.checked_trip import CheckedTrip
+from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
 from scp_planner.certificate.clearance import Disc, least_clearance, leaves_bounds
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import Motion, Motions
@@ -53,8 +52,6 @@ from scp_planner.threat_zones.sorted_zones import known_until
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.samples import SampledTrajectory
 from scp_planner.trips.trip import Trip
-
-REPORT_PRECISION = 1e-3  # units of length; see certify_trip
 
 
 class HasTrip(Protocol):
@@ -107,21 +104,17 @@ def certify(
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     within = None if tube is None else tube.inside(units)
-    return certify_trip(inside, trip, found, tube=within).outside(units)
+    return certify_trip(inside, trip, found, Scope(tube=within)).outside(units)
 
 
 def certify_trip(
     scenario: Scenario,
     trip: Trip,
     threat_zones: Sequence[ThreatZone],
+    scope: Scope = WHOLE,
     *,
-    since: float | None = None,
-    until: float | None = None,
-    ends: Ends = Ends.BOTH,
-    precision: float = REPORT_PRECISION,
     batch: ZoneBatch | None = None,
     motions: Motions | None = None,
-    tube: TrackingTube | None = None,
 ) -> Certificate:
     """Check a trip against a scenario, both in its natural units, in continuous time. See :func:`certify`.
 
@@ -130,22 +123,11 @@ def certify_trip(
     scenario : Scenario
     trip : Trip
     threat_zones : sequence of ThreatZone
-    since : float, optional
-        Absolute time, s, from which on clearance, curvature, lateral acceleration and the workspace box are checked:
-        what has been driven is driven. Speed and acceleration are checked all along, and the start not at all.
-    until : float, optional
-        Absolute time, s, up to which they are checked: a vehicle that stands can be hit by what moves.
-    ends : Ends
-        ``Ends.START`` for a trip that stops on its way.
-    precision : float
-        The reported least clearance is a lower bound at most this far below the true one, m; with inf it is any lower
-        bound that is not negative, and found sooner.
+    scope : Scope
     batch : ZoneBatch, optional
         The zones in the trip's frame, inflated by the vehicle's radius, if they are at hand.
     motions : Motions, optional
         What was found of trips that were checked before; what is found now is added.
-    tube : TrackingTube, optional
-        In which the vehicle stays round the trip; see :func:`certify`.
 
     Returns
     -------
@@ -156,16 +138,17 @@ def certify_trip(
         return Certificate(False, Clearance(-np.inf), {}, (unfit,))
     if batch is None:
         batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
-    checked = replace(CheckedTrip.of(scenario, trip, batch, since, until), tube=tube)
+    checked = CheckedTrip.of(scenario, trip, batch, scope)
     beyond = _goes_beyond(checked, threat_zones)
     if beyond is not None:
         return Certificate(False, Clearance(-np.inf), {}, (beyond,))
-    if since is not None:
+    ends = scope.ends
+    if scope.since is not None:
         ends &= Ends.GOAL
-        again = None if motions is None else _checked_again(checked, ends, precision, motions)
+        again = None if motions is None else _checked_again(checked, ends, scope.precision, motions)
         if again is not None:
             return again
-    return _checked_whole(checked, ends, precision, motions)
+    return _checked_whole(checked, ends, scope.precision, motions)
 
 
 def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: Motions | None) -> Certificate:

@@ -8,7 +8,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosure, Pieces
-from scp_planner.certificate.verdict import LimitUse, Violation
+from scp_planner.certificate.verdict import Ends, LimitUse, Violation
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -16,6 +16,7 @@ from scp_planner.trips.space import CELLS_PER_SPAN
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
+REPORT_PRECISION = 1e-3  # units of length; see Scope
 INTERVALS = 192  # at the first level, at most, besides those between knots
 FIRST_WIDTH = 0.04  # units of time, of shorter trips' intervals at the first level
 FEWEST_INTERVALS = 16
@@ -36,6 +37,36 @@ class Finding:
 
     use: LimitUse
     violations: tuple[Violation, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scope:
+    """How much of a trip is checked, and how closely.
+
+    Attributes
+    ----------
+    since : float or None
+        Absolute time, s, from which on clearance, curvature, lateral acceleration and the workspace box are checked:
+        what has been driven is driven. Speed and acceleration are checked all along, and the start not at all.
+    until : float or None
+        Absolute time, s, up to which they are checked: a vehicle that stands can be hit by what moves.
+    ends : Ends
+        ``Ends.START`` for a trip that stops on its way.
+    precision : float
+        The reported least clearance is a lower bound at most this far below the true one, m; with inf it is any lower
+        bound that is not negative, and found sooner.
+    tube : TrackingTube or None
+        In which the vehicle stays round the trip; see `certify`.
+    """
+
+    since: float | None = None
+    until: float | None = None
+    ends: Ends = Ends.BOTH
+    precision: float = REPORT_PRECISION
+    tube: TrackingTube | None = None
+
+
+WHOLE = Scope()
 
 
 @dataclass(frozen=True)
@@ -66,18 +97,16 @@ class CheckedTrip:
     tube: TrackingTube | None = None
 
     @classmethod
-    def of(
-        cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, since: float | None = None, until: float | None = None
-    ) -> CheckedTrip:
-        """Return what is checked of a trip from an absolute time on, up to another, s."""
+    def of(cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, scope: Scope = WHOLE) -> CheckedTrip:
+        """Return what is checked of a trip."""
         first, last, start_speed = 0.0, 1.0, scenario.start.speed
         begin, duration = trip.frame.time, trip.trajectory.travel_time
-        if since is not None:
-            first = min(max((since - begin) / duration, 0.0), 1.0 - SHORTEST)
+        if scope.since is not None:
+            first = min(max((scope.since - begin) / duration, 0.0), 1.0 - SHORTEST)
             start_speed = trip.trajectory.space.start_speed
-        if until is not None:
-            last = min(max((until - begin) / duration, first + SHORTEST), 1.0)
-        return cls(scenario, trip, batch, first, last, start_speed)
+        if scope.until is not None:
+            last = min(max((scope.until - begin) / duration, first + SHORTEST), 1.0)
+        return cls(scenario, trip, batch, first, last, start_speed, scope.tube)
 
     @property
     def trajectory(self) -> Trajectory:

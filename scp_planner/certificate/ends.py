@@ -16,7 +16,7 @@ from scp_planner.certificate.verdict import (
     off_a_step,
 )
 from scp_planner.scenario.goals import distance_outside
-from scp_planner.scenario.models import Scenario
+from scp_planner.scenario.models import Scenario, Steering
 from scp_planner.units import Point
 
 
@@ -66,7 +66,8 @@ def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]
     if start.acceleration is not None:
         found.append(("start acceleration error", abs(first.acceleration - start.acceleration)))
     if start.heading is not None:
-        found.append(("start heading", abs(remainder(first.heading - start.heading, 2.0 * pi))))
+        both_ways = scenario.vehicle.steering is Steering.BOTH_WAYS and first.speed <= END_TOLERANCE
+        found.append(("start heading", abs(remainder(first.heading - start.heading, pi if both_ways else 2.0 * pi))))
     for name, value in found:
         if not value <= END_TOLERANCE:
             yield Violation(name, value, 0.0, first.time)

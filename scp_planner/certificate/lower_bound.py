@@ -24,11 +24,13 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.certificate.fastest_drive import SPEED_ROUNDING
+from scp_planner.certificate.fastest_drive import ROUNDING, SPEED_ROUNDING
 from scp_planner.certificate.relaxation import CELLS, FEW_CELLS, SOME_CELLS, NotDecided, Relaxation
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -211,3 +213,23 @@ def no_trip_within(
         return not Relaxation(inside, found, longest, FEW_CELLS, deadline).possible(longest)
     except NotDecided:
         return False
+
+
+def goal_is_covered_for_good(scenario: Scenario, threat_zones: Sequence[ThreatZone]) -> bool:
+    """Whether one of the zones that stand covers all of the goal: then no trip ever arrives.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        In natural units.
+    threat_zones : sequence of ThreatZone
+
+    Returns
+    -------
+    bool
+    """
+    frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
+    zones = ZoneBatch.of(threat_zones, frame, scenario.vehicle.radius - ROUNDING)
+    goal = frame.to_frame(np.array([scenario.goal.position]))
+    depth = -zones.subset(zones.standing).distances(np.zeros(1), goal)
+    return bool(np.any(depth > scenario.goal.radius + ROUNDING))

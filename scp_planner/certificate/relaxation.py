@@ -28,7 +28,7 @@ SOME_CELLS = 90_000  # for what a coarse look can exclude
 FEW_CELLS = 60_000  # for an answer in hundredths of a second
 MOST_WORK = 2e9  # cells at all instants together, and what zones cost: what a bound looks at, at most
 QUICK_WORK = 1e8  # the same of a quick proof
-LOOKS = 33  # at how far from the line a trip may be
+OFFSETS = 33  # at how far from the line a trip may be
 ZONE_WORK = 1000  # cells that cost as much as a zone
 
 
@@ -135,7 +135,7 @@ class Relaxation:
             cell = np.array([step / resolution.columns, step / resolution.rows])
             room = 2 * resolution.columns + 4  # to both sides, and as far as a window moves
             window = ceil((longest - self.distance + ROUNDING) / cell[0]) + 3
-            driven = np.linspace(0.0, self._most_driven, LOOKS)
+            driven = np.linspace(0.0, self._most_driven, OFFSETS)
             aside = np.minimum(self._aside(driven), 0.5 * (high[1] - low[1]))
             rows = float(np.mean(2.0 * aside)) / cell[1] + 4.0
             count = rows * (min((high[0] - low[0]) / cell[0] + 4.0, window) + room)

@@ -11,7 +11,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.threat_zones.bounds import MovingPoint
-from scp_planner.trips.sampled_motion import STANDING, SampledMotion
+from scp_planner.trips.sampled_motion import WITHOUT_DIRECTION, SampledMotion
 
 FEWEST_PARTS = 192  # of a motion at the first level
 
@@ -107,7 +107,7 @@ class Courses:
             inside, np.abs(turn) / np.where(size > 0.0, size, 1.0), np.hypot(*motion.velocity_at(every, when).T)
         )
         top = max(np.hypot(*first.T).max(), np.hypot(*last.T).max())
-        return cls(motion, first, last, turn, slowest, when, STANDING * float(top))
+        return cls(motion, first, last, turn, slowest, when, WITHOUT_DIRECTION * float(top))
 
     def largest(self, numerator: Array, power: int) -> Array:
         """Return a numerator by a power of the least speed of each piece, (m,); 0 where the motion is straight."""

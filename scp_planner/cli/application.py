@@ -13,6 +13,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
 
+from scp_planner.cli.groups import ungrouped
 from scp_planner.cli.output import tell
 from scp_planner.errors import ScpPlannerError
 
@@ -100,7 +101,8 @@ def _complete_in_bash() -> None:
 
 
 def add_command(group: typer.Typer, name: str, command: Callable[..., Any], *examples: str) -> None:
-    """Make a function a command, whose help ends with examples."""
+    """Make a function a command, whose help ends with examples; its groups of options become options."""
+    command = ungrouped(command)
     COMMANDS[name if group is app else f"{group.info.name} {name}"] = Command(command, examples)
     title = "Example:" if len(examples) == 1 else "Examples:"
     # Click lays out paragraphs anew, but for those that begin with this mark.

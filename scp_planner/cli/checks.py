@@ -10,7 +10,8 @@ import typer
 
 from scp_planner.cli import summaries
 from scp_planner.cli.application import ExitCode
-from scp_planner.cli.options import Json, MotionModel, Quiet, ScenarioFile, Verbose, check_number, load_scenario
+from scp_planner.cli.groups import Printing
+from scp_planner.cli.options import MotionModel, ScenarioFile, check_number, load_scenario
 from scp_planner.cli.output import print_json, report, start_logging, table, tell
 from scp_planner.errors import MISSING, Fault, PlanError
 
@@ -48,9 +49,8 @@ def check(
         ),
     ] = 0.0,
     motion: MotionModel = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Certify trips against a scenario, whoever planned them.
 
@@ -58,7 +58,7 @@ def check(
     """
     from scp_planner.certificate.check import certify
 
-    start_logging(quiet, verbose)
+    start_logging(printing)
     check_number("--slack", slack, 0.0)
     scenario = load_scenario(scenario_file, motion)
     trips = [_load(file) for file in files]
@@ -66,10 +66,10 @@ def check(
     certificates = [certify(wider, trip) for trip in trips]
     rows = [_summary(scenario, *one, 1.0 + slack) for one in zip(files, trips, certificates, strict=True)]
     if len(rows) == 1:
-        report(rows[0], as_json, quiet)
-    elif as_json:
+        report(rows[0], printing)
+    elif printing.as_json:
         print_json(rows)
-    elif not quiet:
+    elif not printing.quiet:
         typer.echo(_table(rows))
     for file, certificate in zip(files, certificates, strict=True):
         if not certificate.holds:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import Quiet, Samples, bad_option, check_folder, check_target
 from scp_planner.cli.output import start_logging, tell
 from scp_planner.errors import MISSING, Fault, PlanError
@@ -43,7 +44,7 @@ def export(
     from scp_planner.export import EXPORT_SUFFIXES
     from scp_planner.planning.plan import Plan
 
-    start_logging(quiet, False)
+    start_logging(Printing(quiet=quiet))
     suffix = output.suffix.lower()
     if suffix not in (*EXPORT_SUFFIXES, ""):
         raise bad_option("--output", output, f"must end in one of {', '.join(EXPORT_SUFFIXES)}, or have no suffix")

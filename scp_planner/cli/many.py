@@ -12,29 +12,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scp_planner.baseline import methods as compared
-from scp_planner.batch.jobs import Method
 from scp_planner.cli import pictures
 from scp_planner.cli.application import ExitCode
+from scp_planner.cli.groups import PlanOptions, Printing
 from scp_planner.cli.options import (
     Assignments,
-    Json,
-    MethodName,
-    Quiet,
-    Samples,
     ScenarioFiles,
     SearchSeed,
-    Seed,
-    SolverName,
-    TimeLimit,
-    Verbose,
     Workers,
     at_least,
     bad_option,
     check_folder,
-    check_solver,
     check_target,
-    check_time_limit,
-    keyword_settings,
     load_scenario,
 )
 from scp_planner.cli.output import print_json, progress_bar, report, start_logging, tell
@@ -49,47 +38,70 @@ MOST_TOLD = 10
 """Scenarios without a certified plan that are named one by one."""
 
 
+@dataclass(frozen=True)
+class CrewOptions:
+    """Who works on a batch."""
+
+    workers: Workers = None
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT."),
+    ] = None
+
+    def check(self) -> None:
+        """Refuse both at once."""
+        if self.workers is not None and self.dask is not None:
+            raise bad_option("--workers", self.workers, "goes with processes of this machine, not with --dask")
+
+    def executor(self, verbose: bool, stack: ExitStack) -> Executor:
+        """Who does the work; a connection is closed with the stack."""
+        if self.dask is None:
+            from scp_planner.batch.local import LocalExecutor
+
+            return LocalExecutor(self.workers)
+        from scp_planner.batch.dask_cluster import DaskExecutor
+
+        executor = stack.enter_context(closing(DaskExecutor(self.dask)))
+        if not verbose:  # That a scheduler is lost is told in one line; how its client sees that fills a screen.
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+        return executor
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """What the table has, and what is done again for it."""
+
+    timings: Annotated[
+        bool, typer.Option("--timings", help="Add a column of wall times, which differ from run to run.")
+    ] = False
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Do scenarios again whose work came to nothing: status error or lost.")
+    ] = False
+
+
 def batch(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of scenario files (YAML or JSON).")],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Table of results, CSV; rows that are there are not done again.")
     ] = Path("results.csv"),
-    workers: Workers = None,
-    dask: Annotated[
-        str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Scheduler of a Dask cluster to work on, tcp://HOST:PORT."),
-    ] = None,
+    *,
+    crew: CrewOptions,
     pattern: Annotated[
         str | None,
         typer.Option("--pattern", metavar="GLOB", help="Which files of DIR, such as '**/crossing*.yaml'."),
     ] = None,
     plans: Annotated[Path | None, typer.Option("--plans", help="Folder to write the plans into, JSON.")] = None,
-    method: MethodName = Method.SCP,
-    solver: SolverName = None,
-    assignments: Assignments = None,
-    seed: Seed = 0,
-    time_limit: TimeLimit = None,
-    samples: Samples = 200,
-    timings: Annotated[
-        bool, typer.Option("--timings", help="Add a column of wall times, which differ from run to run.")
-    ] = False,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Do scenarios again whose work came to nothing: status error or lost.")
-    ] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    planning: PlanOptions,
+    rows: TableOptions,
+    printing: Printing,
 ) -> None:
     """Plan all scenarios of a folder.
 
     Each becomes a row of the table, bad ones too. After an interrupt the same command goes on where it was.
     """
-    del seed  # there is nothing to draw
-    start_logging(quiet, verbose)
-    if workers is not None and dask is not None:
-        raise bad_option("--workers", workers, "goes with processes of this machine, not with --dask")
-    check_solver(solver, method)
-    check_time_limit(time_limit)
+    start_logging(printing)
+    crew.check()
+    planning.check()
     check_target("--output", output)
     check_folder("--plans", plans)
     if not folder.is_dir():
@@ -98,15 +110,16 @@ def batch(
     from scp_planner.batch.runner import scenario_files
     from scp_planner.settings.planning import Settings
 
-    options = jobs.Options(method, replace(Settings(), **keyword_settings(assignments, solver)), time_limit, samples)
+    settings = replace(Settings(), **planning.values)
+    options = jobs.Options(planning.method, settings, planning.time_limit, planning.samples)
     files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
     if not files:
         raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")
     with ExitStack() as stack:
-        executor = _executor(workers, dask, verbose, stack)
-        result = _Work(files, output, options, plans, timings, retry).done(executor, quiet, stack)
+        executor = crew.executor(printing.verbose, stack)
+        result = _Work(files, output, options, plans, rows).done(executor, printing.quiet, stack)
     summary = {"scenarios": len(files), **result.counts, "done_before": result.done_before, "results": str(output)}
-    report(summary, as_json, quiet)
+    report(summary, printing)
     missing = [row for row in result.rows if row["status"] != "certified"]
     for row in missing[:MOST_TOLD]:
         tell(f"{row['file']}: {row['status']}: {row['reason']}")
@@ -124,8 +137,7 @@ class _Work:
     output: Path
     options: Options
     plans: Path | None
-    timings: bool
-    retry: bool
+    rows: TableOptions
 
     def done(self, executor: Executor, quiet: bool, stack: ExitStack) -> BatchResult:
         """Do it, with a progress bar; what interrupts it is told with how far it went."""
@@ -147,8 +159,8 @@ class _Work:
                 executor,
                 self.options,
                 plans=self.plans,
-                timings=self.timings,
-                retry=self.retry,
+                timings=self.rows.timings,
+                retry=self.rows.retry,
                 progress=advance,
             )
         except KeyboardInterrupt:
@@ -160,21 +172,8 @@ class _Work:
     def _how_far(self) -> str:
         from scp_planner.batch.runner import rows_done
 
-        done = rows_done(self.files, self.output, timings=self.timings)
+        done = rows_done(self.files, self.output, timings=self.rows.timings)
         return f"{done} of {len(self.files)} rows are in {self.output}; the same command goes on from there"
-
-
-def _executor(workers: int | None, dask: str | None, verbose: bool, stack: ExitStack) -> Executor:
-    if dask is None:
-        from scp_planner.batch.local import LocalExecutor
-
-        return LocalExecutor(workers)
-    from scp_planner.batch.dask_cluster import DaskExecutor
-
-    executor = stack.enter_context(closing(DaskExecutor(dask)))
-    if not verbose:  # That a scheduler is lost is told in one line; how its client sees that fills a screen.
-        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-    return executor
 
 
 def compare(
@@ -190,9 +189,8 @@ def compare(
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw convergence: .png, .pdf or .svg.")] = None,
     assignments: Assignments = None,
     seed: SearchSeed = 0,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Compare SCP with penalty descent.
 
@@ -201,13 +199,13 @@ def compare(
     from scp_planner.baseline import comparison
     from scp_planner.settings.planning import Settings
 
-    start_logging(quiet, verbose)
+    start_logging(printing)
     check_target("--output", output)
     pictures.check_picture("--plot", plot, suffixes=FIGURE_SUFFIXES)
     settings = Settings.from_text(assignments or ())
     scenarios = [load_scenario(file) for file in scenario_files]
     chosen = methods or [compared.Method.SCP, compared.Method.LBFGS]
-    with progress_bar(len(scenarios) * starts * len(chosen), "trial", quiet) as bar:
+    with progress_bar(len(scenarios) * starts * len(chosen), "trial", printing.quiet) as bar:
 
         def advance(_: object) -> None:
             bar.update()
@@ -226,10 +224,10 @@ def compare(
         from scp_planner.studies.figures import plot_comparison
 
         plot_comparison(trials, plot)
-    if as_json:
+    if printing.as_json:
         records = [comparison.trial_record(trial) for trial in trials]
         print_json({"summary": [asdict(row) for row in comparison.summaries(trials)], "trials": records})
-    elif not quiet:
+    elif not printing.quiet:
         typer.echo(comparison.summary_table(trials))
     certified = {trial.scenario for trial in trials if trial.certified}
     missing = [scenario.name for scenario in scenarios if scenario.name not in certified]

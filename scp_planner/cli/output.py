@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from scp_planner.cli.groups import Printing
+
 if TYPE_CHECKING:
     from tqdm import tqdm
 
@@ -37,9 +39,9 @@ _NOT_LISTED = ("reason", "violations", "limits", "file")
 """Told elsewhere, or known."""
 
 
-def start_logging(quiet: bool, verbose: bool) -> None:
+def start_logging(printing: Printing) -> None:
     """Let the package's messages through to stderr, as many as are wanted."""
-    level = logging.DEBUG if verbose else logging.ERROR if quiet else logging.WARNING
+    level = logging.DEBUG if printing.verbose else logging.ERROR if printing.quiet else logging.WARNING
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     logging.getLogger("scp_planner").setLevel(level)
 
@@ -63,11 +65,11 @@ def progress_bar(total: int | None, unit: str, quiet: bool, **options: Any) -> I
         yield bar
 
 
-def report(summary: dict[str, Any], as_json: bool, quiet: bool) -> None:
+def report(summary: dict[str, Any], printing: Printing) -> None:
     """Print a summary on stdout: as JSON, or one line a figure with its unit."""
-    if as_json:
+    if printing.as_json:
         print_json(summary)
-    elif not quiet:
+    elif not printing.quiet:
         for key, value in summary.items():
             if value is not None and key not in _NOT_LISTED:
                 unit = _UNITS.get(key.removeprefix("simulated_"), "")

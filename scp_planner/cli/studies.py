@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from scp_planner.cli import pictures
+from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import (
-    Json,
     NoiseSeed,
-    Quiet,
-    Verbose,
     Workers,
     at_least,
     bad_option,
@@ -28,6 +26,7 @@ from scp_planner.cli.output import print_json, progress_bar, report, start_loggi
 
 if TYPE_CHECKING:
     from scp_planner.estimation.tracks import Tracks
+    from scp_planner.studies.coverage import Coverage
 
 CONSISTENCY_FIGURES = ("consistency.png", "border.png")
 CONSISTENCY_FILES = ("results.jsonl", "summary.csv", "slopes.csv", "border.csv", *CONSISTENCY_FIGURES)
@@ -50,15 +49,14 @@ def consistency(
         Path, typer.Option("--output", "-o", help="Folder for results; those that are there already are used.")
     ] = Path("consistency"),
     seed: NoiseSeed = 0,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Measure how estimates converge.
 
     The objective with estimated zones, and its minimisers, against the true ones as observations grow in number.
     """
-    start_logging(quiet, verbose)
+    start_logging(printing)
     check_folder("--output", output, *CONSISTENCY_FILES)
     from scp_planner.studies.consistency import run_consistency
     from scp_planner.studies.field import ConsistencySettings, border
@@ -67,7 +65,7 @@ def consistency(
     if repetitions is not None:
         settings = replace(settings, repetitions=repetitions)
     processes = workers or os.cpu_count() or 1
-    result = run_consistency(settings, folder=output, workers=processes, progress=not quiet)
+    result = run_consistency(settings, folder=output, workers=processes, progress=not printing.quiet)
     written = result.save(output)
     if pictures.can_plot():
         from scp_planner.studies.figures import plot_border, plot_consistency
@@ -76,11 +74,11 @@ def consistency(
         plot_consistency(result, figures[0])
         plot_border(border(), figures[1])
         written += figures
-    if as_json:
+    if printing.as_json:
         print_json({"slopes": [asdict(slope) for slope in result.slopes]})
-    elif not quiet:
+    elif not printing.quiet:
         typer.echo(result.table())
-    _tell_written(written, quiet)
+    _tell_written(written, printing)
 
 
 def coverage(
@@ -102,31 +100,24 @@ def coverage(
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for tables and figure.")] = Path("coverage"),
     seed: NoiseSeed = 0,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Measure how often zones hold.
 
     How often zones of each level of confidence hold what they promise, in simulation and on recorded tracks.
     """
-    start_logging(quiet, verbose)
+    start_logging(printing)
     check_folder("--output", output, *COVERAGE_FILES)
     check_probability(probability)
     if model is not None:
-        _coverage_of_model(model, tracks or [], probability, output, as_json, quiet)
+        _coverage_of_model(model, tracks or [], probability, output, printing)
         return
     from scp_planner.studies import coverage as simulated
     from scp_planner.studies import recorded
 
     loaded = _load_tracks(tracks or [])
-    with progress_bar(None, "case", quiet) as bar:
-
-        def advance(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        results = simulated.measure_coverage(probability=probability, runs=runs, seed=seed, progress=advance)
+    results = _simulated(probability, runs, seed, printing.quiet)
     output.mkdir(exist_ok=True)
     simulated.save_csv(results, output / "coverage.csv")
     written = [output / "coverage.csv"]
@@ -145,16 +136,27 @@ def coverage(
         written.append(output / "recorded.csv")
         tables.append(recorded.summary(measured))
         records["recorded"] = [asdict(row) for row in measured]
-    if as_json:
+    if printing.as_json:
         print_json(records)
-    elif not quiet:
+    elif not printing.quiet:
         typer.echo("\n\n".join(tables))
-    _tell_written(written, quiet)
+    _tell_written(written, printing)
 
 
-def _coverage_of_model(
-    model: str, tracks: list[Path], probability: float, output: Path, as_json: bool, quiet: bool
-) -> None:
+def _simulated(probability: float, runs: int, seed: int, quiet: bool) -> list[Coverage]:
+    """Measure simulated runs, with a progress bar."""
+    from scp_planner.studies.coverage import measure_coverage
+
+    with progress_bar(None, "case", quiet) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        return measure_coverage(probability=probability, runs=runs, seed=seed, progress=advance)
+
+
+def _coverage_of_model(model: str, tracks: list[Path], probability: float, output: Path, printing: Printing) -> None:
     """Test a model on recorded tracks."""
     if not tracks:
         raise bad_option("TRACKS", "none", "are needed to test a model on")
@@ -167,25 +169,24 @@ def _coverage_of_model(
     measured = recorded.measure_model(Tracks.joined(tracks), process, data=name, name=name, probability=probability)
     output.mkdir(exist_ok=True)
     recorded.save_csv(measured, output / "recorded.csv")
-    if as_json:
+    if printing.as_json:
         print_json({"recorded": [asdict(row) for row in measured]})
-    elif not quiet:
+    elif not printing.quiet:
         typer.echo(recorded.summary(measured))
-    _tell_written([output / "recorded.csv"], quiet)
+    _tell_written([output / "recorded.csv"], printing)
 
 
-def fit_motion(
-    tracks_files: Annotated[list[Path], typer.Argument(metavar="TRACKS", help="Files or folders of recorded tracks.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Write the model, .yaml or .json.")] = Path(
-        "motion.yaml"
-    ),
+@dataclass(frozen=True)
+class FitOptions:
+    """What is fitted, and how."""
+
     kind: Annotated[
         str, typer.Option("--kind", metavar="NAME", help="random_walk (of the velocity), mean_reverting or singer.")
-    ] = "random_walk",
+    ] = "random_walk"
     window: Annotated[
         int,
         typer.Option("--window", metavar="N", callback=at_least(1), help="Positions that a prediction is made from."),
-    ] = 8,
+    ] = 8
     conformal: Annotated[
         float | None,
         typer.Option(
@@ -193,7 +194,7 @@ def fit_motion(
             metavar="P",
             help="Level at which regions are split-conformal, from half of the tracks; such as 0.95.",
         ),
-    ] = None,
+    ] = None
     noise: Annotated[
         float | None,
         typer.Option(
@@ -201,7 +202,23 @@ def fit_motion(
             metavar="S",
             help="Standard deviation of observed coordinates, m; default: fitted. Smoothed tracks show none.",
         ),
-    ] = None,
+    ] = None
+
+    def check(self) -> None:
+        """Refuse what is no probability, and a noise that is none."""
+        if self.conformal is not None and not 0.0 < self.conformal < 1.0:
+            raise bad_option("--conformal", self.conformal, "must be between 0 and 1")
+        if self.noise is not None and not 0.0 < self.noise < math.inf:
+            raise bad_option("--noise", self.noise, "must be a positive number")
+
+
+def fit_motion(
+    tracks_files: Annotated[list[Path], typer.Argument(metavar="TRACKS", help="Files or folders of recorded tracks.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Write the model, .yaml or .json.")] = Path(
+        "motion.yaml"
+    ),
+    *,
+    fit: FitOptions,
     half: Annotated[
         bool,
         typer.Option("--half", help="Fit to every other track; `study coverage --model` tests it on the rest."),
@@ -209,39 +226,34 @@ def fit_motion(
     source: Annotated[
         str | None, typer.Option("--source", metavar="TEXT", help="What the file says that the tracks are.")
     ] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    printing: Printing,
 ) -> None:
     """Fit a motion model to recorded tracks.
 
     It is a motion with process noise, for use as an obstacle's `model: {process: FILE}`.
     """
-    start_logging(quiet, verbose)
+    start_logging(printing)
     for tracks_file in tracks_files:
         check_target("--output", output, tracks_file)
     if output.suffix not in (".yaml", ".yml", ".json"):
         raise bad_option("--output", output, "must end in .yaml, .yml or .json")
-    if conformal is not None and not 0.0 < conformal < 1.0:
-        raise bad_option("--conformal", conformal, "must be between 0 and 1")
-    if noise is not None and not 0.0 < noise < math.inf:
-        raise bad_option("--noise", noise, "must be a positive number")
+    fit.check()
     from scp_planner.estimation.motion_fitting import bounds_met, fit_motion_model
     from scp_planner.estimation.tracks import Tracks
 
     tracks = Tracks.joined(tracks_files)
     fitted = tracks.halves()[0] if half else tracks
-    model = fit_motion_model(fitted, kind, window=window, conformal=conformal, noise=noise)
+    model = fit_motion_model(fitted, fit.kind, window=fit.window, conformal=fit.conformal, noise=fit.noise)
     if source is not None and model.fitted_to is not None:
         model = model.model_copy(update={"fitted_to": model.fitted_to.model_copy(update={"source": source})})
     model.save(output)
     found = model.model_dump(mode="json", by_alias=True)
     listed = {**found["process"], **{key: found[key] for key in ("velocity_deviation", "noise_deviation")}}
     listed |= {"tracks": found["fitted_to"]["tracks"]}
-    report(found if as_json else listed, as_json, quiet)
-    for text in () if quiet else bounds_met(fitted, model):
+    report(found if printing.as_json else listed, printing)
+    for text in () if printing.quiet else bounds_met(fitted, model):
         tell(text)
-    _tell_written([output], quiet)
+    _tell_written([output], printing)
 
 
 def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
@@ -251,6 +263,6 @@ def _load_tracks(paths: list[Path]) -> list[tuple[str, Tracks]]:
     return [(path.stem.removesuffix("_obsmat"), Tracks.load(path)) for path in paths]
 
 
-def _tell_written(files: list[Path], quiet: bool) -> None:
-    if not quiet:
+def _tell_written(files: list[Path], printing: Printing) -> None:
+    if not printing.quiet:
         tell(f"wrote {', '.join(str(file) for file in files)}")

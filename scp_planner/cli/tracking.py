@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import Json, Quiet, bad_option
 from scp_planner.cli.output import report
 from scp_planner.errors import MISSING, Fault, TracksError
@@ -47,7 +48,7 @@ def fit_tracking(
         records.append(TrackingRecord(speed, speed**2 * np.abs(curvature), error))
     tube = fit_tracking_tube(records, probability)
     largest = float(tube.radius(tube.max_speed, tube.max_lateral))
-    report({**asdict(tube), "largest_radius": largest}, as_json, quiet)
+    report({**asdict(tube), "largest_radius": largest}, Printing(as_json, quiet))
 
 
 def _drives(path: Path) -> dict[str, list[list[float]]]:

@@ -2,37 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from scp_planner.batch.jobs import Method
 from scp_planner.cli import commonroad, pictures, summaries
 from scp_planner.cli.application import ExitCode
+from scp_planner.cli.groups import PlanOptions, Printing
 from scp_planner.cli.options import (
     BUILT_IN,
     Assignments,
     DemoName,
-    Json,
-    MethodName,
     MotionModel,
     NoiseSeed,
-    Quiet,
-    Samples,
     ScenarioFile,
-    Seed,
     SolverName,
-    TimeLimit,
-    Verbose,
     bad_option,
     check_folder,
     check_number,
     check_solver,
     check_target,
-    check_time_limit,
-    keyword_settings,
     load_scenario,
 )
 from scp_planner.cli.output import progress_bar, report, start_logging, tell, waiting
@@ -51,30 +43,88 @@ DEMO_FILES = (*DEMO_DATA, *DEMO_PAGES, *DEMO_FIGURES)
 SLOWEST_RATE = 1e-9  # Hz
 
 
+@dataclass(frozen=True)
+class PictureOptions:
+    """What is drawn of a plan."""
+
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
+    ] = None
+    view: pictures.PictureView = View.MAP
+
+
+@dataclass(frozen=True)
+class Values:
+    """Settings by name: of plans, and of the closed loop."""
+
+    planning: dict[str, Any]
+    driving: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """How a closed loop is driven."""
+
+    noise: Annotated[
+        float | None,
+        typer.Option(
+            "--noise", metavar="S", help="Standard deviation of observed coordinates, m; default: 1/200 of the trip."
+        ),
+    ] = None
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate", metavar="HZ", help="Observations and replans per second; default: 70 or so in the fastest trip."
+        ),
+    ] = None
+    motion: MotionModel = None
+    seed: NoiseSeed = 0
+    solver: SolverName = None
+    assignments: Assignments = None
+
+    def check(self) -> None:
+        """Refuse a solver that is not there, and numbers that are too small."""
+        check_solver(self.solver)
+        check_number("--noise", self.noise, 0.0)
+        check_number("--rate", self.rate, SLOWEST_RATE)
+
+    def values(self) -> Values:
+        """Read the values of ``--set``."""
+        from scp_planner.settings.knobs import knobs, parse_assignments
+        from scp_planner.settings.online import OnlineSettings
+        from scp_planner.settings.planning import Settings
+
+        given = parse_assignments(self.assignments or (), Settings, OnlineSettings)
+        if "period" in given:
+            raise bad_option("--set", "period", "--rate gives the period")
+        planning = {name: value for name, value in given.items() if name in knobs(Settings)}
+        return Values(planning, {name: value for name, value in given.items() if name not in planning})
+
+
 def demo(
     name: DemoName = DEMO_SCENARIO,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")] = Path("demo"),
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    *,
+    printing: Printing,
 ) -> None:
     """Plan, drive and draw a built-in scenario.
 
     Scenario, plan, the run of a closed loop, pictures and pages for a browser are written into a folder.
     """
-    start_logging(quiet, verbose)
+    start_logging(printing)
     check_folder("--output", output, *DEMO_FILES)
-    scenario = load_scenario(BUILT_IN + name)
+    scenario, quiet = load_scenario(BUILT_IN + name), printing.quiet
     with waiting("planning", quiet):
-        made = _with_lower_bound(scenario, _plan(scenario, Method.SCP))
-    run = _drive(scenario, 0.1, 10.0, 0, quiet)
+        made = _plan(scenario, Method.SCP).bounded()
+    run = _drive(scenario, DriveOptions(noise=0.1, rate=10.0), quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
     made.save(output / "plan.json")
     run.save(output / "run.json")
     written = [*DEMO_DATA, *_draw_demo(scenario, made, run, output, quiet)]
     figures = {**summaries.of_plan(scenario, made), **_prefixed("simulated", summaries.of_run(run))}
-    report(figures, as_json, quiet)
+    report(figures, printing)
     if not quiet:
         tell(f"wrote {', '.join(str(output / file) for file in written)}")
     _finish(BUILT_IN + name, made.certified, str(made.reason))
@@ -84,56 +134,42 @@ def demo(
 def plan(
     scenario_file: ScenarioFile,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the plan, JSON.")] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", help="Draw the plan: .png, .pdf, .svg; .gif, .mp4; .html to look at in a browser."),
-    ] = None,
-    view: pictures.PictureView = View.MAP,
+    *,
+    picture: PictureOptions,
     motion: MotionModel = None,
-    method: MethodName = Method.SCP,
-    solver: SolverName = None,
-    assignments: Assignments = None,
-    seed: Seed = 0,
-    time_limit: TimeLimit = None,
-    samples: Samples = 200,
+    planning: PlanOptions,
     bound: Annotated[
         bool,
         typer.Option(
             "--bound/--no-bound", help="Find out what no trip among the obstacles is shorter than, not only without."
         ),
     ] = True,
-    solution: commonroad.SolutionFile = None,
-    model: commonroad.ModelName = commonroad.Model.PM,
-    cost: commonroad.CostName = commonroad.Cost.JB1,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    solution: commonroad.SolutionOptions,
+    printing: Printing,
 ) -> None:
     """Plan one scenario."""
-    del seed  # there is nothing to draw
-    start_logging(quiet, verbose)
-    check_solver(solver, method)
-    check_time_limit(time_limit)
+    start_logging(printing)
+    planning.check()
     check_target("--output", output, scenario_file)
-    pictures.check_picture("--plot", plot, scenario_file, view=view)
-    commonroad.check_solution(solution, scenario_file, method)
-    values = keyword_settings(assignments, solver)
-    with waiting("planning", quiet):
-        if solution is None:
+    pictures.check_picture("--plot", picture.plot, scenario_file, view=picture.view)
+    solution.check(scenario_file, planning.method)
+    values = planning.values
+    with waiting("planning", printing.quiet):
+        if solution.file is None:
             scenario = load_scenario(scenario_file, motion)
-            made = _plan(scenario, method, values, time_limit)
+            made = _plan(scenario, planning.method, values, planning.time_limit)
         else:
-            answer = commonroad.plan_solution(scenario_file, model, values, time_limit)
+            answer = solution.planned(scenario_file, values, planning.time_limit)
             scenario, made = answer.scenario, answer.plan
-            commonroad.write_solution(made, scenario_file, solution, model, cost)
+            solution.write(made, scenario_file)
     if bound:
-        with waiting("bounding what another plan could gain", quiet):
-            made = _with_lower_bound(scenario, made)
+        with waiting("bounding what another plan could gain", printing.quiet):
+            made = made.bounded()
     if output is not None:
-        made.save(output, samples=samples)
-    if plot is not None:
-        made.draw(scenario, plot, view)
-    report(summaries.of_plan(scenario, made), as_json, quiet)
+        made.save(output, samples=planning.samples)
+    if picture.plot is not None:
+        made.draw(scenario, picture.plot, picture.view)
+    report(summaries.of_plan(scenario, made), printing)
     _finish(scenario_file, made.certified, f"{made.status}: {made.reason}" if made.reason else str(made.status))
 
 
@@ -145,46 +181,28 @@ def simulate(
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Draw the run: .png, .pdf or .svg.")] = None,
     view: pictures.PictureView = View.MAP,
-    noise: Annotated[
-        float | None,
-        typer.Option(
-            "--noise", metavar="S", help="Standard deviation of observed coordinates, m; default: 1/200 of the trip."
-        ),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate", metavar="HZ", help="Observations and replans per second; default: 70 or so in the fastest trip."
-        ),
-    ] = None,
-    motion: MotionModel = None,
-    seed: NoiseSeed = 0,
-    solver: SolverName = None,
-    assignments: Assignments = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    *,
+    drive: DriveOptions,
+    printing: Printing,
 ) -> None:
     """Drive one scenario in a closed loop.
 
     Observe, refresh zones, replan, drive. Obstacles with a known motion really move like that and are seen with noise;
     of those with observations, the truth is drawn from what the observations leave open.
     """
-    start_logging(quiet, verbose)
-    check_solver(solver)
-    check_number("--noise", noise, 0.0)
-    check_number("--rate", rate, SLOWEST_RATE)
+    start_logging(printing)
+    drive.check()
     check_target("--output", output, scenario_file)
     pictures.check_picture("--animate", animation, scenario_file, pictures.MOVING_SUFFIXES)
     pictures.check_picture("--plot", plot, scenario_file, FIGURE_SUFFIXES, view)
-    run = _drive(load_scenario(scenario_file, motion), noise, rate, seed, quiet, solver, assignments)
+    run = _drive(load_scenario(scenario_file, drive.motion), drive, printing.quiet)
     if output is not None:
         run.save(output)
     if animation is not None:
         run.draw(animation)
     if plot is not None:
         run.draw(plot, view)
-    report(summaries.of_run(run), as_json, quiet)
+    report(summaries.of_run(run), printing)
     _finish_run(scenario_file, run)
 
 
@@ -208,39 +226,17 @@ def _plan(
             return penalty_descent(scenario, settings, time_limit=time_limit)
 
 
-def _with_lower_bound(scenario: Scenario, made: Plan) -> Plan:
-    """Raise the lower bound of a certified plan to the one among the obstacles; another's gap would say nothing."""
-    if not made.certified:
-        return made
-    from scp_planner.certificate.lower_bound import lower_bound
-
-    return replace(made, lower_bound=max(made.lower_bound, lower_bound(scenario, at_most=made.travel_time)))
-
-
-def _drive(
-    scenario: Scenario,
-    noise: float | None,
-    rate: float | None,
-    seed: int,
-    quiet: bool,
-    solver: str | None = None,
-    assignments: list[str] | None = None,
-) -> Run:
+def _drive(scenario: Scenario, drive: DriveOptions, quiet: bool) -> Run:
     from scp_planner.online.planner import SETTINGS
     from scp_planner.scenario.units import NaturalUnits
-    from scp_planner.settings.knobs import knobs, parse_assignments
     from scp_planner.settings.online import OnlineSettings
-    from scp_planner.settings.planning import Settings, with_given
+    from scp_planner.settings.planning import with_given
     from scp_planner.simulation.loop import FORGET_AFTER, simulate
     from scp_planner.simulation.setup import Follower
 
-    given = parse_assignments(assignments or (), Settings, OnlineSettings)
-    if "period" in given:
-        raise bad_option("--set", "period", "--rate gives the period")
-    planning = {name: value for name, value in given.items() if name in knobs(Settings)}
-    driving = {name: value for name, value in given.items() if name not in planning}
+    given = drive.values()
     units = NaturalUnits.of(scenario)
-    online = replace(OnlineSettings(forget_after=FORGET_AFTER * units.time), **driving)
+    online = replace(OnlineSettings(forget_after=FORGET_AFTER * units.time), **given.driving)
     with progress_bar(None, "s", quiet, bar_format="driving: {n:.1f} s, {elapsed}") as bar:
 
         def advance(time: float) -> None:
@@ -248,13 +244,13 @@ def _drive(
 
         return simulate(
             scenario,
-            noise,
-            rate,
-            seed,
-            settings=with_given(SETTINGS, planning, units),
+            drive.noise,
+            drive.rate,
+            drive.seed,
+            settings=with_given(SETTINGS, given.planning, units),
             online=online,
             follower=Follower(online.tracking_error, online.reaction_time),
-            solver=solver,
+            solver=drive.solver,
             progress=advance,
         )
 

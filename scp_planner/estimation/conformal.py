@@ -19,8 +19,12 @@ and however, as long as no error is larger than `BEYOND` times the largest that 
 learns that much later, and of those that are restless now and then fewer errors are outside than alpha.
 
 What is seen has an error of its own, of which a region of where things *are* must not be made up for. So an error is
-not compared with the region, but counts as the factor that the region's covariance would have needed for the
-observation to be inside together with its noise (`region_score`).
+not compared with the region, but counts as the size that the region would have needed for the observation to be inside
+together with its noise (`region_score`).
+
+Regions that are too small do not become so many times as large, but larger by the same in every direction: what nobody
+foretold, such as a change of acceleration, adds to an error, however well the motion was known. A factor that is right
+for the calm would make the regions of those who are known to be restless, which are large already, fill the world.
 
 References
 ----------
@@ -40,8 +44,11 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 
-RATE = 0.02
-"""Change of the level after a miss, but for the factor 1 - alpha."""
+RATE = 0.005
+"""Change of the level after a miss, but for the factor 1 - alpha. Misses come in rows, as one wrong prediction is
+followed by others; what is faster takes a row for a trend."""
+ENOUGH = 10.0
+"""Misses at the level asked for, that there must have been room for before regions follow the errors."""
 TOGETHER = 0.01
 """The rate of all tracks together, over that of each: their errors are many, and depend on each other."""
 NEWEST = 20_000
@@ -119,25 +126,33 @@ def factor_to_hold(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, b
 
 
 def region_score(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, border: float) -> Array:
-    """Give what regions of a covariance are scaled by the quantiles of: above 1 outside, below 1 inside.
+    """Give what quantiles are of that regions of a covariance are sized by: above 1 outside, below 1 inside.
 
-    Outside it is `factor_to_hold`. Inside, where that is 0 as soon as the noise alone explains what is seen, it is the
-    squared error over that on the border, of region and noise together: so regions that were too large shrink, and
+    The region of size s is that of s C for s <= 1, and of C + (s - 1) I beyond, see the head of this module. Outside it
+    is the size that holds what is seen. Inside, where that is 0 as soon as the noise alone explains what is seen, it is
+    the squared error over that on the border, of region and noise together: so regions that were too large shrink, and
     those that are much smaller than the noise, of which nothing can be learnt, stay.
 
     Parameters
     ----------
     offset, covariance, noise, border
-        As there.
+        As there; lengths are in the unit that I is in.
 
     Returns
     -------
     (n,)
     """
-    (x, y), (xx, xy, yy) = np.transpose(offset), np.transpose(np.add(covariance, noise))
+    both = np.add(covariance, noise)
+    (x, y), (xx, xy, yy) = np.transpose(offset), np.transpose(both)
     square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
-    inside = square <= border
-    return np.where(inside, square / border, np.maximum(factor_to_hold(offset, covariance, noise, border), 1.0))
+    unit = np.broadcast_to([1.0, 0.0, 1.0], both.shape)
+    return np.where(square <= border, square / border, 1.0 + factor_to_hold(offset, unit, both, border))
+
+
+def sized(covariance: ArrayLike, sizes: ArrayLike) -> Array:
+    """Give the covariances (n, 3) of regions of sizes (n,), see `region_score`."""
+    size = np.asarray(sizes, dtype=float)[:, None]
+    return np.asarray(np.minimum(size, 1.0) * covariance + np.maximum(size - 1.0, 0.0) * [1.0, 0.0, 1.0])
 
 
 class AdaptiveScales:
@@ -164,7 +179,7 @@ class AdaptiveScales:
         if not 0.0 < rate < math.inf:
             raise EstimationError(f"rate: {rate!r} is not a positive number")
         self.alpha, self.rate, self.horizons = alpha, rate, horizons
-        self._all = [_Newest(alpha, math.ceil(1.0 / alpha)) for _ in range(horizons)]
+        self._all = [_Newest(alpha, math.ceil(ENOUGH / alpha)) for _ in range(horizons)]
         self._own: dict[tuple[str, int], float] = {}
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,28 @@ class SquareRoots:
     origin: Array
     first: Array
     last: Array
+
+    @classmethod
+    def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:
+        """Those of several, one after the other."""
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """What new observations of K obstacles differ by from what is expected of them.
+
+    Attributes
+    ----------
+    scaled : (2, K) m
+        The difference times ``share``; with the covariance of an observation. 0 where nothing could be expected.
+    share : (K,)
+        Deviation of an observation over that of the difference, which the estimate adds to; 0 where nothing could be
+        expected, 1 where there was no observation.
+    """
+
+    scaled: Array
+    share: Array
 
 
 class RecursiveEstimator:
@@ -116,6 +139,7 @@ class RecursiveEstimator:
         self._noise_sum = np.zeros((obstacles, 2, 2))
         self._center, self._origin = np.zeros(obstacles), np.zeros((obstacles, 2))
         self._first, self._last = np.full(obstacles, math.inf), np.full(obstacles, -math.inf)
+        self._left, self._shrunk = np.zeros((sides, obstacles)), np.ones(obstacles)
         self._newest = np.full((obstacles, 2), math.nan)  # position of what came last in time
         self._count = np.zeros(obstacles, dtype=np.intp)
         self._since_centred = np.zeros(obstacles, dtype=np.intp)
@@ -147,6 +171,11 @@ class RecursiveEstimator:
             self._last,
         )
 
+    @property
+    def innovations(self) -> Innovations:
+        """What the observations of the last update differed by from what was expected; not of covariances that vary."""
+        return Innovations(self._left, self._shrunk)
+
     def grow(self, obstacles: int) -> None:
         """Make room for more obstacles, so many in all, of which nothing has been seen."""
         given = None if self._sigma is None else np.eye(2)
@@ -155,7 +184,7 @@ class RecursiveEstimator:
         for name, value in vars(fresh).items():
             if isinstance(value, np.ndarray):
                 value = value.copy() if name == "_sigma" else value  # it is one for all
-                last = name in ("_factor", "_scatter", "_moments", "_weights")
+                last = name in ("_factor", "_scatter", "_moments", "_weights", "_left", "_shrunk")
                 (value[..., :old] if last else value[:old])[...] = getattr(self, name)
                 setattr(self, name, value)
 
@@ -317,6 +346,7 @@ class RecursiveEstimator:
         """Rotate new rows into the factor; what is left of them is a residual."""
         m, factor = self._unknowns, self._factor
         for row in rows:
+            self._shrunk.fill(1.0)
             for j in range(m):
                 pivot, entry = factor[j, j], row[j]
                 length = np.hypot(pivot, entry)
@@ -328,7 +358,8 @@ class RecursiveEstimator:
                 lower *= cosine
                 lower -= sine * upper
                 factor[j, j:] = rotated
-            rest = row[m:]
+                self._shrunk *= cosine
+            rest = self._left = row[m:]
             self._scatter += rest[:, None] * rest[None]
 
     def _forget(self, rows: Array, used: Mask) -> None:

@@ -17,7 +17,7 @@ SLOW = 0.05
 """Of the fastest that a course goes: slower than that it stands."""
 ON_ITS_WAY = 0.1
 """Of its length. What has not come so far, or will not, in the time that it takes at the speed above, jitters."""
-LOOKS = 16
+EACH_PIECE = 16
 """In each piece of a course."""
 
 
@@ -68,7 +68,7 @@ def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePoly
 def _looks(course: PiecewisePolynomials, length: float) -> tuple[Array, Mask]:
     """Times from the first of the course to its last, and whether it is on its way then."""
     breaks = course.breakpoints[0, 1:-1]
-    share = np.arange(LOOKS) / LOOKS
+    share = np.arange(EACH_PIECE) / EACH_PIECE
     times = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel(), breaks[-1])
     velocity = _at(course.derivative, times)
     speed = np.hypot(velocity[:, 0], velocity[:, 1])

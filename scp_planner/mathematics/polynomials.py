@@ -11,6 +11,8 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 
+MOST_INSTANTS = 4  # times the pieces of one polynomial: of so many instants, where any begins a piece, there is a table
+
 
 @dataclass(frozen=True)
 class PiecewisePolynomials:
@@ -112,6 +114,23 @@ class PiecewisePolynomials:
         breaks = self.breakpoints
         last = breaks.shape[1] - (1 if breaks.shape[1] == 2 else 0)  # a single piece goes on beyond its end
         return len(breaks) > 0 and bool(np.all(breaks[:, :last] == breaks[0, :last]))
+
+    @cached_property
+    def _instants(self) -> Array:
+        """All breakpoints between pieces, sorted, (u,) s."""
+        inner = self.breakpoints[:, 1:-1]
+        return np.unique(inner[np.isfinite(inner)])
+
+    @cached_property
+    def _pieces(self) -> Index | None:
+        """Piece of each polynomial after so many of these instants, (L, u + 1); None where that would be much."""
+        inner, instants = self.breakpoints[:, 1:-1], self._instants
+        if len(instants) > MOST_INSTANTS * max(inner.shape[1], 1):
+            return None
+        table = np.zeros((len(inner), len(instants) + 1), dtype=np.intp)
+        for own, breaks in zip(table, inner, strict=True):
+            own[1:] = breaks.searchsorted(instants, "right")
+        return table
 
     @cached_property
     def _flat(self) -> Array:
@@ -231,7 +250,10 @@ class PiecewisePolynomials:
             breaks = self.breakpoints[0]
             piece = breaks[1:-1].searchsorted(times, "right")
             return piece, times - breaks[piece]
-        piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
+        if self._pieces is None:
+            piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
+        else:
+            piece = self._pieces[index, self._instants.searchsorted(times, "right")]
         return piece, times - self.breakpoints[index, piece]
 
 

@@ -1,25 +1,20 @@
 """Dodges: short trips in many directions, each at several speeds and ending in a stop, looked at all together.
 
-A *course* leads on from where the vehicle is: straight, in any direction where its heading is free; else it turns by
-an angle, as tightly as the limits allow, and goes straight on. A *profile* speeds up or slows down to a level, keeps it
-for a while, and brakes to a stop; then the vehicle stands. A dodge is a course driven by a profile. Standing still is
-one.
-
-All are sampled at the same times, so that distances to all zones come from a few array operations. Samples decide which
-dodge is tried first, never what is safe: that is up to the certificate.
+A dodge is a course driven by a profile of speed (`scp_planner.online.courses`). Standing still is one. All are sampled
+at the same times, so that distances to all zones come from a few array operations. Samples decide which dodge is tried
+first, never what is safe: that is up to the certificate.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.remaining import State
+from scp_planner.online.courses import BEND_TIME, BENT_PROFILES, LIMIT_SHARE, Courses, DodgeProfiles, smooth_step
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -29,270 +24,161 @@ from scp_planner.trips.space import CELLS_PER_SPAN, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-DIRECTIONS = 32
-"""Where the heading is free."""
-TURNS = np.radians([0.0, 10.0, 22.0, 40.0, 65.0, 100.0, 140.0, 180.0])
-"""To either side, where it is not."""
-LEVELS = (1.0, 0.5)
-"""Shares of the top speed."""
-CRUISES = (0.0, 1.0, 2.0, 4.0, 8.0)
-"""Times for which a level is kept, in those in which the vehicle drives its own width."""
-SPANS = 32
-"""Of the accelerations of a dodge, all as long as each other."""
-WHOLE = 3
-"""Spans that are lost where phases become whole numbers of them."""
 LOOKS = 48
 """Samples of a dodge."""
-TABLE = 33
-"""Points of a turn, of which the others are interpolated."""
-LIMIT_SHARE = 0.98
-"""Of the limits, that dodges use."""
 BEND_PEAK = 1.5
 """The largest slope of the step by which a course turns."""
 PATH_PIECES = (4, 8, 16)
 """Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn."""
 NEAR = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
-_SHARES = np.linspace(0.0, 1.0, TABLE)
-_BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
+BORDER = -1
+"""Stands for the border of the workspace among numbers of zones."""
 _PATH_DEGREE = 3
 
 
-def _smooth(share: Array) -> Array:
-    """A step from 0 to 1 without a jump of its slope."""
-    share = np.minimum(share, 1.0)
-    smooth: Array = share * share * (3.0 - 2.0 * share)
-    return smooth
-
-
 @dataclass(frozen=True)
-class DodgeDrive:
-    """What a dodge drives along its course.
+class Room:
+    """How far C dodges keep from what they might hit, at J samples.
 
     Attributes
     ----------
-    start_speed : float
-        m/s.
-    degree : int
-        Of the acceleration.
-    breakpoints : tuple of float
-        Of the acceleration, in normalised time.
-    beta : array
-        Control points of the acceleration, m/s^2.
-    lasts : float
-        s.
+    zones : (Z,) array of int
+        Which zones are looked at; `BORDER` for the border of the workspace.
+    each : (Z, C, J) array
+        Distances from each of them, m: lower bounds that are exact where it is near.
     """
 
-    start_speed: float
-    degree: int
-    breakpoints: tuple[float, ...]
-    beta: Array
-    lasts: float
-
-
-class DodgeProfiles(Protocol):
-    """P drives that end in a stop."""
-
-    @property
-    def stands(self) -> Array:
-        """When the vehicle stands, (P,) s from now."""
-        ...
-
-    @property
-    def fastest(self) -> Array:
-        """Highest speeds, (P,) m/s."""
-        ...
-
-    @property
-    def way(self) -> Array:
-        """How far they go, (P,) m."""
-        ...
-
-    def distance(self, times: Array) -> Array:
-        """Distances driven at times (J,), (P, J) m."""
-        ...
-
-    def drive(self, number: int) -> DodgeDrive:
-        """What one of them drives."""
-        ...
-
-
-def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
-    """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once.
-
-    Parameters
-    ----------
-    top : float
-        Speed, m/s.
-    width : float
-        Of the vehicle, m.
-
-    Returns
-    -------
-    ((P,) array, (P,) array)
-    """
-    levels, cruises = np.meshgrid(np.array(LEVELS) * top, np.array(CRUISES) * width / top)
-    return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
-
-
-@dataclass(frozen=True)
-class Profiles:
-    """P drives that end in a stop.
-
-    Attributes
-    ----------
-    speed : (P, SPANS + 1) array
-        At the ends of the spans, m/s.
-    span : (P,) array
-        Length of a span, s.
-    stands : (P,) array
-        When the vehicle stands, s from now.
-    """
-
-    speed: Array
-    span: Array
-    stands: Array
-
-    @classmethod
-    def of(cls, state: State, limits: Limits, width: float, wait: float) -> Profiles:
-        """Return the profiles of a vehicle.
-
-        Parameters
-        ----------
-        state : State
-        limits : Limits
-        width : float
-            Of the vehicle, m.
-        wait : float
-            For how long it is to stand at the end, s.
-
-        Returns
-        -------
-        Profiles
-        """
-        start_speed = state.speed
-        level, cruise = levels_and_cruises(limits.speed, width)
-        rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
-        change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
-        span = np.maximum(change + cruise + braking + wait, width / limits.speed) / (SPANS - WHOLE)
-        first, last = np.ceil(change / span), np.ceil(braking / span)
-        end = first + np.round(cruise / span) + last
-        number = np.arange(SPANS + 1)
-        risen = np.clip(number / np.maximum(first, 1.0)[:, None], 0.0, 1.0)
-        left = np.clip((end[:, None] - number) / np.maximum(last, 1.0)[:, None], 0.0, 1.0)
-        speed = (start_speed + (level - start_speed)[:, None] * risen) * np.where(last[:, None] > 0.0, left, 1.0)
-        return cls(speed, span, end * span)
-
-    @property
-    def fastest(self) -> Array:
-        """Highest speeds, (P,) m/s."""
-        highest: Array = self.speed.max(axis=1)
-        return highest
-
-    @property
-    def way(self) -> Array:
-        """How far they go, (P,) m."""
-        return self.driven[:, -1]
-
-    def drive(self, number: int) -> DodgeDrive:
-        """What one of them drives."""
-        speeds, span = self.speed[number], float(self.span[number])
-        return DodgeDrive(float(speeds[0]), 0, _BREAKS, np.diff(speeds) / span, SPANS * span)
+    zones: Index
+    each: Array
 
     @cached_property
-    def driven(self) -> Array:
-        """Distances at the ends of the spans, (P, SPANS + 1) m."""
-        steps = 0.5 * (self.speed[:, 1:] + self.speed[:, :-1]) * self.span[:, None]
-        return np.concatenate([np.zeros((len(self.span), 1)), np.cumsum(steps, axis=1)], axis=1)
+    def least(self) -> Array:
+        """The least of them, (C, J) m; inf where there is nothing near."""
+        least: Array = self.each.min(axis=0, initial=np.inf)
+        return least
 
-    def distance(self, times: Array) -> Array:
-        """Distances driven at times (J,), (P, J) m."""
-        place = np.minimum(times / self.span[:, None], SPANS - 1e-9)
-        number = place.astype(np.intp)
-        rest = place - number
-        profile = np.arange(len(self.span))[:, None]
-        begin, after = self.speed[profile, number], self.speed[profile, number + 1]
-        distance: Array = self.driven[profile, number] + self.span[:, None] * rest * (
-            begin + 0.5 * rest * (after - begin)
-        )
-        return distance
+    def nearest(self, dodge: int, sample: int) -> int:
+        """The nearest zone of one dodge at one sample, or `BORDER`, also where there is nothing."""
+        return int(self.zones[self.each[:, dodge, sample].argmin()]) if len(self.zones) else BORDER
 
 
 @dataclass(frozen=True)
-class Courses:
-    """K courses from a place.
-
-    Attributes
-    ----------
-    base : (K,) array
-        Direction in which each begins, rad.
-    turn : (K,) array
-        By how much it turns, rad.
-    """
-
-    base: Array
-    turn: Array
-
-    @classmethod
-    def of(cls, heading: float | None, ahead: float) -> Courses:
-        """Return the courses of a vehicle with a heading, or a free one; then one of them leads ahead, rad."""
-        if heading is None:
-            base = ahead + 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-            return cls(base, np.zeros(DIRECTIONS))
-        turn = np.concatenate([TURNS, -TURNS[1:-1]])
-        return cls(np.full(len(turn), heading), turn)
-
-    @cached_property
-    def _turning(self) -> Array:
-        """Points of turns of length 1, (K, TABLE, 2) m, in the direction in which they begin."""
-        angle = self.turn[:, None] * _smooth(_SHARES)
-        unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (TABLE - 1)
-        return np.concatenate([np.zeros((len(self.turn), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
-
-    def along(self, length: Array, distance: Array) -> tuple[Array, Array]:
-        """Places and headings.
-
-        Parameters
-        ----------
-        length : (K, P) array
-            Of the turns, m.
-        distance : (P, J) array
-            m.
-
-        Returns
-        -------
-        ((K, P, J, 2) array, (K, P, J) array)
-            m from where the courses begin, and rad.
-        """
-        share = distance / length[:, :, None]
-        within = np.minimum(share, 1.0)
-        place = np.minimum(within * (TABLE - 1), TABLE - 1 - 1e-9)
-        number = place.astype(np.intp)
-        rest = (place - number)[..., None]
-        course = np.arange(len(self.turn))[:, None, None]
-        table = self._turning
-        local = table[course, number] * (1.0 - rest) + table[course, number + 1] * rest
-        end = np.stack([np.cos(self.turn), np.sin(self.turn)], axis=-1)[:, None, None]
-        local += np.maximum(share - 1.0, 0.0)[..., None] * end
-        local *= length[:, :, None, None]
-        c, s = np.cos(self.base)[:, None, None], np.sin(self.base)[:, None, None]
-        x, y = local[..., 0], local[..., 1]
-        heading = self.base[:, None, None] + self.turn[:, None, None] * _smooth(within)
-        return np.stack([c * x - s * y, s * x + c * y], axis=-1), heading
-
-
-@dataclass(frozen=True)
-class Dodges:
-    """All courses driven by all profiles: C = K P dodges, the profiles of the first course first.
+class Family:
+    """All of some courses driven by all of some profiles: K P dodges, the profiles of the first course first.
 
     Attributes
     ----------
     courses : Courses
         In the planning frame.
     profiles : DodgeProfiles
-    length : (K, P) array
-        Of the turns, m.
+    lead, length : (K, P) arrays
+        How far it is to the turns, and of them, m.
+    """
+
+    courses: Courses
+    profiles: DodgeProfiles
+    lead: Array
+    length: Array
+
+    @classmethod
+    def of(cls, courses: Courses, profiles: DodgeProfiles, limits: Limits, radius: float, turning_at: float) -> Family:
+        """Return the dodges of a vehicle.
+
+        Parameters
+        ----------
+        courses : Courses
+        profiles : DodgeProfiles
+        limits : Limits
+        radius : float
+            Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
+        turning_at : float
+            When they are in the middle of their turns, at the latest, s; 0: they turn from the beginning on.
+
+        Returns
+        -------
+        Family
+        """
+        fastest = profiles.fastest
+        tightest = np.maximum(
+            radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),
+            fastest**2 / (LIMIT_SHARE * limits.lateral_acceleration),
+        )
+        # Of a course that does not turn any length will do.
+        length = np.maximum(BEND_PEAK * np.abs(courses.turn)[:, None], 1e-3) * tightest
+        return cls(courses, profiles, np.maximum(turning_at * fastest - 0.5 * length, 0.0), length)
+
+    @property
+    def size(self) -> int:
+        """How many dodges there are."""
+        return self.length.size
+
+    def driven(self, times: Array) -> tuple[Array, Array]:
+        """Places (K P, J, 2) m and headings (K P, J) rad at times (J,) s from now."""
+        place, heading = self.courses.along(self.lead, self.length, self.profiles.distance(times))
+        return place.reshape(self.size, len(times), 2), heading.reshape(self.size, len(times))
+
+    def extents(self, batch: ZoneBatch, offset: Array, times: Array) -> Array:
+        """How far ellipses of zones reach towards the vehicle.
+
+        They do not grow any more from when it stands.
+
+        Parameters
+        ----------
+        batch : ZoneBatch
+        offset : (2, U, K P, J) array
+            Of the vehicle from the centres of the U uncertain ones, m.
+        times : (J,) array
+            s from now.
+
+        Returns
+        -------
+        (U, K P, J) array
+            m.
+        """
+        assert batch.covariances is not None
+        count, profiles = self.length.shape
+        until = np.minimum(times, self.profiles.stands[:, None])
+        # (3, U, 1, P, J): the same for all courses.
+        spread = batch.covariances.grid(until.ravel()).transpose(2, 1, 0)
+        xx, xy, yy = np.ascontiguousarray(spread).reshape(3, -1, 1, profiles, len(times))
+        x, y = offset.reshape(2, -1, count, profiles, len(times))
+        along = xx * x
+        along += (2.0 * xy) * y
+        along *= x
+        along += yy * y * y
+        along /= np.maximum(x * x + y * y, 1e-300)
+        np.sqrt(np.maximum(along, 0.0, out=along), out=along)
+        return along.reshape(-1, self.size, len(times))
+
+    def trip(self, number: int, frame: PlanningFrame) -> Trip:
+        """Return a dodge as a trip, from the planning frame that they are in."""
+        course, profile = divmod(number, len(self.profiles.stands))
+        turn, length = float(self.courses.turn[course]), float(self.length[course, profile])
+        drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
+        far = max(driven * (1.0 + 1e-6), 1e-2)
+        guide: Guide = StraightGuide(far)
+        pieces = PATH_PIECES[0]
+        if turn != 0.0:
+            wanted = 4.0 * far / (length * CELLS_PER_SPAN)
+            pieces = next((count for count in PATH_PIECES if count >= wanted), PATH_PIECES[-1])
+            stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
+            along = np.maximum(stations - self.lead[course, profile], 0.0)
+            guide = CurvedGuide(far, turn * smooth_step(along / length))
+        space = TripSpace(guide, drive.start_speed, _PATH_DEGREE, pieces, drive.degree, drive.breakpoints)
+        trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
+        return Trip(
+            PlanningFrame(frame.origin, frame.heading + float(self.courses.base[course]), frame.time), trajectory
+        )
+
+
+@dataclass(frozen=True)
+class Dodges:
+    """C dodges of one or two families, looked at together.
+
+    Attributes
+    ----------
+    families : tuple of Family
     wait : float
         For how long a vehicle is to stand at the end, s.
     times : (J,) array
@@ -303,9 +189,7 @@ class Dodges:
         rad.
     """
 
-    courses: Courses
-    profiles: DodgeProfiles
-    length: Array
+    families: tuple[Family, ...]
     wait: float
     times: Array
     position: Array
@@ -313,7 +197,14 @@ class Dodges:
 
     @classmethod
     def of(
-        cls, heading: float | None, profiles: DodgeProfiles, ahead: float, limits: Limits, radius: float, wait: float
+        cls,
+        heading: float | None,
+        profiles: DodgeProfiles,
+        ahead: float,
+        limits: Limits,
+        radius: float,
+        wait: float,
+        both_ways: bool = False,
     ) -> Dodges:
         """Return the dodges of a vehicle.
 
@@ -329,33 +220,44 @@ class Dodges:
             Of the vehicle, m: it does not turn more tightly, if nothing else limits that.
         wait : float
             For how long it is to stand at the end, s.
+        both_ways : bool
+            Whether it can set out against its heading too.
 
         Returns
         -------
         Dodges
         """
-        courses = Courses.of(heading, ahead)
-        fastest = profiles.fastest
-        tightest = np.maximum(
-            radius if np.isinf(limits.curvature) else 1.0 / (LIMIT_SHARE * limits.curvature),
-            fastest**2 / (LIMIT_SHARE * limits.lateral_acceleration),
-        )
-        # Of a course that does not turn any length will do.
-        length = np.maximum(BEND_PEAK * np.abs(courses.turn)[:, None], 1e-3) * tightest
+        families: tuple[Family, ...]
+        if heading is None:
+            late, turning_at = profiles.last(BENT_PROFILES), BEND_TIME * 2.0 * radius / limits.speed
+            families = (
+                Family.of(Courses.straight(ahead), profiles, limits, radius, 0.0),
+                Family.of(Courses.bent(ahead), late, limits, radius, turning_at),
+            )
+        else:
+            ways = (heading, heading + np.pi) if both_ways else (heading,)
+            families = tuple(Family.of(Courses.turning(each), profiles, limits, radius, 0.0) for each in ways)
         times = np.linspace(0.0, float((profiles.stands + wait).max()), LOOKS)
-        position, headings = courses.along(length, profiles.distance(times))
-        count = length.size
-        return cls(
-            courses, profiles, length, wait, times, position.reshape(count, LOOKS, 2), headings.reshape(count, LOOKS)
-        )
+        driven = [family.driven(times) for family in families]
+        position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
+        return cls(families, wait, times, position, headings)
 
     @cached_property
     def until(self) -> Array:
         """When each has been over for as long as it is to stand, (C,) s from now."""
-        return np.tile(self.profiles.stands + self.wait, len(self.courses.turn))
+        stands = [np.tile(family.profiles.stands, len(family.courses.turn)) for family in self.families]
+        return np.concatenate(stands) + self.wait
 
-    def distances(self, batch: ZoneBatch, box: Box, vehicle: Vehicle) -> tuple[Array, Index]:
-        """Distances of the vehicle to all zones together, and to the border of the workspace.
+    def trip(self, number: int, frame: PlanningFrame) -> Trip:
+        """Return a dodge as a trip, from the planning frame that they are in."""
+        for family in self.families:
+            if number < family.size:
+                return family.trip(number, frame)
+            number -= family.size
+        raise IndexError(f"there is no dodge {number}")
+
+    def room(self, batch: ZoneBatch, box: Box, vehicle: Vehicle) -> Room:
+        """Look how far the vehicle keeps from all zones, and from the border of the workspace.
 
         Parameters
         ----------
@@ -366,50 +268,46 @@ class Dodges:
 
         Returns
         -------
-        ((C, J) array, (C, J) array of int)
-            m, lower bounds that are exact where it is near; and the nearest zone, -1 for the border.
+        Room
         """
-        least, whose = np.full(self.heading.shape, np.inf), np.full(self.heading.shape, -1)
         near = self._within_reach(batch, max(map(abs, vehicle.discs)))
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
+        border = np.full(min(len(box.offsets), 1), BORDER)
+        zones, shaped = batch.subset(rounds), batch.subset(others)
+        least: Array | None = None
         for offset in vehicle.discs:
             place = self.position
             if offset != 0.0:
                 place = place + offset * np.stack([np.cos(self.heading), np.sin(self.heading)], axis=-1)
-            found = []
-            if len(rounds):
-                found.append((rounds, self._from_rounds(batch.subset(rounds), place)))
+            found = [self._from_rounds(zones, place)]
             if len(others):
                 times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
-                found.append((others, batch.subset(others).distances(times, points, NEAR).reshape(*least.shape, -1)))
-            if len(box.offsets):
-                found.append((np.array([-1]), box.room(place)[..., None]))
-            for numbers, distance in found:
-                which = distance.argmin(axis=-1)
-                value = np.take_along_axis(distance, which[..., None], axis=-1)[..., 0]
-                whose = np.where(value < least, numbers[which], whose)
-                least = np.minimum(least, value)
-        return least, whose
+                away = shaped.distances(times, points, NEAR)
+                found.append(away.T.reshape(-1, *self.heading.shape))
+            if len(border):
+                found.append(box.room(place)[None])
+            each = np.concatenate(found) if len(found) > 1 else found[0]
+            least = each if least is None else np.minimum(least, each)
+        assert least is not None, "a vehicle has a disc"
+        return Room(np.concatenate([rounds, others, border]), least)
 
     def _from_rounds(self, batch: ZoneBatch, place: Array) -> Array:
-        """Distances to zones without outlines, (C, J, L) m, in the direction of their centres: never too large.
+        """Distances to zones without outlines, (L, C, J) m, in the direction of their centres: never too large.
 
-        They do not grow any more from when the vehicle stands.
+        Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow.
         """
-        count, profiles = len(self.courses.turn), len(self.profiles.stands)
-        offset = place.reshape(count, profiles, LOOKS, 1, 2) - batch.centers.grid(self.times)
-        x, y = offset[..., 0], offset[..., 1]
-        squared = x * x + y * y
-        distance: Array = np.sqrt(squared)
+        centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
+        offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
+        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2)
+        distance -= batch.radius[:, None, None]
         if batch.covariances is not None:
-            times = np.minimum(self.times, self.profiles.stands[:, None])
-            covariance = batch.covariances.grid(times.ravel()).reshape(profiles, LOOKS, -1, 3)
-            some = batch.uncertain_among(np.arange(batch.size))
-            x, y = x[..., some], y[..., some]
-            spread = covariance[..., 0] * x * x + (2.0 * covariance[..., 1]) * x * y + covariance[..., 2] * y * y
-            distance[..., some] -= np.sqrt(np.maximum(spread / np.maximum(squared[..., some], 1e-300), 0.0))
-        distance -= batch.radius
-        return distance.reshape(count * profiles, LOOKS, -1)
+            offset = offset[:, batch.uncertain] if len(batch.uncertain) < batch.size else offset
+            first = 0
+            for family in self.families:
+                some = slice(first, first + family.size)
+                distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times)
+                first += family.size
+        return distance
 
     def _within_reach(self, batch: ZoneBatch, longest: float) -> Index:
         """The zones that any dodge may come near to."""
@@ -419,22 +317,3 @@ class Dodges:
         away = batch.distances(self.times, here, NEAR)
         reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest + NEAR
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))
-
-    def trip(self, number: int, frame: PlanningFrame) -> Trip:
-        """Return a dodge as a trip, from the planning frame that they are in."""
-        course, profile = divmod(number, len(self.profiles.stands))
-        turn, length = float(self.courses.turn[course]), float(self.length[course, profile])
-        drive, driven = self.profiles.drive(profile), float(self.profiles.way[profile])
-        far = max(driven * (1.0 + 1e-6), 1e-2)
-        guide: Guide = StraightGuide(far)
-        pieces = PATH_PIECES[0]
-        if turn != 0.0:
-            wanted = 4.0 * far / (length * CELLS_PER_SPAN)
-            pieces = next((count for count in PATH_PIECES if count >= wanted), PATH_PIECES[-1])
-            stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
-            guide = CurvedGuide(far, turn * _smooth(stations / length))
-        space = TripSpace(guide, drive.start_speed, _PATH_DEGREE, pieces, drive.degree, drive.breakpoints)
-        trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
-        return Trip(
-            PlanningFrame(frame.origin, frame.heading + float(self.courses.base[course]), frame.time), trajectory
-        )

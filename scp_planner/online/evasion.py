@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
-from scp_planner.online.dodges import SPANS, DodgeProfiles, Dodges, Profiles
+from scp_planner.online.courses import LIMIT_SHARE, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.directions import can_reverse
+from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
@@ -50,6 +52,8 @@ HARM = 50.0
 """Widths of way that a width of depth in a zone is worth, if it were now, where nothing is safe..."""
 HARM_AT_ALL = 1.0 / 6.0
 """...and widths that count for any depth."""
+FARTHEST = 1e9
+"""Stands for a clearance without a zone, where clearances are interpolated."""
 _SHARES = np.linspace(0.0, 1.0, SPANS + 1)
 
 
@@ -117,8 +121,8 @@ class _Outlook:
     ----------
     least : (C, J) array
         Clearances, m; inf after the dodge is over.
-    whose : (C, J) array of int
-        The nearest zone, -1 for the border of the workspace.
+    room : Room
+        From which zones.
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
     away : (C, J) array
@@ -130,7 +134,7 @@ class _Outlook:
     """
 
     least: Array
-    whose: Index
+    room: Room
     clear: Array
     away: Array
     worth: Array
@@ -282,17 +286,47 @@ class Evasion:
         state = moment.state
         heading = None if state.heading is None else state.heading - moment.frame.heading
         limits = Limits.of(moment.scenario, self._means.settings.limit_margin)
-        radius, jerk, wait = moment.scenario.vehicle.radius, moment.scenario.vehicle.max_jerk, self._means.wait
+        vehicle, width, wait = moment.scenario.vehicle, 2.0 * moment.scenario.vehicle.radius, self._means.wait
         profiles: DodgeProfiles = (
-            Profiles.of(state, limits, 2.0 * radius, wait)
-            if jerk is None
-            else RampedProfiles.of(state, limits, jerk, 2.0 * radius, wait)
+            Profiles.of(state.speed, limits, width, wait)
+            if vehicle.max_jerk is None
+            else RampedProfiles.of(state, limits, vehicle.max_jerk, width, wait)
         )
-        return Dodges.of(heading, profiles, 0.0, limits, radius, wait)
+        both_ways = can_reverse(vehicle, state.speed)
+        return Dodges.of(heading, profiles, 0.0, limits, vehicle.radius, wait, both_ways)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
-        near, whose = dodges.distances(moment.batch, self._box(moment), moment.scenario.vehicle)
-        return self._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), near, whose)
+        vehicle = moment.scenario.vehicle
+        room = dodges.room(moment.batch, self._box(moment), vehicle)
+        seen = self._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
+        if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
+            self._count_backing_out(moment, dodges, seen)
+        return seen
+
+    def _count_backing_out(self, moment: Moment, dodges: Dodges, seen: _Outlook) -> None:
+        """Judge a stop of a vehicle that drives both ways as if it then left backwards, where that is better.
+
+        It has to stand before it can, and where it stands it may be in the way of somebody whom it would then leave.
+        """
+        vehicle, times = moment.scenario.vehicle, dodges.times
+        stands = float(dodges.families[0].profiles.stands[0])
+        starting = vehicle.max_speed / vehicle.max_acceleration
+        since = np.maximum(times - stands, 0.0)
+        gone = 0.5 * vehicle.max_acceleration * np.minimum(since, starting) ** 2
+        gone += vehicle.max_speed * np.maximum(since - starting, 0.0)
+        heading = dodges.heading[0]
+        place = dodges.position[0] - gone[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+        away = foreseen(moment.batch, stands, {}).distances(times, place)
+        room = self._room_of(moment, place, away)
+        left = self._seen(moment, _Driven(times, place[None], heading[None], times[-1:]), room)
+        stops = np.arange(0, dodges.families[0].size, len(dodges.families[0].profiles.stands))
+        better = stops[left.balance[0] > seen.balance[stops]]
+        seen.worth[better], seen.harm[better] = left.worth[0], left.harm[0]
+
+    def _room_of(self, moment: Moment, place: Array, away: Array) -> Room:
+        """Room at places (J, 2), m, in the planning frame, that are (J, Z) m away from the zones."""
+        numbers = np.append(np.arange(away.shape[1]), BORDER)
+        return Room(numbers, np.concatenate([away.T, self._box(moment).room(place)[None]])[:, None])
 
     def _look_on(self, moment: Moment, stop: Stop, times: Array) -> _Outlook:
         """What is seen of a stop that is being driven, at times (J,), s from now: as of one dodge."""
@@ -301,23 +335,24 @@ class Evasion:
         batch = foreseen(moment.batch_in(trip.frame), stop.stands - trip.frame.time, {})
         away = batch.distances(begin + times - trip.frame.time, points.path.position)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
-        border, direction = self._box(moment).room(place), points.path.direction
-        every = np.concatenate([away, border[:, None]], axis=1)
-        whose = every.argmin(axis=1)
-        whose[whose == batch.size] = -1
+        room, direction = self._room_of(moment, place, away), points.path.direction
         heading = np.arctan2(direction[:, 1], direction[:, 0]) + trip.frame.heading - moment.frame.heading
         driven = _Driven(times, place[None], heading[None], np.array([stop.stands + self._means.wait - begin]))
-        return self._seen(moment, driven, every.min(axis=1)[None], whose[None])
+        return self._seen(moment, driven, room)
 
-    def _seen(self, moment: Moment, driven: _Driven, near: Array, whose: Index) -> _Outlook:
-        """Judge what is driven by its clearances (C, J), m, from the nearest zones."""
-        vehicle, after = moment.scenario.vehicle, driven.times > driven.until[:, None]
+    def _seen(self, moment: Moment, driven: _Driven, room: Room) -> _Outlook:
+        """Judge what is driven by the room that it keeps."""
+        vehicle, after, near = moment.scenario.vehicle, driven.times > driven.until[:, None], room.least
         least = np.where(after, np.inf, near)
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
-        entered = least < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
+        entered = _until(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
         away = way_left(driven.position, driven.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
+        if vehicle.steering is Steering.BOTH_WAYS:
+            back = driven.heading + np.pi
+            other = way_left(driven.position, back, goal, self._tightest(moment), moment.scenario.goal.radius)
+            away = np.minimum(away, other)
         width = 2.0 * vehicle.radius
         time = driven.times * vehicle.max_speed / width
         gained = away[:, 0] - _at(GAIN, time, away)
@@ -325,7 +360,7 @@ class Evasion:
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         later = np.where(after & (time <= OUTLOOK), near, np.inf)
         worth -= width * harm(time, later / width)
-        return _Outlook(least, whose, clear, away, worth, width * harm(time, least / width))
+        return _Outlook(least, room, clear, away, worth, width * harm(time, least / width))
 
     @staticmethod
     def _box(moment: Moment) -> Box:
@@ -349,13 +384,13 @@ class Evasion:
         worth = gained - width * NEARNESS * self._patience * nearness(time, least / width)
         return float(worth[0] - width * harm(time, least / width)[0])
 
-    @staticmethod
-    def _tightest(moment: Moment) -> float:
-        """Radius of the tightest turn of a vehicle that drives along its heading, m; 0 where that is free."""
+    def _tightest(self, moment: Moment) -> float:
+        """Radius of the tightest turn that dodges of a vehicle with a heading take, m; 0 where that is free."""
         vehicle = moment.scenario.vehicle
-        if moment.state.heading is None or vehicle.steering is not Steering.AHEAD or not vehicle.max_curvature:
+        turns = moment.state.heading is None or vehicle.steering in (Steering.ANY, Steering.ON_THE_SPOT)
+        if turns or not vehicle.max_curvature:
             return 0.0
-        return 1.0 / vehicle.max_curvature
+        return 1.0 / (LIMIT_SHARE * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
 
     def _soon(self, moment: Moment) -> float:
         """How long it takes to stop, after the next replan, s."""
@@ -385,8 +420,8 @@ class Evasion:
     def _threat(moment: Moment, seen: _Outlook, number: int) -> str | None:
         """The zone that a dodge enters first, or comes nearest to."""
         entered = seen.least[number] <= max(float(seen.least[number].min()), 0.0)
-        zone = int(seen.whose[number, int(entered.argmax())])
-        return moment.batch.ids[zone] if zone >= 0 else None
+        zone = seen.room.nearest(number, int(entered.argmax()))
+        return None if zone == BORDER else moment.batch.ids[zone]
 
     def _blocked_by(self, moment: Moment, seen: _Outlook, number: int) -> str | None:
         """The zone that is in the way of the dodge that would lead nearest to the goal."""
@@ -394,6 +429,19 @@ class Evasion:
         if nearest == number or np.isinf(seen.clear[nearest]):
             return None
         return self._threat(moment, seen, nearest)
+
+
+def _until(near: Array, driven: _Driven) -> Array:
+    """Clearances (C, J), m, up to the end of each dodge, which lies between two samples; inf after that."""
+    times, until, near = driven.times, driven.until[:, None], np.minimum(near, FARTHEST)
+    step = times[1] - times[0]
+    share = np.clip((until - times) / step, 0.0, 1.0)[:, :-1]
+    # The first sample after the end stands for the end.
+    last = near[:, :-1] + share * (near[:, 1:] - near[:, :-1])
+    over = times > until
+    found = np.where(over, np.inf, near)
+    found[:, 1:] = np.where(over[:, 1:] & ~over[:, :-1], last, found[:, 1:])
+    return found
 
 
 def nearness(time: Array, clearance: Array) -> Array:

@@ -101,7 +101,7 @@ class Foretold:
             held[slots] = 0.0
             held[slots, : given.shape[1]] = given
 
-    def squares(self, slots: Index, times: Array, positions: Array, noise: Array) -> Array:
+    def squares(self, slots: Index | slice, times: Array, positions: Array, noise: Array) -> Array:
         """Squared standardised errors of what is seen, (n,).
 
         Parameters
@@ -136,7 +136,7 @@ def longer(array: Array, size: int, axis: int = 0) -> Array:
 
 def _at(coefficients: Array, lag: Array) -> Array:
     """Values of polynomials (n, terms, sides) at times (n, 1), (n, sides)."""
-    value = coefficients[:, -1]
-    for power in range(coefficients.shape[1] - 2, -1, -1):
-        value = value * lag + coefficients[:, power]
-    return value
+    if len(lag) and (lag == lag[0]).all():
+        lag = lag[:1]  # as in a frame
+    powers = lag ** np.arange(coefficients.shape[1])
+    return np.asarray((powers[:, None] @ coefficients)[:, 0])

@@ -64,7 +64,7 @@ def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[Track], see
     gate = obstacles.watch.gate_probability
     usual = bank.is_declared(slots, [one.covariance for one in seen])
     if gate > 0.0:
-        usual &= bank.foretold.squares(slots, times, positions, bank.noise_of(slots)) <= -2.0 * math.log(gate)
+        usual &= bank.misfits(slots, times, positions) <= -2.0 * math.log(gate)
     left: list[int] = np.flatnonzero(~usual).tolist()
     if left:
         some = np.flatnonzero(usual).tolist()

@@ -9,7 +9,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import shared_alpha, uniform_scale
+from scp_planner.estimation.confidence import alpha_of_one, uniform_scale
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
 from scp_planner.estimation.recursive import SquareRoots
@@ -17,6 +17,7 @@ from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matr
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.mixtures import Mixture
+from scp_planner.online.suspicions import Suspicions
 from scp_planner.online.track import Track
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
@@ -43,32 +44,40 @@ class Level:
     confidence: Confidence
     estimated: int
 
+    @property
+    def alpha(self) -> float:
+        """The probability that one obstacle may be outside with, at one time or at any by the level."""
+        return alpha_of_one(str(self.confidence.level), self.confidence.probability, self.estimated)
+
     def scale(self, length: float, terms: int | None) -> float:
         """Give q for a motion of known noise, by its standardised length and, if it is polynomial, its terms."""
-        alpha = 1.0 - self.confidence.probability
-        match self.confidence.level:
-            case ConfidenceLevel.PER_TIME:
-                return _NORMAL.pointwise_scale(alpha)
-            case ConfidenceLevel.JOINT:
-                alpha = shared_alpha(alpha, self.estimated)
-        return uniform_scale(alpha, length, _NORMAL, terms)
+        if self.confidence.level is ConfidenceLevel.PER_TIME:
+            return _NORMAL.pointwise_scale(self.alpha)
+        return uniform_scale(self.alpha, length, _NORMAL, terms)
 
 
 def zones_together(
-    tracks: Sequence[Track], roots: Sequence[SquareRoots], start: float, level: Level, manoeuvre: float = 0.0
+    tracks: Sequence[Track],
+    roots: SquareRoots,
+    start: float,
+    level: Level,
+    manoeuvre: float = 0.0,
+    suspicions: Suspicions | None = None,
 ) -> list[ThreatZone]:
     """Make the zones of polynomial motions of one order whose noise is known, all at once.
 
     Parameters
     ----------
     tracks : sequence of Track
-    roots : sequence of SquareRoots
-        What the estimate of each is made from.
+    roots : SquareRoots
+        What their estimates are made from.
     start : float
         Absolute time from which on the zones hold, s.
     level : Level
     manoeuvre : float
         Standard deviation of a change of acceleration that may begin with the last observation, m/s^2.
+    suspicions : Suspicions, optional
+        Changes of acceleration that are likely by now.
 
     Returns
     -------
@@ -76,22 +85,23 @@ def zones_together(
         One for each track, in order.
     """
     order = tracks[0].model.order
-    factor = np.concatenate([root.factor for root in roots])
-    right = np.concatenate([root.right for root in roots])
-    middle = np.concatenate([root.center for root in roots])
-    origin = np.concatenate([root.origin for root in roots])
+    middle = roots.center
     first = np.array([track.times[0] for track in tracks])
     last = np.array([track.times[-1] for track in tracks])
-    inverse = np.linalg.inv(factor)
-    spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ right
+    inverse = np.linalg.inv(roots.factor)
+    spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ roots.right
     sigma = np.array([track.known_noise for track in tracks])
     if manoeuvre > 0.0:
         order = 2
         spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, manoeuvre**2 / _least(sigma))
+    if suspicions is not None and suspicions.probability.any():
+        order = 2
+        spread = _padded(spread, 3) + suspicions.spread
+        coefficients = _padded(coefficients, 2) + suspicions.shift
     shift = _shift(order, start - middle, _ONE)
     count, terms = len(tracks), order + 1
     center = shift @ coefficients
-    center[:, 0] += origin
+    center[:, 0] += roots.origin
     local = shift @ spread @ shift.transpose(0, 2, 1)
     growth = local.reshape(count, -1) @ _products(terms)
     noise = sigma[:, [0, 0, 1], [0, 1, 1]]
@@ -153,16 +163,20 @@ def zones_of_mixtures(tracks: Sequence[Track], mixtures: Mixture, start: float, 
     return _made(tracks, start, center, error[:, :, [0, 0, 1], [0, 1, 1]], scales)
 
 
-def times_linear(covariances: PiecewisePolynomials, leads: Array, factors: Array) -> PiecewisePolynomials:
-    """Multiply polynomials by a factor that is linear between leads after their start, and constant after the last.
+def times_linear(
+    covariances: PiecewisePolynomials, leads: Array, factors: Array, added: Array | None = None
+) -> PiecewisePolynomials:
+    """Multiply covariances by a factor that is linear between leads after their start, and constant after the last.
 
     Parameters
     ----------
     covariances : PiecewisePolynomials
-        Of one zone.
+        Of one zone: entries xx, xy, yy.
     leads : (H,) array
         s, from 0 on, increasing.
     factors : (H,) array
+    added : (H,) array, optional
+        What is then added to the variance in every direction, m^2, linear between leads too.
 
     Returns
     -------
@@ -170,15 +184,18 @@ def times_linear(covariances: PiecewisePolynomials, leads: Array, factors: Array
     """
     breaks, whole = covariances.breakpoints[0], covariances.coefficients[0]
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads[breaks[0] + leads < breaks[-1]]]))
-    begins = edges[:-1]
+    begins, widths = edges[:-1], np.diff(edges)
     piece = np.searchsorted(breaks, begins, "right") - 1
     powers = whole.shape[1]
     shifted = shift_matrices(powers, begins - breaks[piece]) @ whole[piece]
     at = np.interp(edges - breaks[0], leads, factors)
-    slopes = np.diff(at) / np.diff(edges)
     product = np.zeros((len(begins), powers + 1, whole.shape[2]))
     product[:, :-1] = at[:-1, None, None] * shifted
-    product[:, 1:] += slopes[:, None, None] * shifted
+    product[:, 1:] += (np.diff(at) / widths)[:, None, None] * shifted
+    if added is not None:
+        more = np.interp(edges - breaks[0], leads, added)
+        product[:, 0, [0, 2]] += more[:-1, None]
+        product[:, 1, [0, 2]] += (np.diff(more) / widths)[:, None]
     return PiecewisePolynomials(edges[None], product[None])
 
 
@@ -221,12 +238,16 @@ def _least(sigma: Array) -> Array:
 
 def _with_manoeuvre(spread: Array, coefficients: Array, last: Array, change: Array) -> tuple[Array, Array]:
     """Allow for changes of acceleration at times ``last``; see `PolynomialEstimate.with_manoeuvre`."""
-    count, terms = spread.shape[:2]
-    wider, longer = np.zeros((count, 3, 3)), np.zeros((count, 3, 2))
-    wider[:, :terms, :terms], longer[:, :terms] = spread, coefficients
-    shift = 0.5 * np.stack([last * last, -2.0 * last, np.ones(count)], axis=1)
-    wider += change[:, None, None] * shift[:, :, None] * shift[:, None]
-    return wider, longer
+    shift = 0.5 * np.stack([last * last, -2.0 * last, np.ones(len(last))], axis=1)
+    return _padded(spread, 3) + change[:, None, None] * shift[:, :, None] * shift[:, None], _padded(coefficients, 2)
+
+
+def _padded(values: Array, width: int) -> Array:
+    """Values (K, p, ...) of motions of any order as those of order 2, (K, 3, width)."""
+    count, terms, given = values.shape
+    padded = np.zeros((count, 3, width))
+    padded[:, :terms, :given] = values
+    return padded
 
 
 def _lengths_of_mixtures(error: Array, cross: Array, rate: Array) -> Array:

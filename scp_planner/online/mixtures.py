@@ -86,6 +86,10 @@ class FilterStates:
         """Copy the states of some obstacles, (n,)."""
         return FilterStates(self.mean[..., slots].copy(), self.spread[..., slots].copy())
 
+    def at(self, slots: Index | slice) -> FilterStates:
+        """The states of some obstacles: where they are if those are a slice, else copies."""
+        return FilterStates(self.mean[..., slots], self.spread[..., slots])
+
     def put(self, slots: Index | slice, part: FilterStates) -> None:
         """Put states where those of some obstacles are, (n,)."""
         self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
@@ -100,26 +104,40 @@ class FilterStates:
         """The whole of the spread with obstacles first, (K, M, 3, 3)."""
         return np.asarray(self.spread[_ROWS].transpose(3, 2, 0, 1))
 
-    def predict(self, lag: Array, swerve: Array, jerk: Array) -> None:
-        """Move on by lags (K,), s, with intensities of acceleration and of jerk, (M, K) each, in units of the noise."""
-        x, (xx, xv, xa, vv, va, aa) = self.mean, self.spread
-        square = lag * lag
-        half, cube = 0.5 * square, square * lag
-        x[0] += lag * x[1] + half * x[2]
-        x[1] += lag * x[2]
-        # F P F' with F = [[1, t, t^2 / 2], [0, 1, t], [0, 0, 1]]: F P first, of which these are new, in place...
-        xx += lag * xv + half * xa
-        xv += lag * vv + half * va
-        xa += lag * va + half * aa
-        vv += lag * va
-        # ...and columns then, in which v has become the row of the velocity. The noise comes on top.
-        after = va + lag * aa
-        xx += lag * xv + half * xa + cube * (swerve / 3.0 + (square / 20.0) * jerk)
-        xv += lag * xa + half * swerve + (square * square / 8.0) * jerk
-        xa += (cube / 6.0) * jerk
-        vv += lag * after + lag * swerve + (cube / 3.0) * jerk
-        va[...] = after + half * jerk
-        aa += lag * jerk
+    def predict(self, lag: Array, diffusions: Array, unit: Array) -> None:
+        """Move on by lags (K,), s.
+
+        Parameters
+        ----------
+        lag : (K,) array
+            s.
+        diffusions : (M, 2) array
+            Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5.
+        unit : (K,) array
+            Variances of the noise, m^2.
+        """
+        same = len(lag) > 0 and bool((lag == lag[0]).all())
+        t = lag[0] if same else lag  # as in a frame: one product of matrices then does it
+        one, none = np.ones_like(t), np.zeros_like(t)
+        square = t * t
+        half, cube = 0.5 * square, square * t
+        state = np.array([[one, t, half], [none, one, t], [none, none, one]])
+        spread = np.array(
+            [  # F P F' with F as that of the state, by the elements of the upper triangle of P
+                [one, 2.0 * t, square, square, cube, half * half],
+                [none, one, t, t, square + half, t * half],
+                [none, none, one, none, t, half],
+                [none, none, none, one, 2.0 * t, square],
+                [none, none, none, none, one, t],
+                [none, none, none, none, none, one],
+            ]
+        )
+        swerve = np.array([cube / 3.0, half, none, t, none, none])
+        jerk = np.array([cube * square / 20.0, 0.125 * square * square, cube / 6.0, cube / 3.0, half, t])
+        self.mean[...] = _applied(state, self.mean)
+        self.spread[...] = _applied(spread, self.spread)
+        noise = diffusions[:, :1] * swerve.reshape(6, 1, -1) + diffusions[:, 1:] * jerk.reshape(6, 1, -1)
+        self.spread += noise / unit
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
         """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
@@ -132,6 +150,13 @@ class FilterStates:
         p[5] -= gain[2] * p[2]
         p[:3] *= noise / variance
         return innovation, variance
+
+
+def _applied(matrices: Array, values: Array) -> Array:
+    """Matrices (p, p, K), or one for all (p, p), times values (p, ..., K)."""
+    if matrices.ndim == 2:
+        return np.asarray((matrices @ values.reshape(len(values), -1)).reshape(values.shape))
+    return np.asarray(np.einsum("ijk,j...k->i...k", matrices, values))
 
 
 @dataclass(frozen=True)
@@ -154,3 +179,13 @@ class Mixture:
     covariance: Array
     diffusion: Array
     shape: Array
+
+    def blended(self, other: Mixture, share: Array) -> Mixture:
+        """The mixture of this one and another, which has shares (K,) of it and no noise of its own."""
+        ours, theirs = (1.0 - share)[:, None, None], share[:, None, None]
+        mean = ours * self.mean + theirs * other.mean
+        covariance = ours[..., None, None] * self.covariance + theirs[..., None, None] * other.covariance
+        apart = other.mean - self.mean
+        between = (share * (1.0 - share))[:, None, None, None, None]
+        covariance += between * (apart[:, :, :, None, None] * apart[:, None, None])
+        return Mixture(mean, covariance, (1.0 - share)[:, None] * self.diffusion, self.shape)

@@ -26,14 +26,17 @@ from scp_planner.online.foretold import Foretold, longer
 from scp_planner.online.innovations import WINDOWS, cut, windows_of
 from scp_planner.online.mixtures import FilterStates, Mixture, Widening
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
+from scp_planner.online.suspicions import Looks
 from scp_planner.settings.online import RARE
 
 CALM = 3.0
 """Log odds from which on, with `EVIDENCE` observations since an alarm, it was a false one."""
 EVIDENCE = 32
 """Newest observations by whose probability the filters are compared."""
+UNSURE = 1e-9
+"""Of what nothing is known yet, but for rounding."""
 _RING = WINDOWS[-1]
-_RINGS = ("_innovations", "_cut", "_evidence")
+_RINGS = ("_innovations", "_cut", "_evidence", "_looks")
 """Arrays (..., ring, K)."""
 
 
@@ -68,6 +71,8 @@ class Bank:
         Whether zones go by the filters, and not by the polynomial motion any more.
     weights : (K, M)
         Of the filters, of those that are alarmed.
+    gain : (K,)
+        Logarithm of how many times as likely what was seen since the alarm is with the filters as with the polynomial.
     foretold : Foretold
         Where the next observations are expected.
     """
@@ -79,14 +84,15 @@ class Bank:
         levels = len(widening.filters)
         self.count = np.zeros(0, dtype=np.intp)
         self.alarmed = np.zeros(0, dtype=bool)
-        self.weights = np.zeros((0, levels))
+        self.weights, self.gain = np.zeros((0, levels)), np.zeros(0)
         self.states = FilterStates(np.zeros((3, 2, levels, 0)), np.zeros((6, levels, 0)))
         self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0)
-        self._times, self._positions = np.zeros((0, NEIGHBOURS)), np.zeros((0, NEIGHBOURS, 2))
+        self.last = np.zeros(0)
         # Rings, in which observation number n is at the place n modulo their length. What windows look at is there
         # twice, one ring after the other: so the newest are always in a row.
         self._innovations = np.zeros((2, 1 + levels, _RING, 0))
         self._cut = np.zeros((3, 1 + levels, 2 * _RING, 0))
+        self._looks = np.zeros((3, 2 * _RING, 0))  # times and positions
         self._evidence = np.zeros((1 + levels, EVIDENCE, 0))
         self._since = np.zeros(0, dtype=np.intp)  # observations since an alarm
         self._free: list[int] = []
@@ -113,7 +119,7 @@ class Bank:
             array[slot] = 0
         for ring in (self._innovations, self._cut, self._evidence):
             ring[..., slot] = 0.0
-        self._times[slot] = -np.inf
+        self._looks[0, :, slot] = self.last[slot] = -np.inf
         self.foretold.known[slot] = False
 
     def give_back(self, slot: int) -> None:
@@ -141,6 +147,11 @@ class Bank:
         """What the covariances of observations are taken for, (n, 2, 2) m^2."""
         return np.asarray(self.noise * self._sigma[slots])
 
+    def misfits(self, slots: Index, times: Array, positions: Array) -> Array:
+        """Squared standardised errors of what was foretold of what is seen, (n,); see `Foretold.squares`."""
+        where = _run(slots)
+        return self.foretold.squares(where, times, positions, self.noise * self._sigma[where])
+
     def is_declared(self, slots: Index, covariances: Sequence[Array | None]) -> Mask:
         """Whether observations of some obstacles, (n,), come with the covariance that is known, or without one."""
         given = [number for number, one in enumerate(covariances) if one is not None]
@@ -149,11 +160,6 @@ class Bank:
             own = np.array([covariances[number] for number in given])
             same[given] = (own == self._sigma[slots[given]]).all(axis=(1, 2))
         return same
-
-    @property
-    def last(self) -> Array:
-        """Time of the last observation of each, (K,) s."""
-        return self._times[:, -1]
 
     # observations
 
@@ -171,17 +177,19 @@ class Bank:
         where, before = _run(slots), self.count[slots]
         innovations = np.zeros((*self._innovations.shape[:2], len(slots)))
         evidence = np.zeros(innovations.shape[1:])
-        innovations[:, 0], evidence[0] = self._polynomial_innovations(where, times, positions)
         self._feed(slots, times, positions)
+        innovations[:, 0], evidence[0] = self._fed(where)
         if before.all():
             evidence[1:], innovations[:, 1:] = self._filter(where, times, positions)
         else:
             old = before > 0
             self._begin(slots[~old], positions[~old])
             evidence[1:, old], innovations[:, 1:, old] = self._filter(slots[old], times[old], positions[old])
-        self._times[where] = _pushed(self._times[where], times)
-        self._positions[where] = _pushed(self._positions[where], positions)
+        self.last[where] = times
         place = _Places.of(where, before % _RING)
+        seen = np.stack([times, positions[:, 0], positions[:, 1]])
+        place.put(self._looks, seen)
+        place.put(self._looks[:, _RING:], seen)
         place.put(self._innovations, innovations)
         looked_at = cut(innovations)
         place.put(self._cut, looked_at)
@@ -204,8 +212,7 @@ class Bank:
         known = self.count[slots] > 0
         which, lag = slots[known], times[known] - self.last[slots[known]]
         part = FilterStates(self.states.mean[:, :, -1:, which], self.states.spread[:, -1:, which])
-        swerve, jerk = self.widening.diffusions[-1][:, None, None] / self._least[which]
-        part.predict(lag, swerve, jerk)
+        part.predict(lag, self.widening.diffusions[-1:], self._least[which])
         offset = self._whitened(which, positions[known].T[:, None] - part.mean[0])[:, 0]
         squares[known] = np.maximum(squares[known], (offset * offset).sum(axis=0) / (part.spread[0, 0] + self.noise))
         return np.asarray(squares)
@@ -223,13 +230,23 @@ class Bank:
         t[slots], z[slots], seen[slots] = times, positions, True
         self.polynomials.update(t, z, seen=seen)
 
+    def _fed(self, where: Where) -> tuple[Array, Array]:
+        """What `_polynomial_innovations` gave before polynomials took in what they have taken in last."""
+        found = self.polynomials.innovations
+        share = found.share[where]
+        sure = share > UNSURE
+        innovations = np.where(sure, self._whitened(where, found.scaled[:, where]) / np.sqrt(self.noise), 0.0)
+        squares = innovations[0] * innovations[0] + innovations[1] * innovations[1]
+        variance = self.noise / np.where(sure, share * share, self.noise)
+        return innovations, np.where(sure, -0.5 * squares - np.log(variance), 0.0)
+
     def _polynomial_innovations(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
         """Standardised, (2, n), and log densities (n,), as of filters; 0 of those of which too little was seen."""
         roots, count = self.polynomials.roots, len(times)
         factor, right = (part.transpose(1, 2, 0)[..., where] for part in (roots.factor, roots.right))
         u, offset = times - roots.center[where], (positions - roots.origin[where]).T
         diagonal = np.abs(np.einsum("jjk->jk", factor))
-        sure = diagonal.min(axis=0) > 1e-9 * diagonal.max(axis=0)
+        sure = diagonal.min(axis=0) > UNSURE * diagonal.max(axis=0)
         power, variance, rows = np.ones(count), np.ones(count), list[Array]()
         for j in range(self.order + 1):  # R' row = powers, from the top
             row = power.copy()
@@ -255,17 +272,18 @@ class Bank:
 
     def _filter(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
         """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
-        part = self._predicted(where, times - self._times[where, -1])
+        part = self.states.at(where)
+        part.predict(times - self.last[where], self.widening.diffusions, self._least[where])
         innovation, variance = part.update(positions.T, self.noise)
-        self.states.put(where, part)
+        if not isinstance(where, slice):
+            self.states.put(where, part)
         offset = self._whitened(where, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
     def _predicted(self, where: Where, lag: Array) -> FilterStates:
         """States of the filters of some obstacles, moved on by lags (n,), s."""
         part = self.states.of(where)
-        swerve, jerk = self.widening.diffusions.T[:, :, None] / self._least[where]
-        part.predict(lag, swerve, jerk)
+        part.predict(lag, self.widening.diffusions, self._least[where])
         return part
 
     # tests
@@ -299,7 +317,9 @@ class Bank:
         among = np.where(holds, evidence[1:], -np.inf)
         most = among.max(axis=0)
         weights = np.exp(among - most)
-        self.weights[slots] = (weights / weights.sum(axis=0)).T
+        total = weights.sum(axis=0)
+        self.weights[slots] = (weights / total).T
+        self.gain[slots] = most + np.log(total / len(among)) - evidence[0]
         false = calm & (self._since[slots] >= EVIDENCE) & (evidence[0] > most + CALM)
         self.alarmed[slots[false]] = False
 
@@ -318,11 +338,18 @@ class Bank:
 
     # the noise
 
+    def looks(self, slots: Index) -> Looks:
+        """The newest looks at some obstacles, (n,)."""
+        rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)
+        return Looks(rows[0], rows[1:])
+
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
         slots = slots[self.count[slots] >= NEIGHBOURS]
-        slots = slots[np.diff(self._times[slots], axis=1).min(axis=1, initial=1.0) > 0.0]
-        return third_differences(self._times[slots], self._positions[slots], self._whiten[slots])
+        rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)[:, -NEIGHBOURS:].T
+        times, positions = rows[..., 0], rows[..., 1:]
+        apart = np.diff(times, axis=1).min(axis=1, initial=1.0) > 0.0
+        return third_differences(times[apart], positions[apart], self._whiten[slots[apart]])
 
 
 def _run(slots: Index) -> Where:
@@ -357,8 +384,3 @@ class _Places:
         if isinstance(self.place, int):
             return rings[..., self.place : self.place + _RING, self.where]
         return np.asarray(rings[..., self.place + np.arange(_RING)[:, None], self.where])
-
-
-def _pushed(newest: Array, one: Array) -> Array:
-    """Drop the oldest of a few, (n, few, ...), and add one, (n, ...)."""
-    return np.concatenate([newest[:, 1:], one[:, None]], axis=1)

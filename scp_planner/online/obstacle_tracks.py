@@ -27,9 +27,10 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures, zones_together
-from scp_planner.online.mixtures import Widening
+from scp_planner.online.mixtures import Mixture, Widening
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
+from scp_planner.online.suspicions import LEFT_OUT, MOST_EVIDENCE, Changes, Suspicions, changed_motions, changes_of
 from scp_planner.online.track import (
     MOST_LATE,
     NoticingTrack,
@@ -309,14 +310,17 @@ class ObstacleTracks:
                     self.scales.take_in(number, track.id, score)
 
     def _scaled(self, track: Track, zone: ThreatZone) -> ThreatZone:
-        """A zone whose covariances are scaled by what has come of predictions, linearly between the horizons."""
+        """A zone whose covariances are sized by what has come of predictions, linearly between the horizons."""
         covariances = zone.covariances
-        if covariances is None:
+        if covariances is None or track.predicted is None:
             return zone
+        level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])
         leads = HORIZONS.copy()
         if len(track.times) > 1:  # what is compared next is as far ahead as it was the last time
             leads[0] = min(track.times[-1] - track.times[-2], 0.5 * leads[1])
-        return replace(zone, covariances=times_linear(covariances, leads, self.scales.scales(track.id)))
+        sizes = self.scales.scales(track.id)
+        added = level * np.maximum(sizes - 1.0, 0.0)
+        return replace(zone, covariances=times_linear(covariances, leads, np.minimum(sizes, 1.0), added))
 
     def _together(self, tracks: Sequence[Track], start: float, level: Level) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
@@ -335,14 +339,43 @@ class ObstacleTracks:
         made: dict[str, ThreatZone] = {}
         for order in sorted(groups):
             some = [track for track, _ in groups[order]]
-            zones = zones_together(some, [roots for _, roots in groups[order]], start, level, self.manoeuvre)
+            roots = SquareRoots.together([each for _, each in groups[order]])
+            suspicions = self._suspicions(some, roots, level)
+            zones = zones_together(some, roots, start, level, self.manoeuvre, suspicions)
             made.update(zip((track.id for track in some), zones, strict=True))
+            for number, (track, zone) in enumerate(zip(some, zones, strict=True)):
+                track.suspected = suspicions is not None and bool(suspicions.probability[number] > 0.0)
+                track.zone = zone if track.suspected else None
         for order, some in sorted(alarmed.items()):
-            slots = np.array([track.estimator.slot for track in some if track.estimator is not None], dtype=np.intp)
-            mixtures = self._banks[order].mixed(slots, np.full(len(slots), start))
+            mixtures = self._mixtures(some, self._banks[order], start)
             for track, zone in zip(some, zones_of_mixtures(some, mixtures, start, level), strict=True):
                 track.zone = made[track.id] = zone
         return made
+
+    def _suspicions(self, tracks: Sequence[Track], roots: SquareRoots, level: Level) -> Suspicions | None:
+        """Changes of acceleration of some tracks of one order that are likely enough to matter."""
+        if self.watch.changes <= 0.0 or not all(isinstance(track.estimator, NoticingTrack) for track in tracks):
+            return None
+        found = self._changes(tracks, roots).suspicions(self.watch.changes)
+        return found.only(found.probability > LEFT_OUT * level.alpha)
+
+    def _mixtures(self, tracks: Sequence[Track], bank: Bank, start: float) -> Mixture:
+        """What is predicted of tracks of one order that are alarmed: by the filters, and by a single change."""
+        estimators = [track.estimator for track in tracks if track.estimator is not None]
+        slots = np.array([one.slot for one in estimators], dtype=np.intp)
+        mixtures = bank.mixed(slots, np.full(len(slots), start))
+        if self.watch.changes <= 0.0:
+            return mixtures
+        roots = SquareRoots.together([one.roots for one in estimators if one.roots is not None])
+        changes = self._changes(tracks, roots)
+        changed = changed_motions(roots, changes.sure(), bank.noise_of(slots), start)
+        share = 1.0 / (1.0 + np.exp(np.clip(bank.gain[slots] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)))
+        return mixtures.blended(changed, share)
+
+    def _changes(self, tracks: Sequence[Track], roots: SquareRoots) -> Changes:
+        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+        bank, deviation = self._banks[tracks[0].model.order], self.newcomers.acceleration_deviation
+        return changes_of(roots, bank.looks(slots), bank.noise_of(slots), deviation)
 
     def _bounds_headings(self, tracks: Collection[Track]) -> bool:
         """Whether shapes that turn with an estimated motion are more than the discs that cover them."""
@@ -369,7 +402,7 @@ class ObstacleTracks:
         learnt = {}
         for track in self.tracks.values():
             observed = track.times and track.fixed is None and track.given is None
-            if observed and track.model.process is None and not track.alarmed:
+            if observed and track.model.process is None and not (track.alarmed or track.suspected):
                 span, change = track.times[-1] - track.times[0], 0.0
                 if track.simple and track.settled:
                     change = self.manoeuvre**2 / float(np.linalg.eigvalsh(track.known_noise)[0])
@@ -398,7 +431,7 @@ class ObstacleTracks:
         common: dict[str, Any] = {"id": track.id, "shape": track.shape, "margin": track.margin}
         if track.fixed is not None:
             return Obstacle.model_construct(**common, motion=track.fixed, observations=None, model=track.model)
-        if track.zone is not None and (track.alarmed or self.watch.regions is Regions.ADAPTIVE):
+        if track.zone is not None and (track.alarmed or track.suspected or self.watch.regions is Regions.ADAPTIVE):
             course = self._foretold(track.zone)
             return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
         if track.given is not None:

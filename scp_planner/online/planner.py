@@ -34,14 +34,14 @@ from numpy.typing import ArrayLike
 from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
+from scp_planner.online.directions import direction
 from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import STANDING
 from scp_planner.online.updates import Forecast, Update
-from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
+from scp_planner.scenario.models import Model, Obstacle, Scenario
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
@@ -386,14 +386,10 @@ class Planner:
         if deadline is not None and not (isinstance(deadline, int | float | np.number) and deadline > 0.0):
             raise ValueError(f"deadline: {deadline!r} is not a positive number of seconds")
         # The sensor of a vehicle that stands may show a speed below nothing.
-        units = self._units
-        return State(
-            units.instant(float(time)),
-            units.place(place),
-            None if heading is None or self._is_free_to_turn(float(speed)) else float(heading),
-            max(float(speed), 0.0) / units.speed,
-            self._present_acceleration(units.instant(float(time)), acceleration),
-        )
+        units, given = self._units, self.given
+        pace, there, instant = max(float(speed), 0.0) / units.speed, units.place(place), units.instant(float(time))
+        heading = direction(given.vehicle, there, heading, pace, given.goal.position)
+        return State(instant, there, heading, pace, self._present_acceleration(instant, acceleration))
 
     def _present_acceleration(self, time: float, given: float | None) -> float | None:
         """The acceleration that a plan begins with, in units of the scene; None where it may jump."""
@@ -426,16 +422,6 @@ class Planner:
             max(state.speed + float(points.speed[1] - points.speed[0]), 0.0),
             state.acceleration + float(points.acceleration[1] - points.acceleration[0]) if left else 0.0,
         )
-
-    def _is_free_to_turn(self, speed: float) -> bool:
-        """Whether the vehicle can set out in any direction at a speed, m/s."""
-        match self.given.vehicle.steering:
-            case Steering.ANY:
-                return True
-            case Steering.ON_THE_SPOT:
-                return speed <= STANDING * self._units.speed
-            case Steering.AHEAD:
-                return False
 
     def at_goal(self, position: ArrayLike) -> bool:
         """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.online.braking import distinct_knots
-from scp_planner.online.dodges import LIMIT_SHARE, DodgeDrive, levels_and_cruises
+from scp_planner.online.courses import LIMIT_SHARE, DodgeDrive, levels_and_cruises
 from scp_planner.online.ramps import JERK_SHARE, Ramps
 from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Limits
@@ -68,6 +68,16 @@ class RampedProfiles:
         braking = Ramps.stopping(level, np.zeros(len(level)), fall, jerk)
         stands = change.duration + cruise + braking.duration
         return cls(change, braking, level, cruise, np.maximum(stands + wait, width / limits.speed))
+
+    def last(self, count: int) -> RampedProfiles:
+        """The last so many of them."""
+        return RampedProfiles(
+            self.change.last(count),
+            self.braking.last(count),
+            self.level[-count:],
+            self.cruise[-count:],
+            self.lasts[-count:],
+        )
 
     @property
     def stands(self) -> Array:

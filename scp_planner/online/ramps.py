@@ -115,6 +115,10 @@ class Ramps:
             np.where(mine[:, None], self.acceleration, other.acceleration),
         )
 
+    def last(self, count: int) -> Ramps:
+        """The last so many of them."""
+        return Ramps(self.start_speed[-count:], self.knots[-count:], self.acceleration[-count:])
+
     @property
     def duration(self) -> Array:
         """(n,) s."""

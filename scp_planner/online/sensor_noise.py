@@ -35,12 +35,16 @@ def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
     -------
     (n,)
     """
+    if len(times) and (times == times[0]).all():
+        times = times[:1]  # as in a frame
     between = times[:, :, None] - times[:, None]
     between[:, range(NEIGHBOURS), range(NEIGHBOURS)] = 1.0
     weights = 1.0 / between.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1)[:, None]
-    offset = (whiten @ (weights[:, None] @ positions)[:, 0, :, None])[:, :, 0]
-    return np.asarray((offset * offset).sum(axis=1))
+    offset = (weights[:, :, None] * positions).sum(axis=1)
+    x = whiten[:, 0, 0] * offset[:, 0] + whiten[:, 0, 1] * offset[:, 1]
+    y = whiten[:, 1, 0] * offset[:, 0] + whiten[:, 1, 1] * offset[:, 1]
+    return np.asarray(x * x + y * y)
 
 
 def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Array:
@@ -67,8 +71,15 @@ class NoiseWatch:
         if not len(self._newest):
             return False
         doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / np.sqrt(len(self._newest))
-        ratio = float(np.median(self._newest)) / _MEDIAN / self.factor
+        ratio = _median(self._newest) / _MEDIAN / self.factor
         if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
             return False
         before, self.factor = self.factor, max(self.factor * ratio, 1.0)
         return self.factor != before
+
+
+def _median(values: Array) -> float:
+    """The median; that of numpy takes three times as long for so few."""
+    half, odd = divmod(len(values), 2)
+    ordered = np.partition(values, half)
+    return float(ordered[half] if odd else 0.5 * (ordered[half] + ordered[:half].max()))

@@ -31,7 +31,7 @@ STANDING = 1e-3
 SAMPLES = 25
 WAIT_LOOKS = 12
 """Samples of standing."""
-NEAR = 0.5
+ROOM_LOOKED_AT = 0.5
 """Units of length. Clearances beyond this need not be exact."""
 HOLD = 1.0
 """Units of time that a plan to stand lasts; it goes on standing after that."""
@@ -152,7 +152,7 @@ def room_of_stops(
     if zones.size == 0:
         return np.where(fit, np.inf, -np.inf)
     points = path.points(path.parameter_at(driven.ravel()))
-    near = zones.distances((leads[:, None] + stops.after).ravel(), points.position, NEAR).min(axis=1)
+    near = zones.distances((leads[:, None] + stops.after).ravel(), points.position, ROOM_LOOKED_AT).min(axis=1)
     least = near.reshape(len(leads), SAMPLES).min(axis=1)
     if wait > 0.0:
         # They do not grow beyond when the last of these stops stands.
@@ -160,9 +160,9 @@ def room_of_stops(
         still = foreseen(zones, float(stands.max()), {})
         times = stands[:, None] + wait * np.linspace(0.0, 1.0, WAIT_LOOKS)
         places = np.repeat(points.position[SAMPLES - 1 :: SAMPLES], WAIT_LOOKS, axis=0)
-        standing = still.distances(times.ravel(), places, NEAR).min(axis=1)
+        standing = still.distances(times.ravel(), places, ROOM_LOOKED_AT).min(axis=1)
         least = np.minimum(least, standing.reshape(len(leads), WAIT_LOOKS).min(axis=1))
-    keeping = zones.distances(before, kept.path.position[:SAMPLES], NEAR).min(axis=1)
+    keeping = zones.distances(before, kept.path.position[:SAMPLES], ROOM_LOOKED_AT).min(axis=1)
     sofar = np.minimum.accumulate(keeping)[np.minimum(np.searchsorted(before, leads, "right"), SAMPLES - 1)]
     return np.where(fit, np.minimum(least, sofar), -np.inf)
 

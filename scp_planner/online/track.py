@@ -263,8 +263,10 @@ class Track:
         Where the next observation is expected.
     foretold : deque of Prediction
         The last predictions, the newest last, where regions follow what came of them.
+    suspected : bool
+        Whether its zone allows for a change of acceleration that is likely by now.
     zone : ThreatZone or None
-        The last one, once it has been noticed to move otherwise than foretold.
+        The last one, as long as it has been noticed, or is suspected, to move otherwise than foretold.
     """
 
     id: str
@@ -285,6 +287,7 @@ class Track:
     noise_factor: float = 1.0
     predicted: Prediction | None = None
     foretold: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
+    suspected: bool = False
     zone: ThreatZone | None = None
 
     @property

@@ -17,6 +17,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Clearance, Ends
 from scp_planner.mathematics.frames import PlanningFrame
@@ -42,9 +43,9 @@ STOPS_TRIED = 2
 """...and so many certified, at most."""
 PLENTY = 0.5
 """Units of length. Stops with more room than this are as good as each other."""
-NEAR = 0.1
+EXACT = 0.1
 """Units of length. Sampled clearances beyond this need not be exact."""
-LOOKS = 48
+TRIP_SAMPLES = 48
 """Samples of the last trip."""
 DEEP = 0.1
 """Units of length. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept
@@ -53,7 +54,7 @@ NOTHING = 1e-6
 """Units of length."""
 TINY = 1e-9
 """Units of time."""
-_SHARES = np.linspace(0.0, 1.0, LOOKS)
+_SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
 
 
 @dataclass(frozen=True)
@@ -116,10 +117,7 @@ class Moment:
             self.scenario,
             trip,
             self.zones,
-            since=since,
-            until=until,
-            ends=ends,
-            precision=math.inf,
+            Scope(since, until, ends, math.inf),
             batch=self.batch_in(trip.frame),
             motions=motions,
         )
@@ -152,7 +150,9 @@ class Moment:
         frame = PlanningFrame((place[0], place[1]), math.atan2(heading[1], heading[0]), since)
         stands = standing_trip(trip, frame, wait)
         still = foreseen(ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius), 0.0, {})
-        certificate = certify_trip(self.scenario, stands, self.zones, ends=Ends(0), precision=math.inf, batch=still)
+        certificate = certify_trip(
+            self.scenario, stands, self.zones, Scope(ends=Ends(0), precision=math.inf), batch=still
+        )
         return None if certificate.holds else certificate
 
 
@@ -301,13 +301,13 @@ class Vetting:
         """Whether a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
         if evaluation is None:
             ahead = self._samples(trip, 0.0)
-            return bool(now.batch.distances(ahead.time, ahead.position, NEAR).min(initial=np.inf) >= 0.0)
+            return bool(now.batch.distances(ahead.time, ahead.position, EXACT).min(initial=np.inf) >= 0.0)
         if evaluation.worst_violation > FEASIBILITY:
             return False
         if not now.growing:
             return True
         points = evaluation.points
-        return bool(now.batch.distances(points.time, points.path.position, NEAR).min() >= 0.0)
+        return bool(now.batch.distances(points.time, points.path.position, EXACT).min() >= 0.0)
 
     def _stop(self, now: Moment, trip: Trip, branch: float) -> tuple[Stop, Certificate] | Refusal:
         """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
@@ -382,7 +382,7 @@ class Vetting:
         violation = 0.0
         if batch.size:
             driven = now.state.time - last.frame.time
-            violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, NEAR).min())
+            violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, EXACT).min())
         if violation > DEEP:
             return None
         violation = max(violation, 0.0)
@@ -403,7 +403,7 @@ class Vetting:
         if ahead is None:
             return None
         batch = now.batch_in(last.frame)
-        if batch.size and batch.distances(ahead.time, ahead.position, NEAR).min() < 0.0:
+        if batch.size and batch.distances(ahead.time, ahead.position, EXACT).min() < 0.0:
             return None
         certificate = now.certify(last, since=now.state.time, motions=self.motions)
         return Vetted(last, certificate, None, 0.0) if certificate.holds else None
@@ -427,10 +427,10 @@ class Vetting:
     def clear_for(self, now: Moment, stop: Stop) -> float:
         """How long a stop, and standing there, keeps clear from now on, s, as far as samples tell; inf: long enough."""
         trip = stop.trip
-        times = np.linspace(now.state.time, stop.stands + self.wait, LOOKS)
+        times = np.linspace(now.state.time, stop.stands + self.wait, TRIP_SAMPLES)
         points, _ = trip.at(times)
         batch = foreseen(now.batch_in(trip.frame), stop.stands - trip.frame.time, {})
-        away = batch.distances(times - trip.frame.time, points.path.position, NEAR)
+        away = batch.distances(times - trip.frame.time, points.path.position, EXACT)
         entered = away.min(axis=1, initial=np.inf) < 0.0
         return float(times[entered.argmax()] - times[0]) if entered.any() else math.inf
 

@@ -6,15 +6,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import ceil
 from time import perf_counter
 from typing import Generic, Protocol, TypeVar
 
 from scp_planner.certificate.lower_bound import kinematic_bound
-from scp_planner.certificate.verdict import Certificate, off_a_step
+from scp_planner.certificate.verdict import Certificate
 from scp_planner.problem.near_zones import LONGEST_TRIP, without_far_zones
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.goal import to_beat
 from scp_planner.trips.trajectory import Trajectory
 
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
@@ -153,27 +153,6 @@ class ReadyProblem:
         near = without_far_zones(everything, LONGEST_TRIP * least)
         near.check_memory()
         return cls(everything, near, least)
-
-
-def to_beat(travel_time: float, step: float | None) -> float:
-    """Return what another trip has to be faster than, to be the better one where arrivals count in steps of time.
-
-    Parameters
-    ----------
-    travel_time : float
-        s.
-    step : float or None
-        s; None: every moment counts.
-
-    Returns
-    -------
-    float
-        s: where there are steps the last one before the trip would arrive, and as much more as may be missed.
-    """
-    if step is None:
-        return travel_time
-    off = off_a_step(step)
-    return (ceil((travel_time - off) / step) - 1) * step + off
 
 
 def met_what_was_left_out(problem: Problem, certificate: Certificate) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import Ending, explain
+from scp_planner.planning.other_guides import over_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refined
 from scp_planner.planning.runs import CheckedRuns, Given, ScpAttempt, Task
@@ -20,6 +21,7 @@ from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import QpSolver
 from scp_planner.threat_zones.of_scenario import ZonesOf, tell_of_discs, zones
+from scp_planner.threat_zones.sorted_zones import told_of
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
@@ -87,7 +89,8 @@ def plan(
     runs = CheckedRuns(task)
     best = WaysRound(runs).best()
     if constraints is None:  # those are written in stations of the guide
-        best = refined(runs, best)
+        over, best = over_the_fastest_way(runs, best)
+        best = refined(over, best)
     best = on_a_step(runs, inside, best)
     return _told(scenario, runs, best, units, began)
 
@@ -110,6 +113,7 @@ def _told(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, units: Natura
         lower_bound=runs.lower_bound * units.time,
         timings=runs.task.tally.timings,
         converged=best.run.status is LoopStatus.CONVERGED,
+        planned=scenario,
     )
 
 
@@ -119,7 +123,11 @@ def _reason(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, trip: Trip,
     hopeless = deadline - now > PROOF_TIME and (best.late or not best.run.feasible)
     ending = Ending.of(best.run, runs.task.tally.tried, units.time)
     found = best.verdict.outside(units)
-    return explain(scenario, zones(scenario), trip, ending, found, prove_until=deadline if hopeless else now)
+    if hopeless:
+        return explain(scenario, zones(scenario), trip, ending, found, prove_until=deadline)
+    names = {str(violation.obstacle) for violation in found.violations}
+    told = [zone.outside(units) for zone in told_of(runs.task.threat_zones, names)]
+    return explain(scenario, told, trip, ending, found, prove_until=now)
 
 
 def _status(run: LoopRun, certificate: Certificate) -> PlanStatus:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
+from scp_planner.certificate.lower_bound import lower_bound
 from scp_planner.certificate.verdict import Clearance, LimitUse
 from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from scp_planner.scenario.models import Scenario
 
-_WORK = ("wall_time", "timings")
+_WORK = ("wall_time", "timings", "planned")
 """What says nothing of the plan, but of the making of it."""
 
 ROUNDING = 1e-9  # relative, of lengths and times that are to be equal
@@ -71,12 +72,14 @@ class Plan:
         ``speed``, ``acceleration``, ``lateral_acceleration``, ``curvature``.
     lower_bound : float
         No trip of this scenario is shorter than this, s: without obstacles, unless :func:`scp_planner.lower_bound`
-        was asked for more, or an effort of 2 or more was.
+        was asked for more, or an effort of 2 or more was; ``relative_gap`` asks for more.
     timings : dict of str to float
         Wall time of each stage, s; not saved.
     converged : bool or None
         Whether the run that the trip came from found nothing left to gain: else it was at a limit of work. It says
-        nothing of other ways round; ``gap`` does. None: not known.
+        nothing of other ways round; ``relative_gap`` does. None: not known.
+    planned : Scenario or None
+        What ``relative_gap`` looks at; not saved.
     """
 
     scenario: str
@@ -92,6 +95,7 @@ class Plan:
     lower_bound: float = 0.0
     timings: dict[str, float] = field(default_factory=dict)
     converged: bool | None = None
+    planned: Scenario | None = field(default=None, repr=False)
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self._identity == other._identity
@@ -123,8 +127,32 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """How much longer than the lower bound the trip takes, relative: what a better plan could gain at most."""
+        """How much longer than ``lower_bound`` the trip takes, relative."""
         return self.travel_time / self.lower_bound - 1.0 if self.lower_bound > 0.0 else inf
+
+    @cached_property
+    def relative_gap(self) -> float:
+        """How much longer the trip takes than any must, relative: what a better plan could gain at most.
+
+        By the lower bound among the obstacles, which is looked for when this is first asked for, and may take longer
+        than the plan: a second among 20 obstacles. Of plans that are not certified, were read from a file or made while
+        driving it is ``gap``, by the bound that they have.
+        """
+        return self._bounded.gap
+
+    def bounded(self) -> Self:
+        """Return the same plan with the lower bound among the obstacles, as :func:`scp_planner.lower_bound` finds it.
+
+        Of plans that are not certified, were read from a file or made while driving: as it is.
+        """
+        return self._bounded
+
+    @cached_property
+    def _bounded(self) -> Self:
+        if self.planned is None or not self.certified:
+            return self
+        bound = lower_bound(self.planned, at_most=self.travel_time)
+        return replace(self, lower_bound=max(self.lower_bound, bound), planned=None)
 
     @property
     def start_time(self) -> float:

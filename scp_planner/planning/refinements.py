@@ -15,16 +15,16 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
-from scp_planner.planning.attempts import to_beat
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
+from scp_planner.scp.goal import to_beat
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.trips.space import TripSpace
-from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trajectory import Trajectory, arriving
 
 logger = logging.getLogger(__name__)
 
@@ -169,9 +169,9 @@ def with_finer_spans(found: Found) -> Found:
             break
         finer = replace(task, settings=replace(task.settings, acceleration_spans=spans))
         again = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
-        space = again.problem.space
-        sites = greville_sites(_breakpoints_of(space), space.acceleration.coefficients.shape[1] - 1)
-        start = Trajectory.of(space, trip.theta, trip.drive_at(sites).acceleration, trip.travel_time)
+        problem = again.problem
+        beta = _driven_over(problem.space, trip)
+        start = arriving(problem.space, trip.theta, beta, problem.limits.acceleration, trip.travel_time)
         attempt = again.attempt(start, found.to_beat)
         logger.info(
             "%d spans of the drive: %.4f units of time after %.4f", spans, attempt.travel_time, trip.travel_time
@@ -212,8 +212,12 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
         timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival - EARLIEST_MARGIN))
         breakpoints = _in_step(trajectory, steps, task.settings)
         spans = len(trajectory.space.path.widths)
-        again = CheckedRuns(replace(task, scenario=timed), trajectory.space.guide, breakpoints, spans)
-        attempt = again.attempt(_driven_over(again.problem.space, trajectory), loop=again.patient_loop)
+        again = CheckedRuns(
+            replace(task, scenario=timed, arrival_step=None), trajectory.space.guide, breakpoints, spans
+        )
+        space = again.problem.space
+        start = Trajectory.of(space, trajectory.theta, _driven_over(space, trajectory), trajectory.travel_time)
+        attempt = again.attempt(start, loop=again.patient_loop)
         if best.holds:
             return attempt if attempt.holds else best
         best = attempt if attempt.better_than(best) else best
@@ -251,11 +255,16 @@ def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[fl
     return _breakpoints_of(trajectory.space)
 
 
-def _driven_over(space: TripSpace, trip: Trajectory) -> Trajectory:
-    """A trip over a space whose breakpoints of the acceleration may be others: it has the same speeds at them."""
+def _driven_over(space: TripSpace, trip: Trajectory) -> Array:
+    """Accelerations of a trip over a space whose breakpoints of them may be others.
+
+    Where they are constant between those, they lead to the same speeds there.
+    """
     basis = space.acceleration
     if np.array_equal(basis.breakpoints, trip.space.acceleration.breakpoints):
-        return Trajectory.of(space, trip.theta, trip.beta, trip.travel_time)
-    speeds = trip.speed_at(basis.breakpoints)
-    beta = np.diff(speeds) / (np.diff(basis.breakpoints) * trip.travel_time)
-    return Trajectory.of(space, trip.theta, beta, trip.travel_time)
+        return trip.beta
+    degree = basis.coefficients.shape[1] - 1
+    if degree > 0:
+        return trip.drive_at(greville_sites(_breakpoints_of(space), degree)).acceleration
+    beta: Array = np.diff(trip.speed_at(basis.breakpoints)) / (np.diff(basis.breakpoints) * trip.travel_time)
+    return beta

@@ -16,11 +16,13 @@ from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
+from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
+from scp_planner.scp.goal import ArrivalSteps
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings
@@ -79,6 +81,14 @@ class Task:
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
     @property
+    def steps(self) -> ArrivalSteps | None:
+        """Steps of time to arrive on, in travel times."""
+        if self.arrival_step is None:
+            return None
+        latest = self.scenario.goal.latest_arrival
+        return ArrivalSteps(self.arrival_step, np.inf if latest is None else latest - self.scenario.start.time)
+
+    @property
     def out_of_time(self) -> bool:
         """Whether the deadline has passed."""
         return perf_counter() > self.deadline
@@ -121,8 +131,8 @@ class CheckedRuns:
                 everything, self.solver = _with_given(everything, task.given, self.solver)
             ready = ReadyProblem.of(everything)
             self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
-            self.loop = ScpLoop(self.problem, self.solver, fallback, HOPELESS_AFTER)
-            self.patient_loop = ScpLoop(self.problem, self.solver, fallback)
+            self.loop = ScpLoop(self.problem, self.solver, fallback, HOPELESS_AFTER, steps=task.steps)
+            self.patient_loop = ScpLoop(self.problem, self.solver, fallback, steps=task.steps)
 
     @classmethod
     def along(cls, task: Task, path: Path) -> CheckedRuns:
@@ -158,11 +168,36 @@ class CheckedRuns:
         rival: ScpAttempt | None = None,
         loop: ScpLoop | None = None,
     ) -> ScpAttempt:
-        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
-        loop, problem = loop or self.loop, self.problem
+        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff.
+
+        A trip that is as good as on its step of time is slowed down to that.
+        """
+        loop = loop or self.loop
+        attempt = self._checked(self.problem, loop, start, cutoff, rival)
+        if attempt.run.status is not LoopStatus.ON_TIME:
+            return attempt
+        on_time = self._on_its_step(attempt.trajectory)
+        if on_time.holds or self.task.out_of_time:
+            return on_time
+        patient = ScpLoop(self.problem, self.solver, loop.fallback)
+        return self._checked(self.problem, patient, attempt.trajectory, cutoff, rival)
+
+    def _on_its_step(self, trajectory: Trajectory) -> ScpAttempt:
+        """Go on from a trip to one that arrives on the next step of time."""
+        assert self.task.steps is not None
+        limit = EarliestArrival(self.task.steps.after(trajectory.travel_time), self.problem.step_size)
+        problem = replace(self.problem, optional=(*self.problem.optional, limit))
+        return self._checked(problem, ScpLoop(problem, self.solver, self.loop.fallback), trajectory, np.inf, None)
+
+    def _checked(
+        self, problem: Problem, loop: ScpLoop, start: Trajectory, cutoff: float, rival: ScpAttempt | None
+    ) -> ScpAttempt:
+        """Run a loop, and again with what its certificate found missing."""
         for repeat in range(TIGHTENINGS + 1):
             with self.task.tally.timed("scp"):
                 run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation)
+            if run.status is LoopStatus.ON_TIME:
+                return Attempt(run, None)
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
             if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower):
                 return Attempt(run, None)

@@ -10,11 +10,12 @@ from math import log2
 
 import numpy as np
 
-from scp_planner.certificate.lower_bound import bound_among
-from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch, to_beat
+from scp_planner.certificate.lower_bound import bound_among, goal_is_covered_for_good
+from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
 from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.problem import Problem
+from scp_planner.scp.goal import to_beat
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.search.first_trips import CLOSE_SMOOTHING, SMOOTHING, bows, trip_along
 from scp_planner.search.grid import Fineness
@@ -60,7 +61,11 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         self._failed: list[Branch] = []
 
     def best(self) -> ScpAttempt:
-        """Return the best attempt from any way, or from bows."""
+        """Return the best attempt from any way, or from bows; one attempt where the goal is covered for good."""
+        if self._goal_is_covered():
+            logger.info("the goal is covered for good")
+            self.tally.tried += 1
+            return self.runs.attempt(next(bows(self.problem)), loop=self.runs.patient_loop)
         best = self.try_all(self._branches())
         broken = best is not None and best.run.status is LoopStatus.SOLVER_FAILED
         if best is None or not (best.holds or broken or self.out_of_time):
@@ -73,6 +78,15 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             best = attempt if attempt.better_than(best) else best
         assert best is not None, "the first start is never cut off"
         return best
+
+    def _goal_is_covered(self) -> bool:
+        """Whether it is proved that what stands there lets no trip arrive."""
+        zones, task = self.problem.zones, self.runs.task
+        if len(zones.standing) == 0:
+            return False
+        goal = self.problem.frame.to_frame(np.array([task.scenario.goal.position]))
+        near = zones.subset(zones.standing).distances(np.zeros(1), goal)
+        return bool(np.any(near < 0.0)) and goal_is_covered_for_good(task.scenario, task.threat_zones)
 
     def tried(self, start: Branch) -> ScpAttempt:
         """Run the loop from a way, and closer to it once more if that ends hardly infeasible."""
@@ -184,7 +198,8 @@ def _touched(problem: Problem, run: LoopRun) -> tuple[tuple[int, int], ...]:
     normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
     side = np.einsum("ij,ij->i", contacts.normal, normal)
     found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
-    for limit, depth in zip(problem.optional, evaluation.optional, strict=True):
+    # One that was slowed down to its step of time has one limit more.
+    for limit, depth in zip(problem.optional, evaluation.optional, strict=False):
         if isinstance(limit, DiscClearance):
             found.update(limit.touched(evaluation.trajectory, depth, TOUCHING))
     return tuple(reversed(found.items()))

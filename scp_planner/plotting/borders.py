@@ -166,6 +166,11 @@ def walls_of(scenario: Scenario) -> tuple[Array, ...]:
     return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.walls)
 
 
+def lanes_of(scenario: Scenario) -> tuple[Array, ...]:
+    """Give the borders of a scenario's lanes, (k, 2) m each; none without any."""
+    return tuple(np.array(line) for line in scenario.lanes)
+
+
 def corridor_of(scenario: Scenario) -> tuple[Array, ...]:
     """Give the polygons of a scenario's corridor, anticlockwise, (k, 2) m each; none without one."""
     return tuple(np.array(planar.anticlockwise(polygon)) for polygon in scenario.corridor or ())

@@ -23,11 +23,12 @@ LABEL_EDGE = 0.06
 
 FORBIDDEN_LOOK: dict[str, Any] = {"facecolor": FORBIDDEN, "edgecolor": GREY, "hatch": "////"}
 SLOW_LOOK: dict[str, Any] = {"facecolor": (SLOW, 0.30), "edgecolor": SLOW, "hatch": "..", "linewidth": 0.0}
+LANE_LOOK: dict[str, Any] = {"color": GREY, "linewidth": 0.6, "alpha": 0.7}
 GUIDE_LOOK: dict[str, Any] = {"color": GREY, "linewidth": 0.9, "linestyle": (0, (6, 2, 1, 2))}
 
 
 def draw_ground(axes: Axes, recording: Recording, low: Array, high: Array) -> None:
-    """Draw what stands: bounds, corridor, walls, slow places and guide; what is forbidden is hatched.
+    """Draw what stands: bounds, corridor, walls, lanes, slow places and guide; what is forbidden is hatched.
 
     Parameters
     ----------
@@ -58,6 +59,8 @@ def draw_ground(axes: Axes, recording: Recording, low: Array, high: Array) -> No
     if recording.corridor:
         border = path_of(borders_of(list(recording.corridor)))
         axes.add_patch(PathPatch(border, facecolor="none", edgecolor=GREY, linewidth=1.4, zorder=1))
+    for lane in recording.lanes:
+        axes.plot(*lane.T, **LANE_LOOK, zorder=0.9)
     for wall in recording.walls:
         axes.add_patch(Polygon(wall, **FORBIDDEN_LOOK, linewidth=1.0, zorder=1))
     if recording.guide is not None:

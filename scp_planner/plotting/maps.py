@@ -11,7 +11,15 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.borders import borders_of
 from scp_planner.plotting.drawn import CROWD, is_near, is_shown, map_extent, nearest, stands
-from scp_planner.plotting.ground import FORBIDDEN_LOOK, GUIDE_LOOK, SLOW_LOOK, draw_ground, has_forbidden, path_of
+from scp_planner.plotting.ground import (
+    FORBIDDEN_LOOK,
+    GUIDE_LOOK,
+    LANE_LOOK,
+    SLOW_LOOK,
+    draw_ground,
+    has_forbidden,
+    path_of,
+)
 from scp_planner.plotting.recording import ObstacleRecord, Recording
 from scp_planner.plotting.scales import unit_of
 from scp_planner.plotting.style import COLOURS, DOTTED, FAINT, GREY, INK, label_lengths, time_text
@@ -179,6 +187,8 @@ def key_to_symbols(recording: Recording) -> Key:
         key += Key([Patch(**FORBIDDEN_LOOK)], ["forbidden"])
     if recording.stretches:
         key += Key([Patch(**SLOW_LOOK)], ["slow"])
+    if recording.lanes:
+        key += Key([Line2D([], [], **LANE_LOOK)], ["lanes"])
     if recording.guide is not None:
         key += Key([Line2D([], [], **GUIDE_LOOK)], ["guide"])
     if any(obstacle.observed is not None for obstacle in recording.obstacles):

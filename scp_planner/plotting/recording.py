@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics import corridor
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, region_of, walls_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, lanes_of, region_of, walls_of
 from scp_planner.plotting.scales import clock_of, length_text
 from scp_planner.scenario.places import Stretch, limits_at, stretches
 from scp_planner.scenario.shapes import Disc
@@ -164,6 +164,8 @@ class Recording:
         Where the vehicle's discs are on its axis, m ahead of the position.
     walls : tuple of (k, 2) arrays
         Polygons that no disc of the vehicle enters, m.
+    lanes : tuple of (k, 2) arrays
+        Borders of lanes, m, which nobody is kept from.
     guide : (k, 2) array or None
         The lane that the path is an offset of, m; None: straight.
     stretches : tuple of Stretch
@@ -192,6 +194,7 @@ class Recording:
     corridor: tuple[Array, ...] = ()
     discs: Sequence[float] = (0.0,)
     walls: tuple[Array, ...] = ()
+    lanes: tuple[Array, ...] = ()
     guide: Array | None = None
     stretches: tuple[Stretch, ...] = ()
     replans: tuple[ReplanRecord, ...] = ()
@@ -302,6 +305,7 @@ def record_plan(plan: Plan, scenario: Scenario, times: ArrayLike | int = 200, tr
         corridor=corridor_of(scenario),
         discs=vehicle.discs,
         walls=walls_of(scenario),
+        lanes=lanes_of(scenario),
         guide=guide_of(scenario),
         stretches=stretches(scenario),
     )

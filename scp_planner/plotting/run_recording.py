@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index
-from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, region_of, walls_of
+from scp_planner.plotting.borders import body_of, boundaries_of, corridor_of, lanes_of, region_of, walls_of
 from scp_planner.plotting.recording import (
     ObstacleRecord,
     Recording,
@@ -96,6 +96,7 @@ def record_run(run: Run, frames_per_second: float = 12.5, times: ArrayLike = ())
         corridor=corridor_of(run.scenario),
         discs=vehicle.discs,
         walls=walls_of(run.scenario),
+        lanes=lanes_of(run.scenario),
         guide=guide_of(run.scenario),
         stretches=stretches(run.scenario),
         replans=tuple(ReplanRecord(each.time, each.outcome, each.safe, each.reason) for each in run.records),

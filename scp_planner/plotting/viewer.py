@@ -115,6 +115,7 @@ def _data_of(recording: Recording) -> dict[str, Any]:
         "corridor": [rounding.of(polygon - origin) for polygon in recording.corridor],
         "corridorBorder": rounding.of(borders_of(recording.corridor) - origin) if recording.corridor else [],
         "walls": [rounding.of(wall - origin) for wall in recording.walls],
+        "lanes": [rounding.of(lane - origin) for lane in recording.lanes],
         "guide": None if recording.guide is None else rounding.of(recording.guide - origin),
         "slow": _slow_data(recording, origin, rounding),
         "unit": {"name": unit.name, "size": unit.size},

@@ -75,7 +75,7 @@ def build_problem(
     limits = Limits.of(scenario, settings.limit_margin)
     if guide is None:
         guide = default_guide(scenario, frame, limits, settings)
-    slow = _slow_stretches(scenario, frame, settings)
+    slow = slow_stretches(scenario, frame, settings)
     shared = scenario.vehicle.max_total_acceleration is not None or scenario.vehicle.max_power is not None
     profile = _fastest_drive(guide, slow, scenario, limits) if slow or shared else None
     if breakpoints is None:
@@ -120,7 +120,7 @@ def _breakpoints(
     return tuple(sorted({*breakpoints, min(REACTION / time, 0.5 * breakpoints[1])}))
 
 
-def _slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
+def slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
     """Return the speed limits by place in the planning frame, less the margins."""
     keep = kept_of_limits(settings)
     return tuple(

@@ -54,16 +54,10 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
     """
     start, goal = scenario.start, scenario.goal
     distance = round(float(np.hypot(*np.subtract(goal.position, start.position))), DECIMALS)
-    if np.isfinite(limits.curvature):
-        radius = ROOM_TO_TURN / limits.curvature
-    else:
-        radius = max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
+    radius = _turning_radius(limits, distance)
     short = round(GOAL_SHARE * goal.radius, DECIMALS)
     if scenario.guide is not None:
-        # Offsets to the outside of a bend are easy, those to the inside are not: bends as wide as they may be driven.
-        radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
-        polyline = _shortened(np.round(frame.to_frame(np.array(scenario.guide)), DECIMALS), short)
-        return _smoothed(polyline, radius, settings)
+        return guide_over(frame.to_frame(np.array(scenario.guide)), scenario, limits, settings)
     turns = [
         None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
         for heading in (start.heading, goal.heading)
@@ -77,6 +71,35 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
         return StraightGuide(distance - short)
     shortest = shortest_path(Pose((0.0, 0.0), turns[0]), Pose((distance, 0.0), turns[1]), radius)
     return _smoothed(_shortened(shortest, short), radius, settings)
+
+
+def guide_over(points: Array, scenario: Scenario, limits: Limits, settings: SceneSettings) -> Guide:
+    """Return the guide along a polyline from start to goal, its corners as wide as they may be driven.
+
+    Parameters
+    ----------
+    points : (n, 2) array
+        In the planning frame, m.
+    scenario : Scenario
+    limits : Limits
+    settings : SceneSettings
+
+    Returns
+    -------
+    Guide
+    """
+    radius = _turning_radius(limits, round(float(np.hypot(*points[-1])), DECIMALS))
+    # Offsets to the outside of a bend are easy, those to the inside are not
+    radius = max(radius, min(limits.speed**2 / limits.lateral_acceleration, WIDE_BEND * radius))
+    short = round(GOAL_SHARE * scenario.goal.radius, DECIMALS)
+    return _smoothed(_shortened(np.round(points, DECIMALS), short), radius, settings)
+
+
+def _turning_radius(limits: Limits, distance: float) -> float:
+    """Radius that guides to a goal in a distance, m, are rounded with at least, m."""
+    if np.isfinite(limits.curvature):
+        return ROOM_TO_TURN / limits.curvature
+    return max(LEAST_RADIUS, RELATIVE_RADIUS * distance)
 
 
 def _smoothed(polyline: Array, radius: float, settings: SceneSettings) -> Guide:

@@ -11,6 +11,7 @@ from scp_planner.problem.problem import Problem
 
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 UNDECIDED = 5e-4  # relative, of what was found to be just below its limit, and may be above it beside that
+MOST_LESS = 0.5  # of a limit, that is taken off at once: a trip that is so far above it may not tell by how much
 URGENCY = 2.0  # times as much is asked for with each repeat
 
 
@@ -40,12 +41,14 @@ def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) 
             missing[violation.what] = urgency * (-1.5 * violation.value + 1e-3)
             optional[violation.what] = missing[violation.what]  # of further discs
         elif violation.what in missing and violation.allowed > 0.0:  # not driving backwards
-            missing[violation.what] = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
+            less = urgency * (1.5 * (violation.value / violation.allowed - 1.0) + 1e-4)
+            missing[violation.what] = min(less, MOST_LESS)
         elif (kind := violation.what.partition("[")[0]) in optional:
             # Of limits in relation to them; ranges of the goal by what is missing itself.
             excess = violation.value / violation.allowed - 1.0 if violation.allowed else violation.value
             # What is below its limit could not be decided: no finding says by how much it may be above it.
-            optional[kind] = urgency * (1.5 * (excess if excess > 0.0 else UNDECIDED) + 1e-4)
+            more = urgency * (1.5 * (excess if excess > 0.0 else UNDECIDED) + 1e-4)
+            optional[kind] = min(more, MOST_LESS) if violation.allowed else more
     asked = problem.tightened(
         inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )

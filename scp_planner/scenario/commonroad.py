@@ -8,7 +8,7 @@ What becomes what:
 - the planning problem: start, and a goal with its region, where the route comes to it, and its ranges of headings,
   speeds and times; a goal of time alone is a place so far ahead on the lane;
 - the lanes from start to goal: the guide, along their centre lines;
-- the borders of the road: walls;
+- the borders of the road: walls; those of lanes: lines in pictures;
 - for a model of the benchmark's: its car, as the official checker looks at it.
 
 Not taken over: the rules of traffic. After its last state an obstacle goes straight on.
@@ -30,7 +30,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, Fault, ScenarioError
-from scp_planner.scenario.commonroad_goals import GoalAim, GoalState, goal_states, seen_heading
+from scp_planner.scenario.commonroad_goals import GoalAim, GoalState, ahead_of, goal_states, seen_heading
 from scp_planner.scenario.commonroad_lines import (
     SIGHT,
     SIGHT_TIME,
@@ -47,10 +47,11 @@ from scp_planner.scenario.commonroad_lines import (
     turned_too_far,
 )
 from scp_planner.scenario.commonroad_models import VehicleModel, car_named, centre_of, default_car, vehicle_of
-from scp_planner.scenario.commonroad_obstacles import obstacle_of
+from scp_planner.scenario.commonroad_obstacles import obstacles_of
 from scp_planner.scenario.commonroad_roads import (
     GUIDE_STEP,
     drivable,
+    lane_borders,
     route_ahead,
     route_to,
     spaced,
@@ -100,6 +101,9 @@ UNHURRIED = 0.7
 
 REAR_WIDTH = 1.3
 """Widths of the vehicle: of the room behind it at the start for the discs that cover it."""
+
+NEARLY = 0.1
+"""Lengths of the default vehicle: so far ahead a goal begins that holds the vehicle at the start, or one step ahead."""
 
 REACH = 8.0
 """Lengths of the vehicle around the guide in which the road is looked at."""
@@ -227,9 +231,13 @@ def scenario_of(
     states = file.goal_states()
     if not 0 <= aim.state < len(states):
         raise ScenarioError(file.name, [Fault("goalState", aim.state, f"must be less than {len(states)}")])
-    reader = _Reader(file.name, file.world, file.problem, states[aim.state], guide, borders, aim)
+    start, step = file.problem.initial_state, float(file.world.dt)
+    gap = max(step * float(start.velocity), NEARLY * LENGTH)
+    middle = (float(start.position[0]), float(start.position[1]))
+    goal = ahead_of(states[aim.state], middle, float(start.orientation), gap)
+    reader = _Reader(file.name, file.world, file.problem, goal, guide, borders, aim)
     if model is None:
-        return reader.scenario(_default_vehicle(vehicle, file.problem.initial_state), None, None)
+        return reader.scenario(_default_vehicle(vehicle, start), None, None)
     return _with_enough_discs(reader, _model_named(model), car)
 
 
@@ -237,6 +245,9 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None) ->
     """The scenario of a car of the benchmark, covered by as many discs as it takes to touch nothing at the start."""
     body = car_named(car or default_car(model), model)
     step, start = float(reader.world.dt), reader.problem.initial_state
+    if model is VehicleModel.PM and abs(float(start.orientation)) > math.pi:
+        text = "the official checker compares headings as numbers, and those of a point mass are in [-pi, pi]"
+        raise ScenarioError(reader.name, [Fault("initialState.orientation", float(start.orientation), text)])
     refused = ScenarioError(reader.name, [])
     for discs in MORE_DISCS:
         fields = vehicle_of(body, model, discs)
@@ -312,7 +323,25 @@ def read_commonroad(path: str | PathLike[str], problem: int | None = None) -> Co
         raise ScenarioError(name, [Fault("", MISSING, f"not a CommonRoad file: {error}")]) from error
     finally:
         reader_log.setLevel(level)
-    return CommonRoadFile(name, world, _chosen(problems.planning_problem_dict, problem, name))
+    chosen = _chosen(problems.planning_problem_dict, problem, name)
+    _check_start(chosen.initial_state, name)
+    return CommonRoadFile(name, world, chosen)
+
+
+def _check_start(start: Any, name: str) -> None:
+    """Refuse a start that is known as a set alone."""
+    kinds = {"position": (2,), "orientation": (), "velocity": ()}
+    text = "must be known exactly"
+    unknown = [key for key, shape in kinds.items() if not _is_exact(getattr(start, key, None), shape)]
+    if unknown:
+        raise ScenarioError(name, [Fault(f"initialState.{key}", MISSING, text) for key in unknown])
+
+
+def _is_exact(value: Any, shape: tuple[int, ...]) -> bool:
+    try:
+        return np.asarray(value, dtype=float).shape == shape
+    except (TypeError, ValueError):
+        return False
 
 
 def _chosen(problems: dict[int, Any], wanted: int | None, name: str) -> Any:
@@ -378,6 +407,9 @@ class _Reader:
         drive = driven(line, start, heading, vehicle.steering(speed))
         headings = self._headings(model, line)
         end = self._arrival(drive, headings, vehicle)
+        if end.index == 0:
+            text = "nothing that drives forward along the lanes comes nearer to it than where it starts"
+            raise ScenarioError(self.name, [Fault("goalState.position", MISSING, text)])
         guide = spaced(drive.places[: end.index + 1], GUIDE_STEP) if end.index > 1 else np.array([start])
         walls = self._walls(guide, middle, heading, vehicle) if self.bordered else []
         goal = {
@@ -393,7 +425,8 @@ class _Reader:
             goal={**self.goal.fields(), **goal},
             guide=guide.tolist() if self.guided and len(guide) > 1 else None,
             walls=walls,
-            obstacles=[obstacle_of(obstacle, step, self.name) for obstacle in self.world.obstacles],
+            lanes=lane_borders(self.world.lanelet_network, guide, REACH * vehicle.length, vehicle.width),
+            obstacles=obstacles_of(self.world, step, self.name),
         )
 
     def _line(self, start: Point, heading: float, speed: float) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from scp_planner.errors import MISSING, Fault, ScenarioError
@@ -101,7 +101,56 @@ def goal_states(problem: Any, step: float, name: str) -> list[GoalState]:
     if not states:
         number = problem.planning_problem_id
         raise ScenarioError(name, [Fault("goalState", MISSING, f"problem {number} has no goal: nothing to plan")])
+    _check_states(problem, states, name)
     return [_goal_state(state, step * problem.initial_state.time_step, step) for state in states]
+
+
+def ahead_of(state: GoalState, start: tuple[float, float], heading: float, gap: float) -> GoalState:
+    """Return a goal state without what of its places is behind a place that they hold: there is nothing to drive.
+
+    Parameters
+    ----------
+    state : GoalState
+    start : (x, y)
+        m.
+    heading : float
+        rad.
+    gap : float
+        How far ahead of the start what is left begins, m.
+
+    Returns
+    -------
+    GoalState
+        The same where no place holds the start, or nothing would be left.
+    """
+    from shapely import Point, Polygon
+
+    left: list[Any] = []
+    for place in state.places:
+        if not place.contains(Point(start)):
+            left.append(place)
+            continue
+        low_x, low_y, high_x, high_y = place.bounds
+        reach = gap + math.hypot(high_x - low_x, high_y - low_y)
+        c, s = math.cos(heading), math.sin(heading)
+        corners = [(gap, -reach), (reach, -reach), (reach, reach), (gap, reach)]
+        ahead = place.intersection(Polygon([(start[0] + c * x - s * y, start[1] + s * x + c * y) for x, y in corners]))
+        left += [part for part in getattr(ahead, "geoms", [ahead]) if part.area > 0.0]
+    return replace(state, places=tuple(left)) if left else state
+
+
+def _check_states(problem: Any, states: Sequence[Any], name: str) -> None:
+    """Refuse goals that nothing that drives forward gets to."""
+    begin, faults = float(problem.initial_state.time_step), []
+    for number, state in enumerate(states):
+        last = ends_of(state.time_step)[1]
+        if last <= begin:
+            faults.append(Fault(f"goalState[{number}].time", last, f"must end after the start, at step {begin:g}"))
+        speed = getattr(state, "velocity", None)
+        if speed is not None and ends_of(speed)[1] < 0.0:
+            faults.append(Fault(f"goalState[{number}].velocity", ends_of(speed)[1], "must not be backwards"))
+    if faults:
+        raise ScenarioError(name, faults)
 
 
 def _goal_state(state: Any, begin: float, step: float) -> GoalState:
@@ -143,7 +192,7 @@ def polygons_of(shape: Any) -> list[Any]:
     if radius is not None:
         from shapely import Point
 
-        return [Point(*shape.center).buffer(float(radius), quad_segs=ARC_SIDES)]
+        return [Point(shape.center).buffer(float(radius), quad_segs=ARC_SIDES)]
     from shapely import set_precision
 
     # Files repeat corners, to all digits or nearly so, and outlines of lanes cross themselves.

@@ -249,14 +249,52 @@ def drivable(network: Any, line: Array, reach: float, width: float) -> Any:
     -------
     shapely.Polygon or shapely.MultiPolygon
     """
-    from shapely import LineString, union_all
+    from shapely import union_all
 
-    around = LineString(line).buffer(reach)
+    around = _about(line, reach)
     polygons = [lane.polygon.shapely_object for lane in network.lanelets]
     near = [polygon.buffer(0.0) for polygon in polygons if polygon.intersects(around)]
     fill, inwards = GAP * width, DRAWN_IN * width
     road = union_all(near).buffer(fill, join_style="mitre").buffer(-fill - inwards, join_style="mitre")
     return road.simplify(inwards).intersection(around.simplify(inwards))
+
+
+def lane_borders(network: Any, line: Array, reach: float, width: float) -> list[list[Point]]:
+    """Return the borders of all lanes around a line, each once, as polylines, m.
+
+    Parameters
+    ----------
+    network : LaneletNetwork
+        Of commonroad-io.
+    line : (k, 2) array
+        m.
+    reach : float
+        How far around the line, m.
+    width : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    list of polylines
+    """
+    from shapely import LineString
+
+    around = _about(line, reach)
+    borders = []
+    for lane in network.lanelets:
+        # The left border of a lane is the right one of the lane beside it, if both lead the same way.
+        shared = lane.adj_left is not None and lane.adj_left_same_direction
+        borders += [lane.right_vertices] if shared else [lane.left_vertices, lane.right_vertices]
+    near = [LineString(border).simplify(DRAWN_IN * width).intersection(around) for border in borders]
+    parts = [part for each in near for part in getattr(each, "geoms", [each])]
+    return [[(float(x), float(y)) for x, y in part.coords] for part in parts if part.length > 0.0]
+
+
+def _about(line: Array, reach: float) -> Any:
+    """Return what is no farther than so much from a line, (k, 2) m, or from its only point."""
+    from shapely import LineString
+
+    return LineString(line if len(line) > 1 else np.repeat(line, 2, axis=0)).buffer(reach)
 
 
 def walls_around(area: Any, start: Any, width: float) -> list[list[Point]]:

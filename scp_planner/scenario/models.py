@@ -25,7 +25,7 @@ from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
 from scp_planner.scenario.validation import Part, Row, Rule, faults_of
-from scp_planner.scenario.values import NotNegative, Number, Polygon, Positive, Rate, RateNumber, Text, Vector
+from scp_planner.scenario.values import NotNegative, Number, Polygon, Polyline, Positive, Rate, RateNumber, Text, Vector
 
 CURVE_SIDES = 40  # of the polyline that a guide given as a curve becomes; it is smoothed again
 MOST_OBSTACLES = 20_000
@@ -39,6 +39,8 @@ class Steering(StrEnum):
 
     AHEAD = "ahead"
     """Along its heading."""
+    BOTH_WAYS = "both_ways"
+    """Where it stands, along its heading or against it: it drives backwards as well as forwards. Else as it drives."""
     ON_THE_SPOT = "on_the_spot"
     """Where it stands, in any direction: it turns there first. Else along its heading."""
     ANY = "any"
@@ -73,8 +75,8 @@ class Vehicle(Part):
     )
     steering: Steering = Field(
         default=Steering.AHEAD,
-        description="online, in which directions it can set out: ahead, along its heading; on_the_spot, from a stand in"
-        " any direction; any, at any time in any direction",
+        description="online, in which directions it can set out: ahead, along its heading; both_ways, from a stand also"
+        " backwards; on_the_spot, from a stand in any direction; any, at any time in any direction",
     )
     centre: Number = Field(
         default=0.0,
@@ -366,7 +368,7 @@ class Scenario(Part):
     vehicle: Vehicle
     start: Start
     goal: Goal
-    guide: Annotated[Annotated[Row[Vector], Field(min_length=2)] | None, BeforeValidator(_sampled)] = Field(
+    guide: Annotated[Polyline | None, BeforeValidator(_sampled)] = Field(
         default=None,
         description="polyline [[x, y], ...], m, from start to goal that the path is an offset of; null: straight",
     )
@@ -380,6 +382,11 @@ class Scenario(Part):
         default=(),
         description="convex polygons [[[x, y], ...], ...] that stand and that no disc of the vehicle enters, such as"
         " what lies beside a road",
+    )
+    lanes: Row[Polyline] = Field(
+        default=(),
+        description="polylines [[[x, y], ...], ...], m, that pictures show, such as the borders of lanes; nothing is"
+        " planned with them",
     )
     speed_limits: Row[SpeedLimit] = Field(default=(), description="speed limits by place, besides the vehicle's own")
     confidence: Confidence = Confidence()

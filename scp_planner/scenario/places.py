@@ -45,6 +45,11 @@ class Line:
         stations: Array = self._stations[leg] + np.clip(along[every, leg], 0.0, self._lengths[leg])
         return stations
 
+    def distances(self, points: Array) -> Array:
+        """Distances of points (n, 2), (n,) m."""
+        least: Array = self._onto_legs(points)[1].min(axis=1)
+        return least
+
     def across_border(self, position: Array, border: float) -> Array:
         """Return the direction in which points pass over a border most directly.
 

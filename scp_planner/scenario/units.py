@@ -99,6 +99,7 @@ class NaturalUnits(Units):
             else changed(scenario.bounds, min=self.place(scenario.bounds.min), max=self.place(scenario.bounds.max)),
             corridor=None if scenario.corridor is None else tuple(map(self._line, scenario.corridor)),
             walls=tuple(map(self._line, scenario.walls)),
+            lanes=tuple(map(self._line, scenario.lanes)),
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
             obstacles=tuple(map(self.obstacle, scenario.obstacles)),
         )

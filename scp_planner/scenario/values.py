@@ -21,3 +21,4 @@ RateNumber = Annotated[float, Field(strict=True, ge=-LARGEST_RATE, le=LARGEST_RA
 Rate = tuple[RateNumber, RateNumber]
 Matrix = Pair[Pair[Number]]
 Polygon = Annotated[Row[Vector], Field(min_length=3)]
+Polyline = Annotated[Row[Vector], Field(min_length=2)]

@@ -3,12 +3,75 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
+from scp_planner.certificate.verdict import off_a_step
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.parameters import LoopParameters
 from scp_planner.scp.record import LoopRun, LoopStatus
+
+
+def to_beat(travel_time: float, step: float | None) -> float:
+    """Return what another trip has to be faster than, to be the better one where arrivals count in steps of time.
+
+    Parameters
+    ----------
+    travel_time : float
+        s.
+    step : float or None
+        s; None: every moment counts.
+
+    Returns
+    -------
+    float
+        s: where there are steps the last one before the trip would arrive, and as much more as may be missed.
+    """
+    return travel_time if step is None else (_step_after(travel_time, step) - 1) * step + off_a_step(step)
+
+
+def _step_after(travel_time: float, step: float) -> int:
+    return ceil((travel_time - off_a_step(step)) / step)
+
+
+@dataclass(frozen=True)
+class ArrivalSteps:
+    """Steps of time that a trip has to arrive on.
+
+    Attributes
+    ----------
+    step : float
+        s.
+    latest : float
+        Travel time that is still in time, s.
+    """
+
+    step: float
+    latest: float
+
+    def after(self, travel_time: float) -> float:
+        """Return the travel time to the next step, s."""
+        return _step_after(travel_time, self.step) * self.step
+
+    def as_good(self, trip: Evaluation, sooner: float, parameters: LoopParameters) -> bool:
+        """Whether a trip, but for what slowing down to its step mends, can hardly arrive on an earlier one.
+
+        Parameters
+        ----------
+        trip : Evaluation
+        sooner : float
+            What the last step gained, s.
+        parameters : LoopParameters
+
+        Returns
+        -------
+        bool
+        """
+        time = trip.trajectory.travel_time
+        if trip.worst_violation > parameters.grave or self.after(time) > self.latest:
+            return False
+        return time - parameters.hope * max(sooner, 0.0) > to_beat(time, self.step)
 
 
 @dataclass(frozen=True)
@@ -43,6 +106,12 @@ class Cutoff:
     race: bool
     rival: Evaluation | None
     parameters: LoopParameters
+    steps: ArrivalSteps | None = None
+
+    def on_time(self, trip: Evaluation, sooner: float) -> bool:
+        """Whether a trip will do for the step of time that it arrives on, and can hardly arrive on an earlier one."""
+        soon = trip.trajectory.travel_time < self.time
+        return soon and self.steps is not None and self.steps.as_good(trip, sooner, self.parameters)
 
     def slower(self, trip: Evaluation, sooner: float) -> bool:
         """Whether a trip can hardly become fast enough, if the next step makes it sooner by so many s."""

@@ -243,6 +243,8 @@ class Iterations:
             return LoopStatus.SLOWER
         if self.cutoff.same_way(current):
             return LoopStatus.SAME_WAY
+        if step.evaluation is current and self.cutoff.on_time(current, step.sooner):
+            return LoopStatus.ON_TIME
         tolerance, violation = self.setup.problem.settings.tolerance, current.worst_violation
         feasible = violation <= FEASIBILITY
         if feasible and step.before <= parameters.mended and abs(step.sooner) < tolerance:

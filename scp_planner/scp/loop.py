@@ -10,7 +10,7 @@ from scp_planner.arrays import Array
 from scp_planner.problem.memory import MOST_TOGETHER
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation
-from scp_planner.scp.goal import Cutoff, RunLimits
+from scp_planner.scp.goal import ArrivalSteps, Cutoff, RunLimits
 from scp_planner.scp.iterations import Iterations, LoopSetup
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.parameters import LOOP, LoopParameters
@@ -35,6 +35,8 @@ class ScpLoop:
     hopeless_after : int, optional
         A run that is still far from feasible after so many iterations ends; None: it goes on.
     parameters : LoopParameters
+    steps : ArrivalSteps, optional
+        That the trip has to arrive on, in the end: a run ends when it can hardly arrive on an earlier one.
     """
 
     def __init__(
@@ -44,12 +46,14 @@ class ScpLoop:
         fallback: str | None = None,
         hopeless_after: int | None = None,
         parameters: LoopParameters = LOOP,
+        steps: ArrivalSteps | None = None,
     ) -> None:
         self.problem = problem
         self.hopeless_after = problem.settings.max_iterations if hopeless_after is None else hopeless_after
         self.solver = solver
         self.fallback = fallback
         self.parameters = parameters
+        self.steps = steps
         self.kinematics = KinematicRows(problem)
 
     def run(
@@ -117,9 +121,9 @@ class ScpLoop:
         list of LoopRun
             One for each start.
         """
-        setup, first = self._setup(), trust or self.parameters.first_trust
+        setup, first = self._setup(), trust or self._first_trust()
         limits = RunLimits(max_iterations, deadline, enough, self.hopeless_after)
-        goal = Cutoff(cutoff, race, rival, self.parameters)
+        goal = Cutoff(cutoff, race, rival, self.parameters, self.steps)
         # Trips over many spans, or among many zones, are not looked at all at once.
         at_once = max(1, MOST_TOGETHER // self.problem.trip_bytes)
         ended: list[LoopRun] = []
@@ -131,6 +135,11 @@ class ScpLoop:
     def moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
         """Return the trip after a step z, (n,); None if it would never arrive."""
         return trip_after(self.problem, trajectory, z)
+
+    def _first_trust(self) -> TrustRegion:
+        first = self.parameters.first_trust
+        steered = self.problem.scenario.vehicle.max_curvature_rate is not None
+        return first.scaled(self.parameters.steered) if steered else first
 
     def _setup(self) -> LoopSetup:
         solver = StepSolver(self.solver, self.fallback, self.parameters.shortest_solve)

@@ -16,6 +16,9 @@ class LoopParameters:
     ----------
     first_trust : TrustRegion
         Where a run begins with.
+    steered : float
+        Of that, where the rate of the curvature is limited: it goes by third derivatives of the path, of which large
+        steps make so much that they are rejected one after the other.
     largest_trust : TrustRegion
     smallest_trust : float
         Units of length: a run whose steps must be smaller than this has stalled.
@@ -66,6 +69,7 @@ class LoopParameters:
     """
 
     first_trust: TrustRegion = field(default=TrustRegion(theta=1.0, beta=3.0, rho=0.3))
+    steered: float = 0.3
     largest_trust: TrustRegion = field(default=TrustRegion(theta=3.0, beta=5.0, rho=0.5))
     smallest_trust: float = 1e-5
     retry_trust: TrustRegion = field(default=TrustRegion(theta=0.3, beta=1.0, rho=0.1))

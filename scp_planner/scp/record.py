@@ -25,6 +25,7 @@ class LoopStatus(Enum):
     SOLVER_FAILED = "solver failed"
     SLOWER = "slower than the best"
     SAME_WAY = "the way of the best"
+    ON_TIME = "soon enough for its step of time"
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from math import ceil
 from time import perf_counter
 
 import numpy as np
@@ -24,8 +24,8 @@ from scp_planner.trips.path import Path
 
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
+MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
-FEW_CUTS = 10_000  # that are made in no time: the clock is not looked at before
 MOST_MARKED = 1_000_000  # cells at a time
 
 
@@ -103,8 +103,8 @@ class Lines:
         found = Cuts(line, delay, zone, lower, upper, middle)
         return found.only(lower < upper)
 
-    def all_cuts(self, some: Index) -> Iterator[Cuts]:
-        """Yield what some zones block on all lines at all delays, a part of them at a time."""
+    def all_cuts(self, some: Index, delays: range) -> Iterator[Cuts]:
+        """Yield what some zones block on all lines at some delays, whole stretches of them, a part at a time."""
         zones, grid = self.zones, self.grid
         count = len(grid.lines)
         still = np.isin(some, zones.standing)
@@ -112,14 +112,19 @@ class Lines:
         every = np.arange(count)
         for part in _parts(standing, count):
             line, zone = np.repeat(every, len(part)), np.tile(part, count)
-            yield self._at_all_delays(self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line))))
-        edges = np.arange(0, DELAYS + 1, STRETCH)
+            cuts = self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line)))
+            # What stands is there at all delays.
+            each = cuts.only(np.repeat(np.arange(len(cuts.line)), len(delays)))
+            yield replace(each, delay=np.tile(np.array(delays), len(cuts.line)))
+        edges = np.arange(delays.start, delays.stop + 1, STRETCH)
         for part in _parts(moving, count * len(edges)):
-            met = self._near(part, edges)
-            line, stretch, place = np.nonzero(met)
-            delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
-            line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
-            yield self.cuts(line, delay, zone, self.times(line, delay))
+            met = np.nonzero(self._near(part, edges))
+            most = MOST_CUT // STRETCH
+            for begin in range(0, len(met[0]), most):
+                line, stretch, place = (index[begin : begin + most] for index in met)
+                delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
+                line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
+                yield self.cuts(line, delay, zone, self.times(line, delay))
 
     def _near(self, part: Index, edges: Index) -> Mask:
         """Whether zones come near lines in stretches of delays, (lines, stretches, zones)."""
@@ -141,11 +146,9 @@ class Lines:
         near: Mask = np.minimum(np.abs(first), np.abs(last)) <= reach + moved
         return near
 
-    def _at_all_delays(self, cuts: Cuts) -> Cuts:
-        """What stands is there at all delays."""
-        cell = np.repeat(np.arange(len(cuts.line)), DELAYS)
-        every = cuts.only(cell)
-        return replace(every, delay=np.tile(np.arange(DELAYS), len(cuts.line)))
+
+Closure = list[tuple[Index, Words]]
+"""Lines, and words of what is blocked on them."""
 
 
 class Cells:
@@ -168,65 +171,85 @@ class Cells:
         self.problem, self.grid, self.deadline = problem, grid, deadline
         self.cut_off = False
         self.lines = Lines(problem, grid)
+        self._looked = 0  # at so many delays
+        self._free: Words = np.full(self.shape, ~np.uint64(0))
+        self._free[self._outside()] = 0
         self._kept: list[Cuts] | None = []  # None: too many to be kept
-        self._closed: dict[tuple[int, int], Words] = {}
+        self._closed: dict[tuple[int, int], Closure] = {}
 
-    @cached_property
+    @property
     def free(self) -> Words:
         """Free cells with all sides open, (lines, half offsets)."""
-        blocked, marked = np.zeros((*self.shape, DELAYS), dtype=np.bool_), 0
-        kept: list[Cuts] = []
-        for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size)):
-            if marked > FEW_CUTS and perf_counter() > self.deadline:
-                self.cut_off = True
-                break
-            self._mark(blocked, cuts, 0)
-            marked += len(cuts.line)
-            kept.append(cuts)
-            if sum(len(some.line) for some in kept) > MOST_KEPT:
-                kept, self._kept = [], None
-        if self._kept is not None:
-            self._kept = kept
-        words = ~_words(blocked)
-        words[self._outside()] = 0
-        return words
+        self.look(DELAYS)
+        return self._free
 
     @property
     def shape(self) -> tuple[int, int]:
         """Lines and half offsets."""
         return len(self.grid.lines), len(self.grid.half_offsets)
 
+    def look(self, delays: int) -> None:
+        """See to it that at so many delays cells are known; at further ones they may be as if free."""
+        until = min(STRETCH * ceil(delays / STRETCH), DELAYS)
+        if until <= self._looked or self.cut_off:
+            return
+        new = range(self._looked, until)
+        self._looked = until
+        self._closed.clear()
+        seen = False
+        for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size), new):
+            if seen and perf_counter() > self.deadline:
+                self.cut_off = True
+                break
+            seen = True
+            for lines, words in self._blocked(cuts, 0, new):
+                self._free[lines] &= ~words
+            if self._kept is not None:
+                self._kept.append(cuts)
+                if sum(len(some.line) for some in self._kept) > MOST_KEPT:
+                    self._kept = None
+
     def without(self, closed: tuple[tuple[int, int], ...]) -> Words:
         """Free cells when some (zone, side) are closed: +1 above, -1 below."""
-        words = self.free  # whose cuts are kept
-        for side in closed:
-            if side not in self._closed:
-                self._closed[side] = self._without(*side)
-            words = words & self._closed[side]
+        return self.without_each([closed], DELAYS)[:, :, 0]
+
+    def without_each(self, cases: Sequence[tuple[tuple[int, int], ...]], delays: int) -> Words:
+        """Free cells of several cases, known at so many delays, (lines, half offsets, cases)."""
+        self.look(delays)
+        words = np.repeat(self._free[:, :, None], len(cases), axis=2)
+        for case, closed in enumerate(cases):
+            for side in closed:
+                if side not in self._closed:
+                    self._closed[side] = self._closure(*side)
+                for lines, blocked in self._closed[side]:
+                    words[lines, :, case] &= ~blocked
         return words
 
-    def without_each(self, cases: Sequence[tuple[tuple[int, int], ...]]) -> Words:
-        """Free cells of several cases, (lines, half offsets, cases)."""
-        if len(cases) == 1:
-            return self.without(cases[0])[:, :, None]
-        return np.stack([self.without(closed) for closed in cases], axis=2)
-
-    def _cuts_of(self, zone: int) -> Iterator[Cuts]:
-        """What one zone blocks."""
+    def _closure(self, zone: int, side: int) -> Closure:
+        """What is blocked when one side of one zone is closed."""
+        known = range(self._looked)
         if self._kept is None:
-            yield from self.lines.all_cuts(np.array([zone], dtype=np.intp))
+            found = self.lines.all_cuts(np.array([zone], dtype=np.intp), known)
         else:
-            yield from (some.only(np.flatnonzero(some.zone == zone)) for some in self._kept)
+            found = (some.only(np.flatnonzero(some.zone == zone)) for some in self._kept)
+        return [part for cuts in found for part in self._blocked(cuts, side, known)]
 
-    def _without(self, zone: int, side: int) -> Words:
-        """Free cells when one side of one zone is closed."""
-        words = np.full(self.shape, ~np.uint64(0))
-        for cuts in self._cuts_of(zone):
-            lines, place = np.unique(cuts.line, return_inverse=True)
-            blocked = np.zeros((len(lines), self.shape[1], DELAYS), dtype=np.bool_)
-            self._mark(blocked, replace(cuts, line=place), side)
-            words[lines] &= ~_words(blocked)
-        return words
+    def _blocked(self, cuts: Cuts, side: int, delays: range) -> Closure:
+        """Words of what zones block, or that and all to one side of it, line by line; only of lines that they meet."""
+        lines, place = np.unique(cuts.line, return_inverse=True)
+        cuts = replace(cuts, line=place, delay=cuts.delay - delays.start)
+        at_once = max(1, MOST_MARKED // (self.shape[1] * len(delays)))
+        found = []
+        for begin in range(0, len(lines), at_once):
+            some = lines[begin : begin + at_once]
+            part = cuts
+            if len(lines) > at_once:
+                part = cuts.only(np.flatnonzero((place >= begin) & (place < begin + at_once)))
+                part = replace(part, line=part.line - begin)
+            blocked = np.zeros((len(some), self.shape[1], len(delays)), dtype=np.bool_)
+            self._mark(blocked, part, side)
+            found.append((some, _words(blocked) << np.uint64(delays.start)))
+        return found
 
     def _mark(self, blocked: Mask, cuts: Cuts, side: int) -> None:
         """Mark what zones block, or that and all to one side of it."""
@@ -251,16 +274,12 @@ class Cells:
 
     @staticmethod
     def _fill(blocked: Mask, cuts: Cuts, first: Index, length: Index) -> None:
-        """Mark from the first cell of each cut on so many, some lines at a time."""
-        size = blocked.shape[1]
-        at_once = max(1, MOST_MARKED // (size * DELAYS))
-        for begin in range(0, len(blocked), at_once):
-            here = np.flatnonzero((cuts.line >= begin) & (cuts.line < begin + at_once))
-            line, start = cuts.line[here] - begin, first[here]
-            depth = np.zeros((min(at_once, len(blocked) - begin), size + 1, DELAYS), dtype=np.int32)
-            np.add.at(depth, (line, np.minimum(start, size), cuts.delay[here]), 1)
-            np.add.at(depth, (line, np.minimum(start + length[here], size), cuts.delay[here]), -1)
-            blocked[begin : begin + at_once] |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
+        """Mark from the first cell of each cut on so many."""
+        lines, size, delays = blocked.shape
+        depth = np.zeros((lines, size + 1, delays), dtype=np.int32)
+        np.add.at(depth, (cuts.line, np.minimum(first, size), cuts.delay), 1)
+        np.add.at(depth, (cuts.line, np.minimum(first + length, size), cuts.delay), -1)
+        blocked |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
 
     def _outside(self) -> Mask:
         """Which cells lie outside the workspace box, or where the guide folds."""
@@ -297,6 +316,9 @@ def _parts(index: Index, each: int) -> Iterator[Index]:
 
 
 def _words(bits: Mask) -> Words:
-    """Words of 64 bits each, the first delay the lowest."""
-    words: Words = np.packbits(bits, axis=-1, bitorder="little").view("<u8")[..., 0]
+    """Words of 64 bits each, the first delay the lowest; of as many or fewer delays."""
+    packed = np.packbits(bits, axis=-1, bitorder="little")
+    room = np.zeros((*packed.shape[:-1], DELAYS // 8), dtype=np.uint8)
+    room[..., : packed.shape[-1]] = packed
+    words: Words = room.view("<u8")[..., 0]
     return words.astype(np.uint64, copy=False)

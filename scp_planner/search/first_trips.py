@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.splines import greville_sites
 from scp_planner.problem.problem import Problem
 from scp_planner.search.ways import Way
 from scp_planner.solvers import QuadraticProgram, SolverStatus, solver_named
@@ -17,6 +18,7 @@ SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to 
 CLOSE_SMOOTHING = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
 DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
+TINY = 1e-9  # s, m/s: against division by zero
 
 
 def trip_along(problem: Problem, way: Way, smoothing: float = SMOOTHING) -> Trajectory:
@@ -88,7 +90,7 @@ def _drive(problem: Problem, times: Array, driven: Array) -> Array:
         matrix.T @ matrix + DRIVE_SMOOTHING * np.eye(size),
         -matrix.T @ wanted,
         problem.lowest_accelerations,
-        problem.highest_accelerations,
+        _highest(problem, times, driven),
         np.concatenate([speeds, -speeds]),
         np.concatenate(
             [
@@ -102,6 +104,19 @@ def _drive(problem: Problem, times: Array, driven: Array) -> Array:
     if solution.status is SolverStatus.OPTIMAL:
         return solution.x
     return np.clip(np.zeros(size), -limits.deceleration, limits.acceleration)
+
+
+def _highest(problem: Problem, times: Array, driven: Array) -> Array:
+    """Upper bounds of the accelerations: what the motor gives at about the speeds of a drive, (K2,)."""
+    power, basis = problem.scenario.vehicle.max_power, problem.space.acceleration
+    if power is None:
+        return problem.highest_accelerations
+    breakpoints = tuple(basis.breakpoints.tolist())
+    sites = greville_sites(breakpoints, basis.coefficients.shape[1] - 1) * times[-1]
+    passed = np.maximum(np.diff(times), TINY)
+    speed = np.interp(sites, times[:-1] + 0.5 * passed, np.diff(driven) / passed)
+    least = power / problem.limits.speed
+    return np.minimum(problem.highest_accelerations, np.maximum(power / np.maximum(speed, TINY), least))
 
 
 def bows(problem: Problem) -> Iterator[Trajectory]:

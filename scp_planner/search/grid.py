@@ -141,10 +141,10 @@ class Grid:
         return offsets
 
     @cached_property
-    def slowest_turns(self) -> tuple[int, ...]:
-        """The fastest class of speed of which the slope can change by one class, by two, and so on."""
-        changes = np.arange(1, int(self.turns.max()) + 1)
-        return tuple(np.searchsorted(self.turns, changes, "left").tolist())
+    def turn_counts(self) -> list[int]:
+        """``turns``, to be looked up one by one."""
+        counts: list[int] = self.turns.tolist()
+        return counts
 
     @cached_property
     def durations(self) -> Array:
@@ -166,6 +166,12 @@ class Grid:
         more = np.repeat(np.minimum(more, 2.0 * DELAYS), EACH_STATION, axis=0)
         number = np.arange(len(more))[:, None, None]
         shifts: Words = (np.floor((number + 1) * more + 0.5) - np.floor(number * more + 0.5)).astype(np.uint64)
+        return shifts
+
+    @cached_property
+    def shift_lists(self) -> list[list[list[int]]]:
+        """``shifts``, to be looked up one by one."""
+        shifts: list[list[list[int]]] = self.shifts.tolist()
         return shifts
 
     @classmethod

@@ -1,21 +1,34 @@
 """What can be reached on the grid, station by station, and the fastest ways back from the goal.
 
-Several cases, which differ in the cells that are free, are swept together: most of the time of a sweep is that of
-calls, which they share.
+The offsets and delays of a class of speed and slope are the bits of one integer, so that a shift moves all of them to
+the side and on in time: of the classes only few are reached at a station, and each costs a few such shifts. Several
+cases, which differ in the cells that are free, are swept together, one after the other in the same integers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from math import ceil
+from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scp_planner.arrays import Index
 from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
-ONE, ALL = np.uint64(1), np.uint64(2**DELAYS - 1)
-WAITS = tuple(np.uint64(2**power) for power in range(6))  # doubled, they reach all delays of a word
-NEVER = 10**6  # more than any change of slope and speed
+ONE = np.uint64(1)
+WORD_BYTES = DELAYS // 8
+FIRST_DELAYS: Words = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype=np.uint64)
+STRETCH = 64  # stations whose cells are made into integers together
+MOST_KEPT = 1e8  # bytes, were all classes reached everywhere, beyond which it is not kept of all stations
+WAITS = tuple(2**power for power in range(6))  # doubled, they reach all delays of a word
+
+Counts = NDArray[np.uint8]
+
+Reached = list[dict[int, int]]
+"""Of each class of speed: offsets and delays, as bits, of each slope that is reached with it."""
 
 
 @dataclass(frozen=True)
@@ -54,40 +67,90 @@ class States:
     waited: Index
 
 
-@dataclass(frozen=True)
-class _Reached:
-    """States that are reached at a station: those outside of a block are not.
+class Layout:
+    """Words of delays as one integer: offset after offset, the lowest first, and case after case.
+
+    Parameters
+    ----------
+    first : int
+        The lowest offset that has a word.
+    size : int
+        Offsets.
+    beside : int
+        Moves to the side by up to so many offsets do not lead from one case into another.
+    cases : int
+    delays : int
+        Later ones are left out; words have at least so many bits.
 
     Attributes
     ----------
-    words : (k, m, o, C) array
-        Delays of each class of speed, slope and offset in each case: in this order long stretches of memory are moved.
-    speed, slope, offset : int
-        Where the block begins.
+    length : int
+        Bits of a word.
+    bytes : int
+        Of an integer.
     """
 
-    words: Words
-    speed: int
-    slope: int
-    offset: int
+    def __init__(self, first: int, size: int, beside: int, cases: int, delays: int) -> None:
+        self.first, self.size, self.cases = first, size, cases
+        self._bytes = max(1, ceil(delays / 8))
+        self.length = 8 * self._bytes
+        self.word = (1 << self.length) - 1
+        self._room = size + beside
+        self._cases = _repeated(1, self.length * self._room, cases)
+        self._every = _repeated(1, self.length, self._room * cases)
+        self.bytes = self._bytes * self._room * cases
+        self._early: dict[int, int] = {}
 
-    @property
-    def last(self) -> int:
-        """The offset after the last one."""
-        return self.offset + self.words.shape[2]
+    def bit(self, offset: int, delay: int, case: int) -> int:
+        """The number of a bit."""
+        return (case * self._room + offset - self.first) * self.length + delay
 
-    def trimmed(self) -> _Reached | None:
-        """The same without ends of the block that nothing is reached with; None if nothing is reached."""
-        words = self.words
-        speeds = np.flatnonzero(np.bitwise_or.reduce(words.reshape(len(words), -1), axis=1))
-        if len(speeds) == 0:
-            return None
-        some = np.bitwise_or.reduce(words, axis=0)
-        slopes = np.flatnonzero(np.bitwise_or.reduce(some.reshape(len(some), -1), axis=1))
-        offsets = np.flatnonzero(np.bitwise_or.reduce(np.bitwise_or.reduce(some, axis=0), axis=1))
-        k, m, o = int(speeds[0]), int(slopes[0]), int(offsets[0])
-        words = words[k : int(speeds[-1]) + 1, m : int(slopes[-1]) + 1, o : int(offsets[-1]) + 1]
-        return _Reached(words, self.speed + k, self.slope + m, self.offset + o)
+    def of_cases(self, words: Words) -> list[int]:
+        """Integers of rows of words that differ from case to case, (rows, O, C)."""
+        rows, size, cases = words.shape
+        room = np.zeros((rows, cases, self._room, self._bytes), dtype=np.uint8)
+        some = words.transpose(0, 2, 1).astype("<u8", order="C")
+        room[:, :, :size] = some.view(np.uint8).reshape(rows, cases, size, WORD_BYTES)[..., : self._bytes]
+        data, length = room.tobytes(), cases * self._room * self._bytes
+        return [int.from_bytes(data[k : k + length], "little") for k in range(0, len(data), length)]
+
+    def of_each(self, words: Words) -> list[int]:
+        """Integers of rows of words that are the same in all cases, (rows, O)."""
+        return [bits * self._cases for bits in self.of_cases(words[:, :, None])]
+
+    def words(self, bits: int) -> Words:
+        """The words of an integer, (C, O)."""
+        data = bits.to_bytes(self.cases * self._room * self._bytes, "little")
+        found = np.zeros((self.cases, self.size, WORD_BYTES), dtype=np.uint8)
+        found[..., : self._bytes] = np.frombuffer(data, dtype=np.uint8).reshape(self.cases, self._room, -1)[
+            :, : self.size
+        ]
+        words: Words = found.view("<u8")[..., 0].astype(np.uint64, copy=False)
+        return words
+
+    def early(self, delays: int) -> int:
+        """All delays but the last so many: those that stay in their words when they become so much longer."""
+        if delays not in self._early:
+            self._early[delays] = self._every * (self.word >> delays)
+        return self._early[delays]
+
+
+def _repeated(bits: int, length: int, count: int) -> int:
+    """The same bits so many times, so far apart."""
+    return bits * (((1 << length * count) - 1) // ((1 << length) - 1))
+
+
+def _moved(bits: int, by: int) -> int:
+    return bits << by if by >= 0 else bits >> -by
+
+
+def _spread(some: dict[int, int], by: int, count: int) -> dict[int, int]:
+    """What is reached with each of so many classes, after changes by up to so many classes."""
+    spread: dict[int, int] = {}
+    for m, bits in some.items():
+        for near in range(max(m - by, 0), min(m + by + 1, count)):
+            spread[near] = spread[near] | bits if near in spread else bits
+    return spread
 
 
 class Sweep:
@@ -99,162 +162,197 @@ class Sweep:
     free : (lines, half offsets, C) array of words
         Free cells in each case.
     ends : Ends
-    in_time : (n + 1, K, O) array of words
-        Delays that are looked at, at each station, of each class of speed and offset.
+    in_time : (n + 1, K, O) array of int
+        So many delays are looked at, at each station, of each class of speed and offset.
+    deadline : float
+        Value of :func:`time.perf_counter` after which nothing further is reached.
+
+    Attributes
+    ----------
+    layout : Layout
+    reached : list of Reached or None
+        What is reached at each station, up to the last one at which anything is; of large grids only at some stations:
+        from these the others are found again where a way is followed back.
     """
 
-    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Words) -> None:
+    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Counts, deadline: float = np.inf) -> None:
         self.grid, self.free, self.in_time = grid, free, in_time
-        self._margin = int(grid.sidesteps.max())
-        start = np.zeros((len(grid.speeds), len(grid.slopes), 1, free.shape[2]), dtype=np.uint64)
-        start[grid.first_speeds, ends.first_slopes] = ONE
-        first = _Reached(start, 0, 0, grid.middle).trimmed()
-        assert first is not None, "there is a slope and a speed at the start"
-        self.reached = [first]
-        self.arrivals: Words = np.zeros_like(start)
-        open_ = np.any(in_time != 0, axis=1)
-        some = open_.any(axis=1)
-        # Classes of speed from which the goal is reached in time, at each station
-        self._timely = np.count_nonzero(np.any(in_time != 0, axis=2), axis=1).tolist()
-        begin, end = np.argmax(open_, axis=1), open_.shape[1] - np.argmax(open_[:, ::-1], axis=1)
+        looked_at = np.append(np.flatnonzero(in_time.any(axis=(0, 1))), grid.middle)
+        first, last = int(looked_at.min()), int(looked_at.max())
+        beside = int(np.abs(grid.sidesteps).max())
+        # A delay is never made up for: one that is too long at the goal is too long everywhere.
+        self.layout = Layout(first, last + 1 - first, beside, free.shape[2], int(in_time[-1].max()))
+        self._sides: list[int] = grid.sidesteps.tolist()
+        self._loaded = range(0)
+        classes = len(grid.speeds) * len(grid.slopes)
+        self._thin = classes * grid.columns * self.layout.bytes > MOST_KEPT
+        start = 0
+        for case in range(free.shape[2]):
+            start |= 1 << self.layout.bit(grid.middle, 0, case)
+        speeds, slopes = range(len(grid.speeds)), range(len(grid.slopes))
+        there = range(len(grid.speeds))[grid.first_speeds]
+        before: Reached = [dict.fromkeys(slopes[ends.first_slopes], start) if k in there else {} for k in speeds]
+        self.reached: list[Reached | None] = [before]
+        self.arrivals: Reached = [{} for _ in speeds]
         for i in range(1, grid.columns + 1):
-            before = self.reached[-1]
-            low, high = max(int(begin[i]), before.offset - self._margin), min(int(end[i]), before.last + self._margin)
-            here = self._advanced(i, low, high).trimmed() if some[i] and low < high else None
-            if here is None:
+            before = self._advanced(i, before)
+            if not any(before) or perf_counter() > deadline:
                 return
-            self.reached.append(here)
-        last = self.reached[-1]
-        slopes: Words = np.zeros(len(grid.slopes), dtype=np.uint64)
-        slopes[ends.last_slopes] = ALL
-        arrivals: Words = last.words & ends.goal[last.offset : last.last].reshape(-1, 1)
-        self.arrivals = arrivals & slopes[last.slope : last.slope + arrivals.shape[1]].reshape(-1, 1, 1)
+            self.reached.append(before)
+            if self._thin and (i - 1) % STRETCH:
+                self.reached[i - 1] = None
+        goal = self.layout.of_each(ends.goal[None, first : last + 1])[0]
+        at_last = set(slopes[ends.last_slopes])
+        self.arrivals = [
+            {m: bits & goal for m, bits in some.items() if m in at_last and bits & goal} for some in before
+        ]
 
-    def _advanced(self, i: int, low: int, high: int) -> _Reached:
-        """What is reached at the next station, at offsets from low to before high."""
-        grid, before = self.grid, self.reached[-1]
-        left = self._turned(self._driven(before, self._timely[i]))
-        speeds, steep, _, cases = left.words.shape
-        arriving = np.zeros((speeds, steep, high - low, cases), dtype=np.uint64)
-        for row, side in enumerate(grid.sidesteps[left.slope : left.slope + steep].tolist()):
-            first, last = max(before.offset + side, low), min(before.last + side, high)
-            if first < last:
-                begin = first - side - before.offset
-                arriving[:, row, first - low : last - low] = left.words[:, row, begin : begin + last - first]
-        line = EACH_STATION * (i - 1) + 1
-        some = (slice(left.speed, left.speed + speeds), slice(left.slope, left.slope + steep))
-        words: Words = np.left_shift(arriving, grid.shifts[line - 1][some][:, :, None, None], out=arriving)
-        words &= self._halfway(line, low, high)[some[1]]
-        np.left_shift(words, grid.shifts[line][some][:, :, None, None], out=words)
-        free = self.free[line + 1, 2 * low : 2 * high - 1 : 2]
-        words &= free & self.in_time[i, some[0], None, low:high, None]
-        if left.speed + speeds == len(grid.speeds):
-            _wait(words[-1], free & self.in_time[i, -1, low:high, None])
-        return _Reached(words, left.speed, left.slope, low)
+    def _load(self, begin: int) -> None:
+        """Take the cells of some stations as integers: free at stations, and halfway at whole and at half offsets."""
+        layout, free = self.layout, self.free
+        end = min(begin + STRETCH, self.grid.columns + 1)
+        self._loaded = range(begin, end)
+        first, last = layout.first, layout.first + layout.size
+        at = slice(EACH_STATION * begin, EACH_STATION * end - 1, EACH_STATION)
+        self._free = layout.of_cases(free[at, 2 * first : 2 * last - 1 : 2])
+        between = free[EACH_STATION * begin - 1 : EACH_STATION * end - 2 : EACH_STATION, 2 * first : 2 * last - 1]
+        self._even = layout.of_cases(between[:, ::2])
+        self._odd = layout.of_cases(between[:, 1::2])
+        speeds = len(self.grid.speeds)
+        timely = layout.of_each(FIRST_DELAYS[self.in_time[begin:end, :, first:last].reshape(-1, layout.size)])
+        self._timely = [timely[row : row + speeds] for row in range(0, len(timely), speeds)]
 
-    def _driven(self, before: _Reached, timely: int) -> _Reached:
-        """The same states after changes of speed, to so many classes, the fastest first."""
-        grid, (speeds, slopes, width, cases) = self.grid, before.words.shape
-        fast = max(before.speed - grid.rises, 0)
-        slow = max(min(before.speed + speeds + grid.falls, timely), fast + 1)
-        driven = np.zeros((slow - fast, slopes, width, cases), dtype=np.uint64)
-        for change in range(-grid.rises, grid.falls + 1):
-            first, last = max(before.speed + change, 0), min(before.speed + speeds + change, slow)
-            if first < last:
-                begin = first - change - before.speed
-                driven[first - fast : last - fast] |= before.words[begin : begin + last - first]
-        return _Reached(driven, fast, before.slope, before.offset)
+    def _at(self, i: int) -> Reached:
+        """What is reached at a station."""
+        found = self.reached[i]
+        if found is None:
+            begin = i - i % STRETCH
+            end = min(begin + STRETCH, len(self.reached))
+            for later in range(end + 1, min(end + STRETCH, len(self.reached) - 1)):
+                self.reached[later] = None
+            for j in range(begin + 1, end):
+                before = self.reached[j - 1]
+                assert before is not None, "one is kept before each stretch"
+                self.reached[j] = self._advanced(j, before)
+            found = self.reached[i]
+        assert found is not None, "it was found again"
+        return found
 
-    def _turned(self, before: _Reached) -> _Reached:
-        """The same states after changes of slope, of which slower ones can do more."""
-        grid, (speeds, slopes, width, cases) = self.grid, before.words.shape
-        turns = int(grid.turns[before.speed + speeds - 1])
-        left = max(before.slope - turns, 0)
-        right = min(before.slope + slopes + turns, len(grid.slopes))
-        turned = np.zeros((speeds, right - left, width, cases), dtype=np.uint64)
-        turned[:, before.slope - left : before.slope - left + slopes] = before.words
-        spread, first = turned, 0
-        for slowest in grid.slowest_turns:
-            slow = max(slowest - before.speed, 0)
-            if slow >= speeds:
+    def _advanced(self, i: int, before: Reached) -> Reached:
+        """What is reached at the next station."""
+        grid, layout = self.grid, self.layout
+        if i not in self._loaded:
+            self._load(i - (i - 1) % STRETCH)
+        place = i - self._loaded.start
+        line = EACH_STATION * (i - 1)
+        first, second = grid.shift_lists[line], grid.shift_lists[line + 1]
+        halfway: dict[int, int] = {}
+        reached: Reached = []
+        for k, timely in enumerate(self._timely[place]):
+            here: dict[int, int] = {}
+            reached.append(here)
+            open_ = timely & self._free[place]
+            if not open_:
+                continue
+            for m, bits in self._left(before, k).items():
+                side, delays, more = self._sides[m], first[k][m], second[k][m]
+                bits &= layout.early(delays + more)
+                if not bits:
+                    continue
+                if m not in halfway:
+                    halfway[m] = self._halfway(place, side)
+                bits = (_moved(bits, layout.length * side + delays) & halfway[m]) << more & open_
+                if bits:
+                    here[m] = bits
+        if reached[-1]:
+            self._wait(reached[-1], open_)
+        return reached
+
+    def _left(self, before: Reached, k: int) -> dict[int, int]:
+        """What leaves a station with a class of speed, after changes of speed and slope; of each slope."""
+        grid = self.grid
+        driven: dict[int, int] = {}
+        for some in before[max(k - grid.falls, 0) : k + grid.rises + 1]:
+            for m, bits in some.items():
+                driven[m] = driven[m] | bits if m in driven else bits
+        return _spread(driven, grid.turn_counts[k], len(self._sides))
+
+    def _halfway(self, place: int, side: int) -> int:
+        """Free cells halfway to each offset from so many offsets to the side."""
+        whole, half = divmod(side, 2)
+        cells = self._odd[place] if half else self._even[place]
+        return _moved(cells, self.layout.length * (whole + half))
+
+    def _wait(self, slowest: dict[int, int], open_: int) -> None:
+        """Let the slowest wait while their cell stays free."""
+        for delays in WAITS:
+            if delays >= self.layout.length:
                 break
-            wider, first = spread[slow - first :], slow
-            spread = wider.copy()
-            spread[:, 1:] |= wider[:, :-1]
-            spread[:, :-1] |= wider[:, 1:]
-            turned[slow:] = spread
-        return _Reached(turned, before.speed, left, before.offset)
-
-    def _halfway(self, line: int, low: int, high: int) -> Words:
-        """Free cells halfway to each offset from low to before high with each slope, (M, B, C)."""
-        places = 2 * np.arange(low, high) - self.grid.sidesteps[:, None]
-        free: Words = np.take(self.free[line], places, axis=0, mode="clip")
-        return free
+            early = self.layout.early(delays)
+            for m, bits in slowest.items():
+                slowest[m] = bits | (bits & early) << delays & open_
+            open_ &= (open_ & early) << delays
 
     def first_arrival(self, case: int = 0) -> int | None:
         """The least delay at the goal in a case; None if it is not reached."""
-        word = int(np.bitwise_or.reduce(self.arrivals[..., case], axis=None))
+        found = 0
+        for some in self.arrivals:
+            for bits in some.values():
+                found |= bits
+        word = int(np.bitwise_or.reduce(self.layout.words(found)[case]))
         return None if word == 0 else (word & -word).bit_length() - 1
 
     def trace(self, delay: int, case: int = 0) -> States:
         """Follow a way back from the goal that arrives with a delay, as straight and as fast as there is one."""
-        grid, count, last = self.grid, self.grid.columns, self.reached[-1]
+        grid, count = self.grid, self.grid.columns
         states = np.zeros((count + 1, 5), dtype=np.intp)
-        corner = np.array([last.speed, last.slope, last.offset])
-        some = corner + np.argwhere(self.arrivals[..., case] >> np.uint64(delay) & ONE)
-        straight = some[:, 0] + np.abs(grid.sidesteps[some[:, 1]]) + np.abs(some[:, 2] - grid.middle)
-        states[count, :4] = *some[int(np.argmin(straight))], delay
+        k, m, o = min(self._arriving(delay, case), key=self._detour)
+        d = delay
         for i in range(count, 0, -1):
-            k, m, o, d, _ = states[i].tolist()
             came = self._came(case, i, m, o, d) if k == len(grid.speeds) - 1 else d
-            states[i, 4] = d - came
-            d = came - int(grid.shifts[EACH_STATION * i - 2, k, m] + grid.shifts[EACH_STATION * i - 1, k, m])
-            states[i - 1, :4] = *self._before(case, i, m, k, o - int(grid.sidesteps[m]), d), d
+            states[i] = k, m, o, d, d - came
+            d = came - grid.shift_lists[EACH_STATION * i - 2][k][m] - grid.shift_lists[EACH_STATION * i - 1][k][m]
+            o -= self._sides[m]
+            k, m = self._before(i, m, k, self.layout.bit(o, d, case))
+        states[0] = k, m, o, d, 0
         return States(states[:, 1], states[:, 0], states[:, 2], states[:, 3], states[1:, 4])
 
-    def _earlier(self, case: int, i: int, m: int, k: int, offset: int) -> _Reached:
-        """States at the station before at an offset, which is left with a slope and speed."""
-        grid, before = self.grid, self.reached[i - 1]
-        turns = int(grid.turns[k])
-        steep, slow = max(m - turns, before.slope), max(k - grid.falls, before.speed)
-        words = before.words[
-            slow - before.speed : max(k + grid.rises + 1 - before.speed, 0),
-            steep - before.slope : max(m + turns + 1 - before.slope, 0),
-            max(offset - before.offset, 0) : max(offset + 1 - before.offset, 0),
-            case : case + 1,
-        ]
-        return _Reached(words, slow, steep, offset)
+    def _arriving(self, delay: int, case: int) -> Iterator[tuple[int, int, int]]:
+        """Classes of speed and slope, and offsets, with which the goal is reached."""
+        for k, some in enumerate(self.arrivals):
+            for m in sorted(some):
+                words = self.layout.words(some[m])[case]
+                for place in np.flatnonzero(words >> np.uint64(delay) & ONE).tolist():
+                    yield k, m, self.layout.first + place
 
-    def _before(self, case: int, i: int, m: int, k: int, offset: int, delay: int) -> tuple[int, int, int]:
-        """Speed, slope and offset at the station before, with the least change."""
-        earlier = self._earlier(case, i, m, k, offset)
-        possible = earlier.words[:, :, 0, 0] >> np.uint64(delay) & ONE
-        rows, columns = possible.shape
-        change = 2 * np.abs(np.arange(columns) + (earlier.slope - m))
-        change = change + np.abs(np.arange(rows) + (earlier.speed - k))[:, None]
-        best = int(np.where(possible, change, NEVER).argmin())
-        return earlier.speed + best // columns, earlier.slope + best % columns, offset
+    def _detour(self, state: tuple[int, int, int]) -> int:
+        """How slow, steep and far from the guide a state is."""
+        speed, slope, offset = state
+        return speed + abs(self._sides[slope]) + abs(offset - self.grid.middle)
+
+    def _earlier(self, i: int, m: int, k: int) -> Iterator[tuple[int, int, int]]:
+        """Classes of speed and slope at the station before from which others can be had, and what is reached there."""
+        grid, turns, before = self.grid, self.grid.turn_counts[k], self._at(i - 1)
+        for speed in range(max(k - grid.falls, 0), min(k + grid.rises + 1, len(before))):
+            some = before[speed]
+            for slope in range(m - turns, m + turns + 1):
+                if slope in some:
+                    yield speed, slope, some[slope]
+
+    def _before(self, i: int, m: int, k: int, bit: int) -> tuple[int, int]:
+        """Speed and slope at the station before, with the least change."""
+        possible = [(speed, slope) for speed, slope, bits in self._earlier(i, m, k) if bits >> bit & 1]
+        return min(possible, key=lambda state: 2 * abs(state[1] - m) + abs(state[0] - k))
 
     def _came(self, case: int, i: int, m: int, offset: int, delay: int) -> int:
         """The delay at which the slowest came to a station where they then waited until another."""
-        grid = self.grid
-        line, k, mask = EACH_STATION * (i - 1) + 1, len(grid.speeds) - 1, int(ALL)
-        words = self._earlier(case, i, m, k, offset - int(grid.sidesteps[m])).words
-        came = int(np.bitwise_or.reduce(words, axis=None)) << int(grid.shifts[line - 1, k, m]) & mask
-        came &= int(self.free[line, 2 * offset - int(grid.sidesteps[m]), case])
-        came = (
-            came << int(grid.shifts[line, k, m])
-            & mask
-            & int(self.free[line + 1, 2 * offset, case] & self.in_time[i, k, offset])
-        )
+        grid, k, side = self.grid, len(self.grid.speeds) - 1, self._sides[m]
+        line = EACH_STATION * (i - 1) + 1
+        left = 0
+        for _, _, bits in self._earlier(i, m, k):
+            left |= bits
+        came = left >> self.layout.bit(offset - side, 0, case) & self.layout.word
+        came = came << grid.shift_lists[line - 1][k][m] & int(self.free[line, 2 * offset - side, case])
+        came = came << grid.shift_lists[line][k][m] & int(self.free[line + 1, 2 * offset, case])
+        came &= (1 << int(self.in_time[i, k, offset])) - 1
         return (came & (2 << delay) - 1).bit_length() - 1
-
-
-def _wait(slowest: Words, free: Words) -> None:
-    """Let the slowest wait while their cell stays free, (M, B, C) and (B, C)."""
-    if not slowest.any():
-        return
-    open_ = free.copy()
-    for shift in WAITS:
-        slowest |= open_ & (slowest << shift)
-        open_ &= open_ << shift

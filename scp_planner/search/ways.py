@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
+from time import perf_counter
 
 import numpy as np
 
@@ -19,11 +20,13 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import ALL, ONE, Ends, Sweep
+from scp_planner.search.sweep import Counts, Ends, Sweep
 
 Closed = tuple[tuple[int, int], ...]
 
 WINDOWS = (0.08, 0.25, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
+LIKELY = 3.0  # delays after the fastest way that other ways have
+QUICKER = 0.25  # of the delays that they may have: it is worth while to look for fewer before
 MOST_TOGETHER = 100_000  # cells of the cases of one sweep; with more their memory would be slower than their calls
 BRANCHES = 8  # obstacles of a way, the closest first, whose other side is tried
 
@@ -75,9 +78,10 @@ class WaySearch:
         fineness: Fineness | None = None,
         deadline: float = np.inf,
     ) -> None:
-        self.problem = problem
+        self.problem, self.deadline = problem, deadline
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
+        self._fastest = np.inf  # of the ways that were found, s
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
 
     def _slopes(self, end: int) -> slice:
@@ -132,21 +136,30 @@ class WaySearch:
         found: list[Way | None] = [None] * len(cases)
         left = list(range(len(cases)))
         together = max(1, MOST_TOGETHER // (len(grid.lines) * len(grid.half_offsets)))
-        for window in WINDOWS if within == np.inf else WINDOWS[-1:]:
-            latest = grid.fastest[-1] + window * DELAYS * grid.delay_step
-            in_time = self._in_time(min(within, latest))
+        for latest in self._windows(within):
+            in_time = self._in_time(latest)
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
-                free = self.cells.without_each([cases[k] for k in some])
-                if self.cells.cut_off:
+                free = self.cells.without_each([cases[k] for k in some], int(in_time[-1].max()))
+                if self.cells.cut_off or perf_counter() > self.deadline:
                     return found
-                sweep = Sweep(grid, free, self.ends, in_time)
+                sweep = Sweep(grid, free, self.ends, in_time, self.deadline)
                 for case, k in enumerate(some):
                     found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]
             if not left:
                 break
         return found
+
+    def _windows(self, within: float) -> list[float]:
+        """Times at the goal up to which ways are looked for in turn, s."""
+        first, all_delays = float(self.grid.fastest[-1]), DELAYS * self.grid.delay_step
+        if within == np.inf:
+            return [first + window * all_delays for window in WINDOWS]
+        last = min(within, first + all_delays)
+        # Other ways are hardly slower than the fastest
+        likely = self._fastest + LIKELY * self.grid.delay_step
+        return [likely, last] if likely - first < QUICKER * (last - first) else [last]
 
     def _way(self, sweep: Sweep, case: int) -> Way | None:
         """The fastest way that a sweep found in a case."""
@@ -157,30 +170,41 @@ class WaySearch:
         offsets = grid.offsets[states.offset]
         legs = grid.durations[np.arange(grid.columns), states.speed[1:], states.slope[1:]]
         times = np.concatenate([[0.0], np.cumsum(legs + grid.delay_step * states.waited)])
+        self._fastest = min(self._fastest, float(times[-1]))
         return Way(float(times[-1]), grid.stations, offsets, times, self._sides(offsets, times))
 
     @cached_property
     def _earliest(self) -> Array:
         """When each class of speed reaches the goal at best, less the time from its station, (n + 1, K, O)."""
         grid, acceleration = self.grid, self.problem.limits.acceleration
-        left = grid.lines[-1] - grid.stations
-        far = np.hypot(left[:, None], grid.offsets)[:, None, :]
         speed, top = grid.speeds[:, None], float(grid.speeds[0])
         ramp = (top * top - speed * speed) / (2.0 * acceleration)
-        reached = np.sqrt(speed * speed + 2.0 * acceleration * np.minimum(far, ramp))
-        least = (reached - speed) / acceleration + np.maximum(far - ramp, 0.0) / top
-        earliest: Array = least + grid.fastest[::EACH_STATION, None, None]
+        earliest: Array = np.empty((len(grid.stations), len(speed), len(grid.offsets)))
+        for some in self._some_stations():
+            left = grid.lines[-1] - grid.stations[some]
+            far = np.hypot(left[:, None], grid.offsets)[:, None, :]
+            reached = np.sqrt(speed * speed + 2.0 * acceleration * np.minimum(far, ramp))
+            least = (reached - speed) / acceleration + np.maximum(far - ramp, 0.0) / top
+            earliest[some] = least + grid.fastest[::EACH_STATION][some, None, None]
         return earliest
 
-    def _in_time(self, within: float) -> Words:
-        """Delays from which each class of speed may reach the goal in time, (n + 1, K, O) words."""
+    def _some_stations(self) -> Iterator[slice]:
+        """Yield parts of the stations that take little memory."""
+        grid = self.grid
+        at_once = max(1, MOST_TOGETHER // (len(grid.speeds) * len(grid.offsets)))
+        for begin in range(0, len(grid.stations), at_once):
+            yield slice(begin, begin + at_once)
+
+    def _in_time(self, within: float) -> Counts:
+        """With how many delays each class of speed may reach the goal in time, (n + 1, K, O)."""
         grid = self.grid
         latest = min(within, float(grid.fastest[-1]) + DELAYS * grid.delay_step)
-        # Rounding takes a delay
-        delays = np.floor((latest - self._earliest) / grid.delay_step) + 2.0
-        count = np.clip(delays, 0, DELAYS).astype(np.uint64)
-        words: Words = np.where(count > 0, ALL >> (np.uint64(DELAYS) - np.maximum(count, ONE)), np.uint64(0))
-        return words
+        counts: Counts = np.empty(self._earliest.shape, dtype=np.uint8)
+        for some in self._some_stations():
+            # Rounding takes a delay
+            delays = np.floor((latest - self._earliest[some]) / grid.delay_step) + 2.0
+            counts[some] = np.clip(delays, 0, DELAYS)
+        return counts
 
     def _sides(self, offsets: Array, times: Array) -> tuple[tuple[int, int], ...]:
         """Obstacles that a way meets, the closest first, and the sides it passes them on."""

@@ -17,6 +17,8 @@ RARE = 1e-6
 """Probability below which a window is improbable. Ten times that would notice a change a thirtieth sooner only."""
 MANOEUVRE = 0.03
 """Standard deviation of a change of acceleration that may begin at any moment, over that of newcomers'."""
+CHANGES = 0.02
+"""How often an obstacle is taken to change its acceleration, in a unit of time."""
 
 
 @dataclass(frozen=True)
@@ -116,12 +118,16 @@ class Watch:
         newcomers' accelerations. Larger: zones that grow faster, and slower trips.
     regions : Regions
         What the sizes of zones follow.
+    changes : float
+        How often an obstacle is taken to change its acceleration, in a unit of time, see
+        `scp_planner.online.suspicions`. 0: zones allow for no change before it is an alarm.
     """
 
     gate_probability: float = GATE_PROBABILITY
     alarm_probability: float = RARE
     manoeuvre: float = MANOEUVRE
     regions: Regions = Regions.MODEL
+    changes: float = CHANGES
 
 
 @dataclass(frozen=True)
@@ -181,6 +187,9 @@ class OnlineSettings(Knobs):
     manoeuvre : float
         Standard deviation of a change of acceleration that an obstacle may begin at any moment, as a multiple of that
         of newcomers' accelerations. Larger: zones that grow faster, and slower trips.
+    changes : float
+        How often an obstacle is taken to change its acceleration, in a unit of time of the scene. Larger: zones allow
+        for a change sooner, and for more that are none, see `scp_planner.online.suspicions`. 0: only after an alarm.
     regions : Regions
         What the sizes of zones follow: ``model``, the motion that is noticed to hold; ``adaptive``, that times scales
         that keep the level in the long run, see `scp_planner.estimation.conformal`.
@@ -206,6 +215,7 @@ class OnlineSettings(Knobs):
     gate_probability: Annotated[float, Range(0.0, 0.5)] = GATE_PROBABILITY
     alarm_probability: Annotated[float, Range(0.0, 0.1)] = RARE
     manoeuvre: Annotated[float, Range(0.0, 1000.0)] = MANOEUVRE
+    changes: Annotated[float, Range(0.0, 1000.0)] = CHANGES
     regions: Annotated[Regions, Choice(_regions)] = Regions.MODEL
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
@@ -232,7 +242,7 @@ class OnlineSettings(Knobs):
     @property
     def watch(self) -> Watch:
         """What is noticed, and what is allowed for."""
-        return Watch(self.gate_probability, self.alarm_probability, self.manoeuvre, self.regions)
+        return Watch(self.gate_probability, self.alarm_probability, self.manoeuvre, self.regions, self.changes)
 
     def margin(self, max_speed: float) -> float:
         """What is added to zones, m: tracking error, and what the vehicle drives in its reaction time."""

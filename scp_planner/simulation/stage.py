@@ -16,7 +16,7 @@ from scp_planner.simulation.worlds import Script, VehicleState, World
 from scp_planner.threat_zones.of_scenario import covering_radius
 from scp_planner.trips.trip import discs_at
 
-NEAR = 0.5  # units of length; obstacles that are no discs are looked at closely if nearer
+CLOSE_BY = 0.5  # units of length; obstacles that are no discs are looked at closely if nearer
 MOVING = 0.01
 """Units of speed. Contact at a lower speed is contact of a vehicle that stands."""
 
@@ -120,7 +120,7 @@ class Stage:
     def _exact(self, shape: Shape, center: Array, own: Array, bound: Array) -> Array:
         """Distances to a shape that is no disc, at the ends of the steps where they matter."""
         distance = bound.copy()
-        near = np.flatnonzero(bound < self.scenario.vehicle.radius + NEAR * self.units.length)
+        near = np.flatnonzero(bound < self.scenario.vehicle.radius + CLOSE_BY * self.units.length)
         velocity = np.diff(center, axis=0)
         for k in near:
             heading = math.atan2(velocity[k, 1], velocity[k, 0])

@@ -31,7 +31,7 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
     program : QuadraticProgram
         Well scaled: a constraint is first taken as active where its multiplier is larger than what is left of it.
     guess : Solution
-        Its status does not matter.
+        Optimal or not; one that is not, and touches more sides than there are variables, is too far off.
     deadline : float
         Of the clock of :func:`time.perf_counter`, s, at which it is given up.
 
@@ -42,11 +42,14 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
         has made the Hessian indefinite.
     """
     sides = _Sides(program)
+    active = sides.touched(guess)
+    astray = guess.status is not SolverStatus.OPTIMAL and len(active) > len(program.gradient)
+    if astray or perf_counter() > deadline:
+        return None
     try:
         pivots = _Pivots(sides, deadline)
     except LinAlgError:
         return None
-    active = sides.touched(guess)
     for _ in range(PASSES):
         mended = pivots.mended(active)
         if mended is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -53,6 +53,29 @@ class SortedZones(Sequence[ThreatZone]):
 
     discs: KnownDiscs
     others: tuple[int, ...]
+
+
+def told_of(zones: Sequence[ThreatZone], names: Container[str]) -> tuple[ThreatZone, ...]:
+    """Return what there is to be told of zones: those of some obstacles, and all that are uncertain.
+
+    Parameters
+    ----------
+    zones : sequence of ThreatZone
+        Discs among :class:`SortedZones` that are none of these are not made for this.
+    names : container of str
+        Ids of the obstacles.
+
+    Returns
+    -------
+    tuple of ThreatZone
+        In their order.
+    """
+    if isinstance(zones, SortedZones):
+        discs = zones.discs
+        named = [number for number, name in zip(discs.index.tolist(), discs.ids, strict=True) if name in names]
+        made = [k for k in zones.others if zones[k].covariances is not None or zones[k].id in names]
+        return tuple(zones[k] for k in sorted(named + made))
+    return tuple(zone for zone in zones if zone.covariances is not None or zone.id in names)
 
 
 def known_until(zones: Sequence[ThreatZone]) -> float:

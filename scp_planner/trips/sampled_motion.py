@@ -32,7 +32,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.trips.samples import SampledTrajectory
 
 IN_LINE = 1e-12  # relative; velocity and acceleration that differ less in direction are in line: rounding
-STANDING = 1e-9  # of the highest speed: slower, a velocity has no direction worth comparing
+WITHOUT_DIRECTION = 1e-9  # of the highest speed: slower, a velocity has no direction worth comparing
 
 
 @dataclass(frozen=True)

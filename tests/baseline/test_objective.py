@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CROSSERS, disc, scene
+from slopes import finite_differences, random_trips
 
 import scp_planner as sp
-from scp_planner.arrays import Array
 from scp_planner.baseline.objective import PenalisedObjective
 from scp_planner.baseline.objective_parts import (
     ACCELERATION,
@@ -37,7 +37,6 @@ from scp_planner.scp.merit import LIMIT_NAMES, Penalties
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.of_scenario import zones
 
-STEP = 1e-6  # of the finite differences, m and m/s^2
 SMOOTHER = Settings(acceleration_degree=1, path_degree=4)
 
 
@@ -101,33 +100,6 @@ SCENES = {
 def problem_of(name: str) -> Problem:
     scenario, settings = SCENES[name]
     return build_problem(scenario, zones(scenario), settings)
-
-
-def random_trips(objective: PenalisedObjective, count: int, seed: int) -> list[Array]:
-    """Variables of trips that arrive and do not reverse: the domain, without what can happen only outside."""
-    random = np.random.default_rng(seed)
-    free = objective.path_size
-    found: list[Array] = []
-    while len(found) < count:
-        theta = random.normal(size=free) * random.choice([0.2, 0.6])
-        beta = 0.2 + random.normal(size=objective.size - free) * 0.4
-        omega = np.concatenate([theta, beta])
-        trajectory = objective.trajectory(omega)
-        if np.isfinite(trajectory.travel_time) and trajectory.speed_control_points()[1:].min() > 0.05:
-            found.append(omega)
-    return found
-
-
-def finite_differences(objective: PenalisedObjective, omega: Array) -> Array:
-    """Central differences of fourth order."""
-    slopes = []
-    for unit in np.eye(objective.size):
-        near, far = (
-            (objective.value(omega + k * STEP * unit) - objective.value(omega - k * STEP * unit)) / (2.0 * k * STEP)
-            for k in (1, 2)
-        )
-        slopes.append((4.0 * near - far) / 3.0)
-    return np.array(slopes)
 
 
 # the hinge

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from heapq import heappop, heappush
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from scp_planner import builtin
 from scp_planner.certificate.cell_grid import CellGrid, widths
 from scp_planner.certificate.fastest_drive import Speeds
 from scp_planner.certificate.inscribed import CORNERS, polygons_inside
-from scp_planner.certificate.lower_bound import kinematic_bound
+from scp_planner.certificate.lower_bound import goal_is_covered_for_good, kinematic_bound
 from scp_planner.certificate.relaxation import Relaxation
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
@@ -31,7 +32,9 @@ SOME_OF_THE_SUITE = [
 LANE = {"min": [-1.0, -1.0], "max": [21.0, 1.0]}
 
 
-def wall(name: str, position: tuple[float, float], velocity: tuple[float, float], size: tuple[float, float]) -> dict:
+def wall(
+    name: str, position: tuple[float, float], velocity: tuple[float, float], size: tuple[float, float]
+) -> dict[str, Any]:
     """A rectangle along the axes."""
     return {
         "id": name,
@@ -122,9 +125,10 @@ def driven_at_random(scenario: sp.Scenario, count: int, random: np.random.Genera
     for k in range(int(8.0 / step)):
         time = k * step
         for obstacle in scenario.obstacles:
-            motion = obstacle.motion
+            motion, shape = obstacle.motion, obstacle.shape
+            assert isinstance(motion, sp.Motion) and isinstance(shape, sp.Disc)
             px, py = np.array(motion.position) + np.array(motion.velocity) * time
-            alive &= np.hypot(x - px, y - py) >= obstacle.shape.disc + vehicle.radius
+            alive &= np.hypot(x - px, y - py) >= shape.disc + vehicle.radius
         ended = alive & np.isinf(arrived) & (np.hypot(x - goal.position[0], y - goal.position[1]) <= goal.radius)
         arrived[ended] = time
         before = x < turn_point[0] - 0.5
@@ -420,7 +424,7 @@ def test_covered_cells_lie_wholly_in_their_polygon() -> None:
     assert covered.any()
 
 
-SHAPES = {
+SHAPES: dict[str, dict[str, Any]] = {
     "disc": {"shape": {"disc": 0.6}},
     "rectangle": {"shape": {"rectangle": [3.0, 1.0]}},
     "fixed rectangle": {"shape": {"rectangle": [3.0, 1.0], "heading": 0.4}},
@@ -439,7 +443,7 @@ def test_polygons_fill_their_zones_from_inside(shape: str) -> None:
 
 
 @pytest.mark.parametrize("shape", [{"disc": 0.5}, {"polygon": [[-1, -1], [1, -1], [1, 1], [-1, 1]]}])
-def test_polygons_fill_estimated_zones_from_inside(shape: dict) -> None:
+def test_polygons_fill_estimated_zones_from_inside(shape: dict[str, Any]) -> None:
     random = np.random.default_rng(3)
     times = np.linspace(-4.0, 0.0, 40)
     seen = np.stack([8.0 - 0.4 * times, -2.0 + 0.5 * times], axis=1) + 0.05 * random.normal(size=(40, 2))
@@ -466,3 +470,21 @@ def check_polygons(scenario: sp.Scenario) -> None:
         edges = np.roll(polygons, -1, axis=1) - polygons
         after = np.roll(edges, -1, axis=1)
         assert (edges[..., 0] * after[..., 1] - edges[..., 1] * after[..., 0]).min() > -1e-9  # convex, anticlockwise
+
+
+@pytest.mark.parametrize(
+    ("away", "velocity", "goal_radius", "covered"),
+    [
+        (1.25, 0.0, 0.0, True),  # a disc of 1 m and a vehicle of 0.3 m
+        (1.35, 0.0, 0.0, False),
+        (0.5, 0.0, 0.75, True),
+        (0.5, 0.0, 0.85, False),  # some of the goal is free
+        (0.5, 1e-3, 0.0, False),  # it will be gone some day
+    ],
+)
+def test_only_what_stands_and_covers_all_of_the_goal_does_so_for_good(
+    away: float, velocity: float, goal_radius: float, covered: bool
+) -> None:
+    lid = disc("lid", (20.0, away), (velocity, 0.0), radius=1.0)
+    scenario = scene(disc("far", (5.0, 9.0)), lid, goal={"radius": goal_radius})
+    assert goal_is_covered_for_good(scenario, sp.zones(scenario)) is covered

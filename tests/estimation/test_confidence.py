@@ -12,6 +12,7 @@ from scp_planner.errors import EstimationError
 from scp_planner.estimation.confidence import LEVELS, excursion_bound, region_scale, shared_alpha, uniform_scale
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.motion_estimate import MotionEstimate
 
 pytestmark = pytest.mark.numerics
 
@@ -25,7 +26,7 @@ LAWS: list[ErrorLaw] = [
 ]
 
 
-def estimate(order: int = 2, known: bool = True, count: int = 12):
+def estimate(order: int = 2, known: bool = True, count: int = 12) -> MotionEstimate:
     rng = np.random.default_rng(3)
     times = 0.1 * np.arange(count)
     return estimate_motion(times, rng.normal(size=(count, 2)), np.eye(2) if known else None, order)

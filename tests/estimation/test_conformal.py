@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import scp_planner as sp
+from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile, factor_to_hold, region_score
+from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile, factor_to_hold, region_score, sized
 from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_errors
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -94,14 +95,25 @@ def test_noise_alone_needs_no_region() -> None:
     assert np.quantile(factors, 0.95) == pytest.approx(1.0, abs=0.25)
 
 
-def test_scores_are_on_the_border_where_the_factor_is() -> None:
+def test_a_region_of_the_size_of_a_score_has_what_is_seen_on_its_border() -> None:
+    """The region and noise together outside of it, and inside the share of the border that it is at."""
     rng = np.random.default_rng(6)
     z, shape = 3.0 * rng.standard_normal((500, 2)), np.tile([1.0, 0.3, 0.8], (500, 1))
     scores = region_score(z, shape, 0.5 * shape, 6.0)
-    factors = factor_to_hold(z, shape, 0.5 * shape, 6.0)
-    assert np.array_equal(scores > 1.0, factors > 1.0) and np.array_equal(scores[scores > 1.0], factors[factors > 1.0])
-    square = np.einsum("na,nab,nb->n", z, np.linalg.inv(1.5 * shape[:, [0, 1, 1, 2]].reshape(-1, 2, 2)), z)
-    assert scores[scores < 1.0] == pytest.approx(square[scores < 1.0] / 6.0)
+    out = scores > 1.0
+    assert 50 < out.sum() < 450
+    for covariance, border, which in (
+        (sized(shape, scores) + 0.5 * shape, np.full(500, 6.0), out),
+        (1.5 * shape, 6.0 * scores, ~out),
+    ):
+        square = np.einsum("na,nab,nb->n", z, np.linalg.inv(covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2)), z)
+        assert square[which] == pytest.approx(border[which])
+
+
+def test_sizes_above_one_add_the_same_in_every_direction() -> None:
+    shape = np.array([[4.0, 1.0, 2.0]])
+    assert sized(shape, [0.25])[0] == pytest.approx([1.0, 0.25, 0.5])
+    assert sized(shape, [3.5])[0] == pytest.approx([6.5, 1.0, 4.5])
 
 
 def test_new_track_begins_with_what_others_have_taught() -> None:
@@ -116,9 +128,9 @@ def test_new_track_begins_with_what_others_have_taught() -> None:
 
 def walkers(count: int, seed: int) -> Tracks:
     rng = np.random.default_rng(seed)
-    times = 0.4 * np.arange(25)
+    times = 0.4 * np.arange(25.0)
     velocity = np.cumsum(0.2 * rng.standard_t(3, (count, 25, 2)), axis=1) + rng.normal(0.0, 1.0, (count, 1, 2))
-    places = np.cumsum(0.4 * velocity, axis=1) + 0.03 * rng.standard_normal(velocity.shape)
+    places: Array = np.cumsum(0.4 * velocity, axis=1) + 0.03 * rng.standard_normal(velocity.shape)
     return Tracks(tuple(Track(f"w{k}", times, place) for k, place in enumerate(places)), source="made")
 
 
@@ -140,7 +152,8 @@ def test_zones_follow_what_came_of_them() -> None:
     """Something that leaps about as no filter foretells: zones become larger than those of the model."""
     sizes = []
     for regions in Regions:
-        tracks = ObstacleTracks(sp.Confidence(level="per_time"), watch=Watch(0.0, 0.0, 0.0, regions))
+        confidence = sp.Confidence(level="per_time", probability=0.8)  # 50 errors are enough
+        tracks = ObstacleTracks(confidence, watch=Watch(0.0, 0.0, 0.0, regions))
         tracks.add_unseen("a", Disc(disc=0.3), Model(order=0), 0.0, 0.01 * np.eye(2))
         for number, place in enumerate(np.cumsum(0.3 * np.random.default_rng(3).standard_normal((120, 2)), axis=0)):
             tracks.observe("a", 0.1 * number, (float(place[0]), float(place[1])))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -282,7 +282,7 @@ class TestIsotropicNoise:
         for _ in range(runs):
             seen = estimate_motion(times, rng.normal(size=(5, 2)), noise="isotropic")
             z = seen.position(1.0)
-            inside += z @ np.linalg.solve(seen.covariance(1.0), z) <= seen.errors.pointwise_scale(0.05)
+            inside += bool(z @ np.linalg.solve(seen.covariance(1.0), z) <= seen.errors.pointwise_scale(0.05))
         assert inside / runs == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / runs))
 
 
@@ -334,7 +334,7 @@ class TestPrior:
             noise = rng.multivariate_normal(np.zeros(2), SIGMA, 6)
             seen = estimate_motion(self.times, truth + noise, SIGMA, prior=prior)
             error = seen.position(4.0) - (3.0 * velocity + 4.5 * acceleration)
-            inside += error @ np.linalg.solve(seen.covariance(4.0), error) <= seen.errors.pointwise_scale(0.05)
+            inside += bool(error @ np.linalg.solve(seen.covariance(4.0), error) <= seen.errors.pointwise_scale(0.05))
         assert inside / runs == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / runs))
 
     @pytest.mark.parametrize(
@@ -374,7 +374,7 @@ class TestForgetting:
                 times, rng.multivariate_normal(np.zeros(2), SIGMA, 20), SIGMA if known else None, forgetting=0.85
             )
             z = seen.position(2.5)
-            inside += z @ np.linalg.solve(seen.covariance(2.5), z) <= seen.errors.pointwise_scale(0.05)
+            inside += bool(z @ np.linalg.solve(seen.covariance(2.5), z) <= seen.errors.pointwise_scale(0.05))
         assert inside / runs == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / runs))
 
     def test_follows_a_manoeuvre(self) -> None:
@@ -426,7 +426,7 @@ class TestScreening:
     def test_huber_weights_limit_the_harm(self, covariance: np.ndarray | None) -> None:
         kept, weighed = (
             estimate_motion(self.times, self.spoiled([16, 18]), covariance, screening=Screening(outliers=o))
-            for o in ("keep", "huber")
+            for o in (Outliers.KEEP, Outliers.HUBER)
         )
         assert self.error(weighed) < self.error(kept) / 4
         assert weighed.rejected == ()
@@ -440,16 +440,16 @@ class TestScreening:
             for _ in range(runs):
                 positions = rng.multivariate_normal(np.zeros(2), SIGMA, 30)
                 positions[rng.random(30) < share] *= 8.0
-                screening = Screening(outliers="huber")
+                screening = Screening(outliers=Outliers.HUBER)
                 seen = estimate_motion(times, positions, SIGMA if known else None, 1, screening=screening)
                 z = seen.position(4.0)
-                inside += z @ np.linalg.solve(seen.covariance(4.0), z) <= seen.errors.pointwise_scale(0.05)
+                inside += bool(z @ np.linalg.solve(seen.covariance(4.0), z) <= seen.errors.pointwise_scale(0.05))
             assert 0.94 - 4 * math.sqrt(0.94 * 0.06 / runs) < inside / runs < 1.0
 
     def test_huber_weights_solve_their_equation(self) -> None:
         """At the solution the sum of psi(residual) x vanishes, psi(r) = r min(1, k / |r|)."""
         positions = self.spoiled([3, 7, 12])
-        seen = estimate_motion(self.times, positions, SIGMA, screening=Screening(outliers="huber"))
+        seen = estimate_motion(self.times, positions, SIGMA, screening=Screening(outliers=Outliers.HUBER))
         residuals = np.linalg.solve(np.linalg.cholesky(SIGMA), (positions - seen.position(self.times)).T).T
         psi = residuals * np.minimum(1.0, 2.0 / np.linalg.norm(residuals, axis=1, keepdims=True))
         score = (self.times[:, None] ** np.arange(3)).T @ psi
@@ -476,12 +476,12 @@ class TestScreening:
         positions = np.vstack([positions, positions[7]])
         with pytest.raises(EstimationError, match=r"observations\[20\]: time 0.7.* first as observations\[7\]"):
             estimate_motion(times, positions, SIGMA)
-        seen = estimate_motion(times, positions, SIGMA, screening=Screening(repeated="drop"))
+        seen = estimate_motion(times, positions, SIGMA, screening=Screening(repeated=Faulty.DROP))
         assert seen.rejected == (20,)
         assert seen.observations == 20
 
     def test_two_sensors_at_one_time_are_two_observations(self) -> None:
-        seen = estimate_motion([0, 0, 1, 1], [[0, 0], [0.2, 0], [1, 0], [1.2, 0]], SIGMA, 1)
+        seen = estimate_motion([0, 0, 1, 1], [[0.0, 0.0], [0.2, 0.0], [1.0, 0.0], [1.2, 0.0]], SIGMA, 1)
         assert seen.position(1.0) == pytest.approx([1.1, 0.0])
         assert seen.covariance(1.0) == pytest.approx(SIGMA / 2)
 
@@ -514,7 +514,7 @@ class TestScreening:
         ({"covariance": [np.eye(2), np.eye(2), -np.eye(2)]}, r"covariance\[2\]: .* is not positive definite"),
         ({"forgetting": 0.0}, "forgetting: 0.0"),
         (
-            {"forgetting": 0.9, "covariance": None, "screening": Screening(outliers="gate")},
+            {"forgetting": 0.9, "covariance": None, "screening": Screening(outliers=Outliers.GATE)},
             "the covariance must be given",
         ),
         ({"times": range(6), "positions": np.ones((6, 2)), "covariance": None}, "lie exactly on a motion"),
@@ -531,7 +531,7 @@ def test_bad_observations_are_named(change: dict[str, object], message: str) -> 
 
 
 class TestObstacles:
-    seen: ClassVar[dict[str, list]] = {
+    seen: ClassVar[dict[str, list[Any]]] = {
         "time": [0.0, 0.4, 0.8, 1.2, 1.6, 2.0],
         "position": np.random.default_rng(24).normal(size=(6, 2)).tolist(),
     }

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from scp_planner.estimation.confidence import region_scale
 from scp_planner.estimation.dynamics import Dynamics, MeanReverting, RandomWalk, Singer, WhiteJerk, dynamics_of
 from scp_planner.estimation.error_laws import NormalErrors, StudentErrors
 from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
+from scp_planner.estimation.observations import Outliers, Screening
 from scp_planner.estimation.process_estimate import CENTER_TOLERANCE, COVARIANCE_TOLERANCE, ProcessEstimate
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel, Tails
@@ -44,6 +45,8 @@ def kernel(kind: str) -> Callable[[float, float], float]:
     Integrals of the covariance of the velocity or of the acceleration, by quadrature: nothing from the package.
     """
     q, tau = KINDS[kind].get("diffusion", 0.0), KINDS[kind].get("time_constant", 1.0)
+    weight: Callable[[float, Any], Any]
+    between: Callable[[Any], Any] | None
     if kind == "random_walk":
         weight, between = (lambda t, a: t - a), None
     elif kind == "mean_reverting":
@@ -195,7 +198,7 @@ def test_polynomials_are_near_and_on_the_safe_side(kind: str, tails: Tails | Non
     rounding = 1e-7  # of a clock of 1e9 s
     ends = []
     for i, center in enumerate(pieces.center):
-        t = np.linspace(*pieces.breakpoints[i : i + 2], 37)
+        t = np.linspace(pieces.breakpoints[i], pieces.breakpoints[i + 1], 37)
         powers = (t - pieces.breakpoints[i])[:, None] ** np.arange(7)
         rows, columns = powers[:, : len(pieces.covariance[i])], powers[:, : len(center)]
         true = seen.covariance(t)
@@ -349,10 +352,8 @@ class TestFilter:
             MotionFilter(model(), gate_probability=2)
 
 
-def _gate():  # type: ignore[no-untyped-def]
-    from scp_planner.estimation.observations import Screening
-
-    return Screening(outliers="gate", gate_probability=1e-5)
+def _gate() -> Screening:
+    return Screening(outliers=Outliers.GATE, gate_probability=1e-5)
 
 
 def single() -> ProcessEstimate:
@@ -385,7 +386,7 @@ def test_the_past_and_the_far_future_are_not_for_it() -> None:
     with pytest.raises(EstimationError, match="keep or gate them"):
         from scp_planner.estimation.observations import Screening
 
-        estimate_process([0.0], [[0.0, 0.0]], model(), screening=Screening(outliers="huber"))
+        estimate_process([0.0], [[0.0, 0.0]], model(), screening=Screening(outliers=Outliers.HUBER))
     with pytest.raises(EstimationError, match="there are none"):
         estimate_process([], np.zeros((0, 2)), model())
 

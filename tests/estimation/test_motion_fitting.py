@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.error_laws import StudentErrors
@@ -38,14 +39,14 @@ def model(kind: str = "random_walk") -> ProcessModel:
 def simulated(kind: str, tracks: int, count: int, seed: int = 0) -> Tracks:
     """Tracks that follow a model, observed with its noise."""
     rng, dynamics = np.random.default_rng(seed), dynamics_of(model(kind))
-    times = 0.4 * np.arange(count)
+    times = 0.4 * np.arange(float(count))
     state = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.prior(1.2**2), (tracks, 2))
     positions = [state[..., 0]]
     for lag in np.diff(times):
         noise = rng.multivariate_normal(np.zeros(dynamics.states), dynamics.process_noise(lag), (tracks, 2))
         state = state @ dynamics.transition(lag).T + noise
         positions.append(state[..., 0])
-    seen = np.array(positions).transpose(1, 0, 2) + 0.05 * rng.normal(size=(tracks, count, 2))
+    seen: Array = np.array(positions).transpose(1, 0, 2) + 0.05 * rng.normal(size=(tracks, count, 2))
     return Tracks([Track(str(i), times, z) for i, z in enumerate(seen)])
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -161,7 +161,7 @@ class TestFiles:
 
 
 class TestTracks:
-    tracks = Tracks([Track(str(i), np.arange(5) + i, np.full((5, 2), float(i))) for i in range(5)])
+    tracks = Tracks([Track(str(i), np.arange(5.0) + i, np.full((5, 2), float(i))) for i in range(5)])
 
     def test_halves_are_every_other_track(self) -> None:
         first, second = self.tracks.halves()
@@ -195,7 +195,7 @@ class TestTracks:
 
 
 class TestScenario:
-    trip: ClassVar = {
+    trip: ClassVar[dict[str, Any]] = {
         "start": {"position": [0, 0], "heading": 0.0, "speed": 1.0},
         "goal": {"position": [20, 0]},
         "vehicle": {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.0, "max_deceleration": 1.0},

@@ -267,6 +267,37 @@ def test_refusals(road_file: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "no.xml").exists()
 
 
+@pytest.mark.parametrize(
+    ("model", "exact", "other", "named"),
+    [
+        ("PM", "<orientation><exact>0.0", "<orientation><exact>-6.3", "initialState.orientation"),
+        (
+            "KS",
+            "<velocity><exact>12.0</exact>",
+            "<velocity><intervalStart>9.0</intervalStart><intervalEnd>11.0</intervalEnd>",
+            "initialState.velocity: must be known exactly",
+        ),
+        ("KS", "<x>85.0</x>", "<x>2.0</x>", "goalState.position: nothing that drives forward"),
+    ],
+)
+def test_problems_that_nobody_solves_are_refused_by_name(
+    model: str, exact: str, other: str, named: str, road_file: Path
+) -> None:
+    text = road_file.read_text()
+    before, problem = text.split("<planningProblem", 1)
+    assert exact in problem
+    road_file.write_text(before + "<planningProblem" + problem.replace(exact, other, 1))
+    with pytest.raises(sp.ScenarioError, match=named):
+        load_commonroad(road_file, model=model)
+
+
+def test_borders_of_lanes_are_there_to_be_drawn(road_file: Path) -> None:
+    """Three for two lanes beside each other, as far as the map around the way goes."""
+    borders = [np.array(line) for line in load_commonroad(road_file).lanes]
+    assert sorted(border[:, 1].mean() for border in borders) == pytest.approx([-0.5 * LANE, 0.5 * LANE, 1.5 * LANE])
+    assert all(np.ptp(border[:, 1]) < 1e-6 and np.ptp(border[:, 0]) > GOAL["x"] - 8.0 for border in borders)
+
+
 def test_command_writes_a_solution(road_file: Path, tmp_path: Path) -> None:
     target = tmp_path / "solution.xml"
     words = ["plan", str(road_file), "--commonroad-solution", str(target), "--commonroad-model", "KS", "--no-bound"]

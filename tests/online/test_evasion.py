@@ -12,9 +12,10 @@ from scipy.integrate import quad
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.courses import Profiles
 from scp_planner.online.decision import Waiting
-from scp_planner.online.dodges import Dodges, Profiles
-from scp_planner.online.evasion import Evasion, harm, nearness
+from scp_planner.online.dodges import Dodges
+from scp_planner.online.evasion import Evasion, _Driven, _until, harm, nearness
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
@@ -43,8 +44,7 @@ def follow(planner: Planner, time: float) -> OnlinePlan:
 
 
 def dodges_of(heading: float | None, speed: float, ahead: float, radius: float) -> Dodges:
-    state = State(0.0, (0.0, 0.0), heading, speed)
-    return Dodges.of(heading, Profiles.of(state, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
+    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
 
 
 def test_nearness_is_an_integral_that_fades() -> None:
@@ -56,6 +56,14 @@ def test_nearness_is_an_integral_that_fades() -> None:
     soon[(time > 0.5) & (time < 1.0)] = late[(time > 3.0) & (time < 3.5)] = 0.1
     near = nearness(time, np.stack([np.ones(len(time)), late, soon]))
     assert near[0] < near[1] < near[2]
+
+
+def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
+    """Somebody comes nearer by 1 m/s: when the dodges end, at 1.4 s and at 2 s, clearances are what is left then."""
+    times = np.array([0.0, 1.0, 2.0, 3.0])
+    driven = _Driven(times, np.zeros((2, 4, 2)), np.zeros((2, 4)), np.array([1.4, 2.0]))
+    found = _until(np.tile(1.5 - times, (2, 1)), driven)
+    assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
 
 
 def test_harm_is_that_of_the_worst_moment() -> None:
@@ -87,7 +95,8 @@ def test_dodges_without_jumps_are_the_trips_that_they_stand_for(
     heading: float | None, speed: float, acceleration: float
 ) -> None:
     state, jerk = State(0.0, (0.0, 0.0), heading, speed, acceleration), 3.0
-    dodges = Dodges.of(heading, RampedProfiles.of(state, LIMITS, jerk, 0.6, 1.0), 0.2, LIMITS, 0.3, 1.0)
+    profiles = RampedProfiles.of(state, LIMITS, jerk, 0.6, 1.0)
+    dodges = Dodges.of(heading, profiles, 0.2, LIMITS, 0.3, 1.0)
     frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
     for number in range(0, len(dodges.position), 3):
         trip = dodges.trip(number, frame)
@@ -101,7 +110,7 @@ def test_dodges_without_jumps_are_the_trips_that_they_stand_for(
         assert drive.beta.max() <= LIMITS.acceleration and drive.beta.min() >= -LIMITS.deceleration
         fine = drive.speed_at(np.linspace(0.0, 1.0, 400))
         assert fine.min() >= -1e-9
-        assert fine.max() <= dodges.profiles.fastest[number % len(dodges.profiles.fastest)] + 1e-9
+        assert fine.max() <= profiles.fastest.max() + 1e-9
         bend = np.abs(drive.path.bend(points.path).curvature)
         assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
         over = dodges.times > dodges.until[number] - dodges.wait
@@ -120,16 +129,17 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
     dodges = dodges_of(0.1, 0.5, 0.0, vehicle.radius)
     batch = ZoneBatch.of(zones, frame, vehicle.radius)
-    least, whose = dodges.distances(batch, Box.of(scenario, frame, 0.0), vehicle)
+    room = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
     exact = np.array(
         [[zone.signed_distance(dodges.times, frame.to_world(place)) for zone in zones] for place in dodges.position]
     )
     nearest = exact.min(axis=1) - vehicle.radius
     near = nearest < 0.1
     assert near.sum() > 100
-    assert least[near] == pytest.approx(nearest[near], abs=1e-9)
-    assert np.all(least <= nearest + 1e-9)
-    assert np.all(whose[near] == exact.argmin(axis=1)[near])
+    assert room.least[near] == pytest.approx(nearest[near], abs=1e-9)
+    assert np.all(room.least <= nearest + 1e-9)
+    whose = np.array([room.nearest(*at) for at in np.argwhere(near).tolist()])
+    assert np.all(whose == exact.argmin(axis=1)[near])
 
 
 # behaviour
@@ -168,7 +178,7 @@ def test_goal_that_is_blocked_is_approached_as_near_as_is_safe() -> None:
     for k in range(1, 120):
         plan = follow(planner, 0.1 * k)
         assert plan.safe and plan.reason
-    assert plan.outcome is Outcome.BRAKING and "waits for post" in plan.reason
+    assert plan.outcome is Outcome.BRAKING and "waits for post" in str(plan.reason)
     away = float(np.linalg.norm(plan.position(12.0) - (8.0, 0.0)))
     assert 0.9 <= away <= 1.3
 
@@ -272,7 +282,9 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
         evasion = Evasion(means)
         dodges, seen = evasion._looked(now)
-        straight = len(dodges.profiles.span) - 2  # the first course leads to the goal; for longest, at top speed
+        straight = (
+            len(dodges.families[0].profiles.span) - 2
+        )  # the first course leads to the goal; for longest, at top speed
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
         assert bool(seen.harm[straight] > 0.0) is harmful
         assert worth == pytest.approx(seen.worth[straight] - seen.harm[straight], abs=0.02)

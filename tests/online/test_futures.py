@@ -25,7 +25,7 @@ def future(weight: float, rate: tuple[float, float], deviation: float = 0.05) ->
 
 
 FORK = {"futures": [future(0.5, (0.0, 0.9)), future(0.5, (1.0, 0.0))]}
-STATE = {"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 1.0}
+STATE: dict[str, Any] = {"time": 0.0, "position": (0.0, 0.0), "heading": 0.0, "speed": 1.0}
 
 
 def person(motion: dict[str, Any]) -> dict[str, Any]:

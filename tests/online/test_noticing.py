@@ -181,7 +181,7 @@ def observed(places: np.ndarray, order: int = 2) -> sp.Obstacle:
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_zones_with_a_manoeuvre_are_those_of_the_scenario(order: int) -> None:
     rng = np.random.default_rng(12)
-    tracks = ObstacleTracks(sp.Confidence(), watch=Watch(manoeuvre=0.4))
+    tracks = ObstacleTracks(sp.Confidence(), watch=Watch(manoeuvre=0.4, changes=0.0))
     tracks.add(observed(NOISE * rng.standard_normal((30, 2)), order))
     (zone,), (given,) = tracks.zones(3.0), tracks.as_obstacles()
     assert given.model.manoeuvre == pytest.approx(0.4 * tracks.newcomers.acceleration_deviation)
@@ -251,6 +251,9 @@ def test_covariances_times_a_linear_factor() -> None:
     at = np.linspace(2.0, 9.0, 71)
     expected = np.interp(at - 2.0, leads, factors)[:, None] * whole.grid(at)[:, 0]
     assert scaled.grid(at)[:, 0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    added = np.array([0.0, 2.0, 5.0])
+    wider = times_linear(whole, leads, factors, added).grid(at)[:, 0] - scaled.grid(at)[:, 0]
+    assert wider == pytest.approx(np.interp(at - 2.0, leads, added)[:, None] * [1.0, 0.0, 1.0], abs=1e-9)
 
 
 def test_shapes_of_a_mixture_are_those_of_the_noise() -> None:

@@ -18,14 +18,15 @@ import scp_planner as sp
 from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.online import decision
 from scp_planner.online import planner as online_planner
+from scp_planner.online.foretold import Prediction
 from scp_planner.online.means import Means
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State, remaining_trip
 from scp_planner.online.stops import standing_from, stop_after
-from scp_planner.online.track import Prediction
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
+from scp_planner.scp.loop import ScpLoop
 from scp_planner.settings.online import OnlineSettings, Safety
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.threat_zones.of_scenario import ZonesOf
@@ -204,6 +205,7 @@ def test_stop_of_a_plan_is_one() -> None:
     plan = begin(planner, scenario)
     assert plan.stop is not None and not plan.certified and plan.safe
     stands = plan.stop.frame.time + standing_from(plan.stop.trajectory)
+    assert plan.branch_time is not None and planner.online.period is not None
     assert planner.online.period <= plan.branch_time < stands
     times = np.linspace(0.0, plan.branch_time, 50)
     stop = plan.stop.frame.to_world(plan.stop.at(times)[0].path.position)
@@ -443,7 +445,7 @@ def test_newcomer_is_kept_clear_of_from_its_first_observation() -> None:
     begin(planner, scenario)
     planner.add_obstacle("new", {"disc": 0.4}, covariance=0.01 * np.eye(2))
     follow(planner, 0.1)
-    assert planner.zones == ()  # nobody has seen it yet
+    assert [zone.id for zone in planner.zones] == []  # nobody has seen it yet
     sizes = []
     for k in range(2, 15):
         time = 0.1 * k
@@ -503,7 +505,7 @@ def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     FakeClock(1e-3).rule(monkeypatch)  # from the beginning: what a look has taken says when the next one is begun
     begin(planner, scenario)
     monkeypatch.setattr(
-        "scp_planner.online.decision.ScpLoop.run", _never_good_enough(decision.ScpLoop.run)
+        "scp_planner.online.decision.ScpLoop.run", _never_good_enough(ScpLoop.run)
     )  # a feasible trip would end the work
     steps = []
     for k, deadline in ((1, 0.030), (2, 0.009), (3, 0.003)):

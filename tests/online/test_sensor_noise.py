@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from scp_planner.arrays import Array
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 
 STEP = 0.1
@@ -30,7 +31,8 @@ def test_noise_is_seen_to_be_larger(factor: float, outliers: float, low: float, 
     rng = np.random.default_rng(4)
     watch = NoiseWatch()
     for _ in range(100):
-        watch.take_in(neighbour_differences(STEP * np.arange(4), factor * rng.normal(0, 0.1, (4, 2)), 10.0 * np.eye(2)))
+        places: Array = factor * rng.normal(0, 0.1, (4, 2))
+        watch.take_in(neighbour_differences(STEP * np.arange(4.0), places, 10.0 * np.eye(2)))
     assert low <= watch.factor <= high
 
 
@@ -38,5 +40,5 @@ def test_outliers_are_no_noise() -> None:
     rng = np.random.default_rng(5)
     watch, places = NoiseWatch(), rng.normal(0.0, 0.1, (400, 2))
     places[rng.random(400) < 0.02] += 5.0
-    watch.take_in(neighbour_differences(STEP * np.arange(400), places, 10.0 * np.eye(2)))
+    watch.take_in(neighbour_differences(STEP * np.arange(400.0), places, 10.0 * np.eye(2)))
     assert watch.factor == 1.0

@@ -10,9 +10,11 @@ from scenes import scene
 
 from scp_planner import plan
 from scp_planner.certificate.verdict import off_a_step
-from scp_planner.planning.attempts import to_beat
 from scp_planner.planning.refinements import STRAYING, commanded_in_steps
 from scp_planner.problem.build import build_problem
+from scp_planner.scp.evaluation import evaluate_trip
+from scp_planner.scp.goal import ArrivalSteps, to_beat
+from scp_planner.scp.parameters import LOOP
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 
@@ -45,6 +47,20 @@ def test_no_step_is_given_away() -> None:
         timed = plan(scene(start=start, goal={"arrival_step": step}))
         assert timed.certified
         assert timed.travel_time == pytest.approx(step * math.ceil(fastest / step), abs=off_a_step(step))
+
+
+def test_a_trip_does_for_its_step_if_an_earlier_one_is_out_of_reach() -> None:
+    problem = build_problem(scene(start={"speed": 1.0}), (), Settings())
+    drive = np.zeros(problem.space.acceleration_size)
+    trip = evaluate_trip(problem, Trajectory.of(problem.space, problem.ends.theta, drive), 1.0)
+    assert trip.worst_violation == 0.0
+    time, step = trip.trajectory.travel_time, 0.3 * trip.trajectory.travel_time
+    steps = ArrivalSteps(step, np.inf)
+    assert steps.after(time) == pytest.approx(4 * step)
+    gap = time - 3 * step
+    assert steps.as_good(trip, 0.2 * gap, LOOP)
+    assert not steps.as_good(trip, gap / LOOP.hope * 1.1, LOOP)  # one more such step may do it
+    assert not ArrivalSteps(step, 3.9 * step).as_good(trip, 0.0, LOOP)  # it would be late
 
 
 def test_changes_within_long_steps_are_noticed() -> None:

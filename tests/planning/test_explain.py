@@ -39,6 +39,7 @@ def test_what_covers_the_goal_is_named_and_what_is_far_is_not() -> None:
     text = reason(disc("crate", (20.0, 0.3), radius=1.0), disc("far", (5.0, 30.0)), disc("beside", (8.0, 2.5)))
     assert text.startswith("clearance to crate -0.99")
     assert "crate covers the goal" in text
+    assert "Best of 1 way round" in text, "no other is looked for where none can lead to the goal"
     assert "far" not in text and "beside" not in text
 
 

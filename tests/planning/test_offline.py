@@ -78,9 +78,9 @@ def test_turning_and_moving_the_scene_does_not_matter(angle: float) -> None:
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     shift, late = np.array([8_000.0, -6_000.0]), 1e9
 
-    def moved(obstacle: sp.scenario.Obstacle) -> dict[str, object]:
-        motion = obstacle.motion
-        assert motion is not None
+    def moved(obstacle: sp.Obstacle) -> dict[str, object]:
+        motion, shape = obstacle.motion, obstacle.shape
+        assert isinstance(motion, sp.Motion) and isinstance(shape, sp.Disc)
         position, velocity, acceleration = (
             turn @ np.array(v) for v in (motion.position, motion.velocity, motion.acceleration)
         )
@@ -91,7 +91,7 @@ def test_turning_and_moving_the_scene_does_not_matter(angle: float) -> None:
             tuple(at_zero + shift),
             tuple(velocity - acceleration * late),
             tuple(acceleration),
-            obstacle.shape.disc,
+            shape.disc,
         )
 
     slow_clock = [disc("a", (9.0, 0.3), radius=0.8), disc("b", (14.0, -0.4), radius=0.6)]
@@ -194,10 +194,10 @@ def test_the_time_limit_is_kept_and_the_best_so_far_is_returned(monkeypatch: pyt
     assert quick.wall_time <= 0.001 + 0.02
     assert quick.iterations == 0
     exact = sp.Settings(tolerance=1e-8)
-    plans = [sp.plan(SCENES["slow"], exact, time_limit=limit) for limit in (0.001, 0.012, None)]
+    plans = [sp.plan(SCENES["slow"], exact, time_limit=limit) for limit in (0.001, 0.014, None)]
     iterations = [plan.iterations for plan in plans]
     assert 0 == iterations[0] < iterations[1] < iterations[2]
-    assert plans[1].wall_time <= 0.012 + 0.02
+    assert plans[1].wall_time <= 0.014 + 0.02
     assert plans[1].certified and plans[1].travel_time == pytest.approx(plans[2].travel_time, rel=0.05)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scenes import scene
 from shapely import Point, Polygon
+from slopes import assert_rows, differences
 
 import scp_planner as sp
 from scp_planner.certificate.check import certify
@@ -18,7 +19,6 @@ from scp_planner.problem.limits.goals import GoalHeading, GoalRegion, GoalSpeed
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
-from tests.scp.test_linearisation import assert_rows, differences
 
 REGION = [[18.0, -2.0], [24.0, -4.0], [26.0, 3.0], [19.0, 2.0]]
 SHARED = {

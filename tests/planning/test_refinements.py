@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import disc, drone, scene
 
 import scp_planner as sp
 from scp_planner.planning import refinements
@@ -17,8 +18,6 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.trips.trajectory import Trajectory
-from tests.scenes import disc, scene
-from tests.whole.test_ratios import drone
 
 pytestmark = pytest.mark.numerics
 
@@ -76,3 +75,17 @@ def test_work_on_a_better_trip_is_bounded(among: Found) -> None:
     done = replace(among, most=among.runs.task.tally.iterations - 1)
     assert done.exhausted
     assert with_finer_paths(done) is done
+
+
+def test_more_spans_of_the_drive_begin_with_a_trip_that_arrives() -> None:
+    """It stops at the goal: accelerations taken between other breakpoints may stop it before."""
+    scenario = scene(start={"speed": 1.0}, goal={"speed": 0.0}, speed_limits=[{"from": 6.0, "to": 12.0, "speed": 1.0}])
+    found = found_in(scenario)
+    trip = found.best.trajectory
+    for spans in (23, 47, 60):
+        finer = build_problem(scenario, (), for_scene(Settings(acceleration_spans=spans)), guide=trip.space.guide)
+        beta = refinements._driven_over(finer.space, trip)
+        again = Trajectory.of(finer.space, trip.theta, beta, trip.travel_time)
+        breaks = finer.space.acceleration.breakpoints
+        assert again.travel_time == pytest.approx(trip.travel_time, rel=5e-3)
+        assert again.speed_at(breaks) == pytest.approx(trip.speed_at(breaks), abs=0.05)

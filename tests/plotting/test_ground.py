@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.text import Annotation, Text
@@ -103,6 +104,17 @@ def test_walls_and_corridor_have_a_clearance_each_and_no_body() -> None:
     beyond = np.stack([np.maximum.reduce([4.0 - x, x - 8.0, 0.0 * x]), np.maximum.reduce([1.2 - y, y - 3.0, 0.0 * y])])
     assert recording.obstacles[1].clearance == pytest.approx(np.hypot(*beyond) - 0.3, abs=1e-9)
     assert recording.walls[0].tolist() == WALL
+
+
+def test_lanes_are_drawn_and_keep_nobody_out(plan: sp.Plan) -> None:
+    across = [[10.0, -3.0], [10.0, 0.0], [11.0, 3.0]]
+    scenario = _yard(walls=[], bounds=None, lanes=[across])
+    assert sp.plan(scenario.model_copy(update={"speed_limits": ()})).travel_time == pytest.approx(plan.travel_time)
+    recording = record_plan(plan, scenario, 30)
+    assert recording.obstacles == ()
+    axes = _map(recording)
+    assert any(np.array_equal(line.get_xydata(), across) for line in axes.lines)
+    assert "lanes" in [text.get_text() for legend in axes.figure.findobj(Legend) for text in legend.get_texts()]
 
 
 def test_no_zone_that_is_drawn_is_cut_off(plan: sp.Plan) -> None:

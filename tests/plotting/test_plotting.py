@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -103,6 +104,11 @@ def _panel(figure: Figure, title: str) -> Any:
     return next(axes for axes in figure.axes if axes.get_title("left").startswith(title))
 
 
+def frames_of(film: Any) -> int:
+    """Number of pictures of a film, which only some kinds of files have."""
+    return int(film.n_frames)
+
+
 def _is_hollow(patch: Any) -> bool:
     return patch.get_facecolor()[3] == 0.0
 
@@ -129,7 +135,7 @@ def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
             if zone.signed_distance(t, plan.position(t)) - scenario.vehicle.radius < 0.1 * 20.0:
                 own = GREY if zone.id == "buoy" else colour
                 zones = [s for s in shapes if to_hex(s.get_edgecolor()).upper() == own]
-                outlines = [s.get_path().vertices for s in zones if isinstance(s, PathPatch)]
+                outlines = [np.asarray(s.get_path().vertices) for s in zones if isinstance(s, PathPatch)]
                 fits = [np.abs(zone.signed_distance(np.full(len(o), t), o)).max() < 1e-6 for o in outlines]
                 assert any(fits), (zone.id, t)
 
@@ -161,8 +167,10 @@ def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
     (obstacle,) = record_plan(plan, scenario, 3).obstacles
     assert len(obstacle.boundary[0]) > 2
     border = border_of(obstacle, 0)
-    bits = border.vertices.reshape(-1, 2, 2)
-    room = shapely.affinity.translate(shapely.Polygon(scenario.obstacles[0].shape.polygon), 9.0, 1.0)
+    bits = np.asarray(border.vertices).reshape(-1, 2, 2)
+    shape = scenario.obstacles[0].shape
+    assert isinstance(shape, sp.PolygonShape)
+    room = shapely.affinity.translate(shapely.Polygon(shape.polygon), 9.0, 1.0)
     # Corners are rounded, and drawn from a few points: 60 on each piece.
     outside = room.buffer(0.2, quad_segs=64).exterior
     off = [outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)]
@@ -182,7 +190,7 @@ def test_corridor_is_light_and_the_rest_is_shaded() -> None:
     ]
     assert len(white) == 2
     (border,) = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
-    bits = border.get_path().vertices.reshape(-1, 2, 2)
+    bits = np.asarray(border.get_path().vertices).reshape(-1, 2, 2)
     outside = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons]).exterior
     assert max(outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)) < 1e-9
     # A bit at each crossing of two borders ends beyond it.
@@ -192,7 +200,7 @@ def test_corridor_is_light_and_the_rest_is_shaded() -> None:
 def test_animation_of_several_pieces(pocket: Case, tmp_path: Path) -> None:
     animate_plan(*pocket, tmp_path / "pocket.gif", frames_per_second=1.0)
     with Image.open(tmp_path / "pocket.gif") as film:
-        assert film.n_frames == math.ceil(pocket[0].travel_time) + 1
+        assert frames_of(film) == math.ceil(pocket[0].travel_time) + 1
 
 
 def test_names_do_not_lie_on_each_other() -> None:
@@ -203,7 +211,7 @@ def test_names_do_not_lie_on_each_other() -> None:
 
 
 def test_map_has_equal_axes(figure: Figure) -> None:
-    FigureCanvasAgg(figure).draw()
+    FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
     axes = _map_of(figure)
     origin, right, up = axes.transData.transform([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     assert right[0] - origin[0] == pytest.approx(up[1] - origin[1], rel=1e-6)
@@ -235,7 +243,7 @@ def test_profiles_stand_against_their_limits(
 ) -> None:
     plan, _ = radar
     axes = _panel(figure, title)
-    curves = [line for line in axes.lines if len(line.get_xdata()) > 100]
+    curves = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100]
     (curve,) = curves
     assert np.allclose(curve.get_ydata(), values(plan, curve.get_xdata()), rtol=1e-12, atol=1e-12)
     flat = {
@@ -247,7 +255,7 @@ def test_profiles_stand_against_their_limits(
 def test_clearance_over_time(radar: Case, figure: Figure) -> None:
     plan, scenario = radar
     axes = _panel(figure, "clearance")
-    least = [line for line in axes.lines if len(line.get_xdata()) > 100][-1]
+    least = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100][-1]
     time = np.asarray(least.get_xdata())
     distances = [zone.signed_distance(time, plan.position(time)) for zone in sp.zones(scenario)]
     assert np.allclose(least.get_ydata(), np.min(distances, axis=0) - scenario.vehicle.radius, atol=1e-12)
@@ -280,8 +288,8 @@ def _texts(figure: Figure) -> list[Text]:
 
 def _assert_legible(figure: Figure) -> None:
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     frame = figure.bbox
     # Labels of ticks beyond the axes' ends exist, but are not drawn.
     drawn = {
@@ -289,7 +297,7 @@ def _assert_legible(figure: Figure) -> None:
         for axes in figure.axes
         if axes.axison
         for axis in (axes.xaxis, axes.yaxis)
-        for tick in axis._update_ticks()
+        for tick in axis._update_ticks()  # type: ignore[union-attr]
         for label in (tick.label1, tick.label2)
     }
     ticks = {id(label) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) for label in axis.get_ticklabels()}
@@ -348,7 +356,7 @@ def _regions(axes: Any) -> list[Any]:
 def test_a_clear_plan_meets_no_region(radar: Case) -> None:
     plan, scenario = radar
     for axes in plot_space_time(plan, scenario).axes[:2]:
-        (curve,) = [line for line in axes.lines if len(line.get_xdata()) > 100]
+        (curve,) = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100]
         points = np.stack(curve.get_data(), axis=-1)
         regions = _regions(axes)
         assert regions
@@ -371,7 +379,7 @@ def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple
     wall = sp.Obstacle(id="wall", shape=sp.Disc(disc=1.0), motion=motion)
     blocked = scenario.model_copy(update={"obstacles": (wall,)})
     for axes in plot_space_time(plan, blocked).axes[:2]:
-        (curve,) = [line for line in axes.lines if len(line.get_xdata()) > 100]
+        (curve,) = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100]
         points = np.stack(curve.get_data(), axis=-1)
         inside = np.any([region.contains_points(points) for region in _regions(axes)], axis=0)
         time = np.asarray(curve.get_xdata())
@@ -388,11 +396,11 @@ def test_a_plan_through_an_obstacle_meets_its_region(radar: Case, offsets: tuple
 def test_space_time_axes(radar: Case) -> None:
     plan, scenario = radar
     above, below = plot_space_time(plan, scenario).axes[:2]
-    curve = max(above.lines, key=lambda line: len(line.get_xdata()))
+    curve = max(above.lines, key=lambda line: len(np.asarray(line.get_xdata())))
     points = plan.position(np.linspace(plan.start_time, plan.arrival_time, 20_000))
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-    assert curve.get_ydata()[-1] == pytest.approx(length, rel=1e-5)
-    offset = max(below.lines, key=lambda line: len(line.get_xdata()))
+    assert np.asarray(curve.get_ydata())[-1] == pytest.approx(length, rel=1e-5)
+    offset = max(below.lines, key=lambda line: len(np.asarray(line.get_xdata())))
     times = np.asarray(offset.get_xdata())
     assert np.allclose(offset.get_ydata(), plan.position(times)[:, 1], atol=1e-9)  # the guide is y = 0
 
@@ -426,7 +434,11 @@ def test_views_of_a_run(drive: sp.Run, view: View, tmp_path: Path) -> None:
 
 
 def test_unknown_view_is_refused(radar: Case, drive: sp.Run) -> None:
-    for draw in (lambda: radar[0].plot(radar[1], view="globe"), lambda: drive.plot(view="globe")):
+    draws: list[Callable[[], Figure]] = [
+        lambda: radar[0].plot(radar[1], view="globe"),
+        lambda: drive.plot(view="globe"),
+    ]
+    for draw in draws:
         with pytest.raises(ValueError, match="view = 'globe': must be one of map, space-time, profiles"):
             draw()
 
@@ -555,7 +567,7 @@ def test_gif_plays_in_real_time(radar: Case, tmp_path: Path) -> None:
     animate_plan(plan, scenario, path, frames_per_second=4.0)
     with Image.open(path) as film:
         frames = math.ceil(4.0 * plan.travel_time) + 1
-        assert film.n_frames == frames
+        assert frames_of(film) == frames
         durations = []
         for index in range(frames):
             film.seek(index)
@@ -598,7 +610,9 @@ def test_vehicle_moves_through_the_film(radar: Case) -> None:
         film = Film(recording)
         for index, position in enumerate(recording.position):
             frame = film.frame(index)
-            place = film._vehicle[0].axes.transData.transform(position)
+            axes = film._vehicle[0].axes
+            assert axes is not None
+            place = axes.transData.transform(position)
             column, row = round(place[0]), frame.shape[0] - 1 - round(place[1])
             if index not in (0, 3):  # start and goal have their own marks
                 assert frame[row, column].max() < 60  # the vehicle's ink
@@ -619,7 +633,7 @@ def test_film_without_obstacles(tmp_path: Path) -> None:
     plan, scenario = _case("alone")
     animate_plan(plan, scenario, tmp_path / "alone.gif", frames_per_second=1.0)
     with Image.open(tmp_path / "alone.gif") as film:
-        assert film.n_frames == math.ceil(plan.travel_time) + 1
+        assert frames_of(film) == math.ceil(plan.travel_time) + 1
 
 
 def test_video_without_ffmpeg_is_refused(radar: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -135,7 +135,8 @@ def test_truth_as_function_and_as_record(plan: sp.Plan, scenario: sp.Scenario) -
     seen = np.linspace(plan.start_time, plan.start_time + 3.0, 4)
     recording = record_plan(plan, scenario, 50, {"ferry": drift, "tug": (seen, drift(seen))})
     by_id = {obstacle.id: obstacle for obstacle in recording.obstacles}
-    assert np.array_equal(by_id["ferry"].truth, drift(recording.time))
+    driven = by_id["ferry"].truth
+    assert driven is not None and np.array_equal(driven, drift(recording.time))
     inside = recording.time <= seen[-1]
     truth = by_id["tug"].truth
     assert truth is not None

@@ -123,13 +123,13 @@ def test_obstacles_that_come_late(tmp_path: Path) -> None:
     run = simulate(alone, rate=4.0, world=world, shapes={"late": sp.Disc(disc=0.4)})
     recording = record_run(run, 8.0)
     (late,) = recording.obstacles
-    unknown = np.isnan(late.center).any(axis=1)
+    unknown = np.asarray(np.isnan(late.center).any(axis=1))
     assert unknown[0] and not unknown[-1]
     assert np.isnan(late.clearance[unknown]).all() and np.isinf(recording.clearance[unknown]).all()
     assert late.truth_at(0) is None and late.truth_at(len(recording.time) - 1) is not None
     animate(recording, tmp_path / "late.gif")
     with Image.open(tmp_path / "late.gif") as film:
-        assert film.n_frames == len(recording.time)
+        assert film.n_frames == len(recording.time)  # type: ignore[attr-defined]
     assert recording.extent()[1][0] < 25.0  # where the obstacle is far away, nobody needs to look
     save_recording(recording, tmp_path / "late.html")
     assert "NaN" not in (tmp_path / "late.html").read_text().split('id="data">')[1].split("</script>")[0]

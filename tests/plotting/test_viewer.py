@@ -79,7 +79,9 @@ def test_ground_and_units_stand_in_the_file(plan: sp.Plan) -> None:
     wall = [[4.0, 1.2], [8.0, 1.2], [8.0, 3.0], [4.0, 3.0]]
     limits = [{"from": 5.0, "to": 9.0, "speed": 1.5, "line": [[0.0, 0.0], [20.0, 0.0]]}]
     goal = {"region": [[18.0, -2.0], [23.0, -2.0], [23.0, 1.0], [18.0, 2.0]]}
-    yard = scene(walls=[wall], speed_limits=limits, guide=[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], goal=goal)
+    yard = scene(
+        walls=[wall], speed_limits=limits, guide=[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], goal=goal, lanes=[wall]
+    )
     recording = record_plan(plan, yard, 10)
     text = to_html(recording)
     found = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
@@ -87,7 +89,9 @@ def test_ground_and_units_stand_in_the_file(plan: sp.Plan) -> None:
     data = json.loads(found[1])
     origin = np.array(data["origin"])
     assert np.allclose(np.array(data["walls"][0]) + origin, wall, atol=1e-3)
+    assert np.allclose(np.array(data["lanes"][0]) + origin, wall, atol=1e-3)
     assert np.allclose(np.array(data["goalRegion"]) + origin, goal["region"], atol=1e-3)
+    assert yard.guide is not None
     assert np.allclose(np.array(data["guide"]) + origin, yard.guide, atol=1e-3)
     (slow,) = data["slow"]
     ((low, high),) = np.array(slow["boxes"]) + origin  # one box: the borders run across

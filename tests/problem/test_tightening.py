@@ -62,3 +62,10 @@ def test_the_workspace_shrinks_by_more_than_the_trip_left_it(problem: Problem) -
 
 def test_driving_backwards_is_nothing_that_a_lower_limit_would_mend(problem: Problem) -> None:
     assert tightened(problem, found(Violation("speed", -0.01, 0.0, 1.0))).limits == problem.limits
+
+
+@pytest.mark.parametrize("name", ["speed", "lateral_acceleration", "curvature"])
+def test_no_limit_becomes_less_than_half_however_far_it_is_exceeded(problem: Problem, name: str) -> None:
+    allowed = getattr(problem.limits, name)
+    asked = tightened(problem, found(Violation(name, 9.0 * allowed, allowed, 1.0)), urgency=4.0)
+    assert getattr(asked.limits, name) == 0.5 * allowed

@@ -517,7 +517,7 @@ def test_observations_up_to_the_start_but_for_rounding_are_taken(
     times[-1] = start + max(1e-14 * step, np.spacing(start))
     assert times[-1] > start
     positions = [[12.0 - 0.5 * (t - start), 6.0 + 0.2 * ((7 * k) % 5)] for k, t in enumerate(times)]
-    seen = {
+    seen: dict[str, Any] = {
         "id": "seen",
         "shape": {"disc": 0.4},
         "observations": {"time": times.tolist(), "position": positions, "covariance": [[0.01, 0.0], [0.0, 0.01]]},

@@ -43,7 +43,7 @@ def pavement(model: object = None, people: int = 12) -> sp.Scenario:
 def test_a_word_is_a_model_in_a_file_and_in_python(name: str, tmp_path: Path) -> None:
     scenario = pavement(name, people=1)
     model = scenario.obstacles[0].model
-    assert model == sp.Model.named(name) == sp.Model(process=name)  # type: ignore[arg-type]
+    assert model == sp.Model.named(name) == sp.Model(process=name)
     assert model.process is not None and model.process.fitted_to is not None
     assert len(model.process.fitted_to.source) > 40
     scenario.save(tmp_path / "whole.yaml")

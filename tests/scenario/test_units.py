@@ -168,6 +168,7 @@ def open_goal() -> sp.Scenario:
             "arrival_step": 0.25,
         },
         walls=[[[5.0, -6.0], [7.0, -6.0], [7.0, 0.5], [5.0, 0.5]]],
+        lanes=[[[1.0, 1.0], [9.0, 3.0]]],
     )
 
 
@@ -183,6 +184,7 @@ def test_what_roads_have_is_divided_by_the_unit_of_its_dimension() -> None:
     assert (vehicle.max_total_acceleration, vehicle.max_power) == pytest.approx((1.4 * 12.5, 2.5 * 31.25), rel=1e-15)
     assert vehicle.centre == 0.1
     assert inside.walls == (((2.0, -2.5), (3.0, -2.5), (3.0, 0.75), (2.0, 0.75)),)
+    assert inside.lanes == (((0.0, 1.0), (4.0, 2.0)),)
     course = inside.obstacles[0].motion
     assert course is not None and course.model_dump()["heading"] == (0.5, 1.0, 0.2)
 

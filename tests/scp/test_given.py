@@ -21,6 +21,8 @@ from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
+NORM: Any = cp.norm  # type: ignore[attr-defined]
+
 
 @pytest.fixture(scope="module")
 def scenario() -> sp.Scenario:
@@ -142,7 +144,7 @@ def test_a_cone_is_kept(scenario: sp.Scenario) -> None:
     gate = np.array([6.0, 8.0])
 
     def through_the_gate(trip: TripVariables) -> list[Any]:
-        return [cp.norm(trip.position(trip.length / 2)[0] - gate) <= 0.2]
+        return [NORM(trip.position(trip.length / 2)[0] - gate) <= 0.2]
 
     def least_distance(plan: sp.Plan) -> float:
         times = np.linspace(plan.start_time, plan.arrival_time, 2001)
@@ -179,7 +181,7 @@ def test_another_solver_than_cvxpy_is_refused(scenario: sp.Scenario) -> None:
 
 def test_constraints_must_be_convex_constraints(scenario: sp.Scenario) -> None:
     with pytest.raises(ValueError, match="constraints: number 2 is not convex"):
-        sp.plan(scenario, constraints=lambda trip: [trip.travel_time >= 0, cp.norm(trip.offset_control_points) >= 1])
+        sp.plan(scenario, constraints=lambda trip: [trip.travel_time >= 0, NORM(trip.offset_control_points) >= 1])
     with pytest.raises(TypeError, match="constraints: number 1 must be a constraint of cvxpy, not True"):
         sp.plan(scenario, constraints=lambda trip: [True])
 

@@ -7,17 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import CROSSERS, scene
+from slopes import moved
 
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.last_step import DAMPING, LastStep
+from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
-from tests.scp.test_linearisation import moved
 
 pytestmark = pytest.mark.numerics
 
@@ -32,7 +33,7 @@ def clearances(problem: Problem, trip: Trajectory) -> Array:
     return problem.zones.contacts(np.zeros(4, dtype=int), points.time, points.path.position).distance
 
 
-def rows_at(problem: Problem, trip: Trajectory):
+def rows_at(problem: Problem, trip: Trajectory) -> Rows:
     index = np.array([40, 60, 80, 100])
     points = trip.at(problem.samples).take(index)
     zone = np.zeros(4, dtype=int)

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from scenes import CROSSERS, scene
+from slopes import assert_rows, differences, moved, problem_and_trip
 
-import scp_planner as sp
-from scp_planner.problem.build import build_problem
-from scp_planner.problem.problem import Problem
 from scp_planner.scp.bend_sites import bend_sites, station_sites
 from scp_planner.scp.evaluation import box_gaps, evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion, linearise
@@ -19,53 +14,13 @@ from scp_planner.scp.rows.bends import STILL, curvature_rows, lateral_rows
 from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import KinematicRows
-from scp_planner.settings.planning import Settings
 from scp_planner.trips.bundle import TripBundle
-from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
-from tests.threat_zones.test_of_scenario import observed
 
 pytestmark = pytest.mark.numerics
 
 Array = np.ndarray
 ALONE = np.zeros(40, dtype=int)
-BOX = {"min": [-1.0, -1.3], "max": [21.0, 2.0]}
-
-
-def problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
-    scenario = scene(*CROSSERS, observed("seen", 1), start={"heading": heading}, bounds=BOX)
-    problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
-    rng = np.random.default_rng(seed)
-    theta = problem.ends.theta.copy()
-    free = problem.ends.free
-    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
-    beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
-    return problem, Trajectory.of(problem.space, theta, beta)
-
-
-def moved(problem: Problem, trip: Trajectory, z: Array) -> Trajectory:
-    """The trip after a step in the variables of the subproblem, without making it consistent again."""
-    free, size = problem.ends.free, problem.space.acceleration_size
-    count = free.stop - free.start
-    theta = trip.theta.copy()
-    theta[free] += z[:count]
-    beta = (trip.beta + z[count : count + size]) / (1.0 + z[-1]) ** 2
-    return Trajectory(Path(problem.space, theta), beta, trip.travel_time * (1.0 + z[-1]))
-
-
-def differences(problem: Problem, trip: Trajectory, value: Callable[[Trajectory], Array], step: float) -> Array:
-    free, size = problem.ends.free, problem.space.acceleration_size
-    columns = []
-    for k in range(free.stop - free.start + size + 1):
-        z = np.zeros(free.stop - free.start + size + 1)
-        z[k] = step
-        columns.append((value(moved(problem, trip, z)) - value(moved(problem, trip, -z))) / (2 * step))
-    return np.array(columns).T
-
-
-def assert_rows(matrix: Array, differences_of_value: Array, tolerance: float = 2e-5) -> None:
-    scale = max(1.0, np.abs(differences_of_value).max())
-    np.testing.assert_allclose(matrix / scale, differences_of_value / scale, atol=tolerance)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
@@ -159,7 +114,7 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
     smooth = np.abs(sigma[:, None] - breaks).min(axis=1) > 1e-4
     assert smooth.sum() > 0.6 * len(smooth)
     # Jumps are followed in time: only at knots of the path does their curvature bend.
-    assert len(sites.jumps.lateral) == len(breaks) - 2
+    assert sites.jumps is not None and len(sites.jumps.lateral) == len(breaks) - 2
     smooth = np.concatenate([smooth, np.ones(len(breaks) - 2, dtype=bool)])
     assert_both_sides(lateral, value(trip), difference, 1e-4, smooth)
 
@@ -168,7 +123,7 @@ def test_box_rows_are_exact() -> None:
     problem, trip = problem_and_trip(0)
     gaps = box_gaps(problem, trip.path)
     rows = box_rows(problem, gaps[None], 0, np.inf)
-    z = np.random.default_rng(3).normal(size=rows.matrix.shape[1])
+    z = np.random.default_rng(3).normal(size=(rows.matrix.shape[1],))
     there = box_gaps(problem, moved(problem, trip, z).path)
     np.testing.assert_allclose(rows.gap - rows.matrix @ z, there.ravel(), atol=1e-12)
     world = problem.frame.to_world(trip.path.station_positions)

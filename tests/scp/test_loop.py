@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -45,10 +47,11 @@ def test_a_step_is_the_solution_of_its_program_inside_the_trust_region() -> None
     program = sub.program
     x = cp.Variable(len(program.gradient))
     left = program.matrix @ x - program.bound
+    constraints: list[Any] = [x >= program.lower, x <= program.upper, left[:1] == 0, left[1:] <= 0]
     wanted = cp.Problem(
-        cp.Minimize(0.5 * cp.quad_form(x, cp.psd_wrap(program.hessian)) + program.gradient @ x),
-        [x >= program.lower, x <= program.upper, left[:1] == 0, left[1:] <= 0],
-    ).solve(solver="CLARABEL")
+        cp.Minimize(0.5 * cp.quad_form(x, cp.psd_wrap(program.hessian)) + program.gradient @ x),  # type: ignore[attr-defined]
+        constraints,
+    ).solve(solver="CLARABEL")  # type: ignore[no-untyped-call]
     z = solver_named("daqp").solve(program).x
     assert 0.5 * z @ program.hessian @ z + program.gradient @ z == pytest.approx(wanted, rel=1e-6, abs=1e-7)
     free = PROBLEM.ends.free

@@ -11,11 +11,12 @@ from scenes import scene
 
 from scp_planner.problem.build import build_problem
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid
-from scp_planner.search.sweep import ALL, Ends, Sweep
+from scp_planner.search.sweep import Ends, Sweep
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
 State = tuple[int, int, int, int]
+ALL = ~np.uint64(0)
 TINY = Fineness(slope_step=0.5, slopes=(1, 3), turns=2, speeds=3, delays=4.0)
 
 
@@ -35,56 +36,68 @@ def free_cells(grid: Grid, rng: np.random.Generator, cases: int) -> np.ndarray:
     return np.where(rng.random(shape) < 0.6, ~blocked, ALL)
 
 
-def is_free(free: np.ndarray, line: int, half_offset: int, delay: int, case: int) -> bool:
-    """Whether one cell is free, looked up alone."""
-    inside = 0 <= half_offset < free.shape[1] and 0 <= delay < DELAYS
-    return inside and bool(int(free[line, half_offset, case]) >> delay & 1)
+class Rules:
+    """The rules in words, one state at a time, on plain numbers: looking up single entries of arrays takes long."""
 
+    def __init__(self, grid: Grid, free: np.ndarray, case: int) -> None:
+        self.grid = grid
+        self.cells: list[list[int]] = free[..., case].tolist()
+        self.shifts: list[list[list[int]]] = grid.shifts.tolist()
+        self.turns: list[int] = grid.turns.tolist()
+        self.slowest = len(grid.speeds) - 1
 
-def followers(grid: Grid, free: np.ndarray, case: int, i: int, state: State) -> Iterator[State]:
-    """States at the next station, by the rules in words."""
-    k, m, o, d = state
-    sidesteps = (-3, -1, 0, 1, 3)
-    for speed in range(max(k - grid.rises, 0), min(k + grid.falls, len(grid.speeds) - 1) + 1):
-        for slope in range(len(grid.slopes)):
-            if abs(slope - m) > grid.turns[speed]:
-                continue
-            half = 2 * o + sidesteps[slope]
-            offset = o + sidesteps[slope]
-            delay = d + int(grid.shifts[EACH_STATION * i, speed, slope])
-            if not is_free(free, EACH_STATION * i + 1, half, delay, case):
-                continue
-            delay += int(grid.shifts[EACH_STATION * i + 1, speed, slope])
-            while is_free(free, EACH_STATION * i + 2, 2 * offset, delay, case):
-                yield speed, slope, offset, delay
-                if speed < len(grid.speeds) - 1:
-                    break
-                delay += 1
+    def is_free(self, line: int, half_offset: int, delay: int) -> bool:
+        """Whether one cell is free, looked up alone."""
+        inside = 0 <= half_offset < len(self.cells[line]) and 0 <= delay < DELAYS
+        return inside and bool(self.cells[line][half_offset] >> delay & 1)
 
+    def followers(self, i: int, state: State) -> Iterator[State]:
+        """States at the next station."""
+        k, m, o, d = state
+        sidesteps = (-3, -1, 0, 1, 3)
+        for speed in range(max(k - self.grid.rises, 0), min(k + self.grid.falls, self.slowest) + 1):
+            turns = self.turns[speed]
+            for slope in range(max(m - turns, 0), min(m + turns, len(sidesteps) - 1) + 1):
+                half = 2 * o + sidesteps[slope]
+                offset = o + sidesteps[slope]
+                delay = d + self.shifts[EACH_STATION * i][speed][slope]
+                if not self.is_free(EACH_STATION * i + 1, half, delay):
+                    continue
+                delay += self.shifts[EACH_STATION * i + 1][speed][slope]
+                while self.is_free(EACH_STATION * i + 2, 2 * offset, delay):
+                    yield speed, slope, offset, delay
+                    if speed < self.slowest:
+                        break
+                    delay += 1
 
-def enumerated(grid: Grid, free: np.ndarray, case: int, ends: Ends) -> list[set[State]]:
-    """States at each station, found one by one."""
-    speeds = range(len(grid.speeds))[grid.first_speeds]
-    reached = [{(k, m, grid.middle, 0) for k in speeds for m in range(len(grid.slopes))[ends.first_slopes]}]
-    for i in range(grid.columns):
-        reached.append({after for state in reached[-1] for after in followers(grid, free, case, i, state)})
-    return reached
+    def enumerated(self, ends: Ends) -> list[set[State]]:
+        """States at each station, found one by one."""
+        grid = self.grid
+        speeds = range(len(grid.speeds))[grid.first_speeds]
+        reached = [{(k, m, grid.middle, 0) for k in speeds for m in range(len(grid.slopes))[ends.first_slopes]}]
+        for i in range(grid.columns):
+            reached.append({after for state in reached[-1] for after in self.followers(i, state)})
+        return reached
 
 
 def as_states(sweep: Sweep, case: int) -> list[set[State]]:
     """States of a sweep as tuples."""
-    found = []
+    layout, found = sweep.layout, []
     for reached in sweep.reached:
-        words = reached.words[..., case]
-        bits = words[..., None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
-        corner = [reached.speed, reached.slope, reached.offset, 0]
-        found.append({tuple(row) for row in (np.argwhere(bits) + corner).tolist()})
+        assert reached is not None
+        states: set[State] = set()
+        for k, some in enumerate(reached):
+            for m, bits in some.items():
+                words = layout.words(bits)[case]
+                free = words[:, None] >> np.arange(DELAYS, dtype=np.uint64) & np.uint64(1)
+                states |= {(k, m, layout.first + o, d) for o, d in np.argwhere(free).tolist()}
+        found.append(states)
     return found
 
 
 def always(grid: Grid) -> np.ndarray:
     """All delays are in time."""
-    return np.full((grid.columns + 1, len(grid.speeds), 2 * grid.middle + 1), ALL)
+    return np.full((grid.columns + 1, len(grid.speeds), 2 * grid.middle + 1), DELAYS, dtype=np.uint8)
 
 
 def ends_of(grid: Grid) -> Ends:
@@ -99,7 +112,7 @@ def test_sweeps_reach_what_enumeration_reaches(seed: int) -> None:
     free, ends = free_cells(grid, np.random.default_rng(seed), 2), ends_of(grid)
     sweep = Sweep(grid, free, ends, always(grid))
     for case in range(2):
-        expected = enumerated(grid, free, case, ends)
+        expected = Rules(grid, free, case).enumerated(ends)
         found = as_states(sweep, case)
         assert found == expected[: len(found)]
         assert all(not some for some in expected[len(found) :])
@@ -117,13 +130,38 @@ def test_traces_are_ways_of_the_enumeration(seed: int) -> None:
         delay = sweep.first_arrival(case)
         assert delay is not None
         states = sweep.trace(delay, case)
+        rules = Rules(grid, free, case)
         way = list(zip(*(x.tolist() for x in (states.speed, states.slope, states.offset, states.delay)), strict=True))
         assert way[0][2:] == (grid.middle, 0)
         assert way[-1][3] == delay
         for i in range(grid.columns):
-            assert way[i + 1] in set(followers(grid, free, case, i, way[i]))
+            assert way[i + 1] in set(rules.followers(i, way[i]))
             driven = grid.shifts[EACH_STATION * i : EACH_STATION * i + 2, way[i + 1][0], way[i + 1][1]].sum()
             assert way[i + 1][3] - way[i][3] == driven + states.waited[i]
+
+
+def test_what_is_not_kept_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = small_grid()
+    free, ends = free_cells(grid, np.random.default_rng(0), 2), ends_of(grid)
+    whole = Sweep(grid, free, ends, always(grid))
+    monkeypatch.setattr("scp_planner.search.sweep.STRETCH", 3)
+    monkeypatch.setattr("scp_planner.search.sweep.MOST_KEPT", 0)
+    thin = Sweep(grid, free, ends, always(grid))
+    assert [i for i, some in enumerate(thin.reached) if some is not None] == [*range(0, grid.columns, 3), grid.columns]
+    for case in range(2):
+        delay = whole.first_arrival(case)
+        assert delay is not None and delay == thin.first_arrival(case)
+        expected, found = whole.trace(delay, case), thin.trace(delay, case)
+        for name in ("slope", "speed", "offset", "delay", "waited"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_nothing_arrives_after_the_deadline() -> None:
+    grid = small_grid()
+    free = free_cells(grid, np.random.default_rng(0), 1)
+    late = Sweep(grid, free, ends_of(grid), always(grid), deadline=-np.inf)
+    assert len(late.reached) == 1
+    assert late.first_arrival() is None
 
 
 def test_waiting_lasts_as_long_as_the_cell_is_free() -> None:

@@ -101,6 +101,19 @@ def test_first_trips_keep_speed_and_acceleration() -> None:
         assert trip.travel_time == pytest.approx(way.travel_time, rel=0.05)
 
 
+def test_first_trips_ask_the_motor_for_what_it_has() -> None:
+    """The speeds are those of the way: the first trip's own may be a little higher."""
+    start = {"speed": 0.5}
+    hard, weak = (problem_of(scene(start=start, vehicle=change)) for change in ({}, {"max_power": 0.3}))
+    asked = {}
+    for name, problem in (("hard", hard), ("weak", weak)):
+        trip = trip_along(problem, next(iter(ways(WaySearch(hard), 1))))
+        speeds = trip.speed_at(problem.space.acceleration.breakpoints)
+        asked[name] = float((trip.beta * np.maximum(speeds[:-1], speeds[1:])).max())
+    assert asked["hard"] > 0.6
+    assert asked["weak"] <= 0.3 * 1.2
+
+
 def test_the_same_search_twice_is_the_same_to_the_bit() -> None:
     problem = problem_of(scene(*CROSSERS))
     first, second = (list(ways(WaySearch(problem), 8)) for _ in range(2))
@@ -170,7 +183,6 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
     problem = build_problem(scenario, zones(scenario), Settings())
     assert WaySearch(problem).best() is not None
     monkeypatch.setattr(blocked, "MOST_LOOKS", 1)  # a zone at a time
-    monkeypatch.setattr(blocked, "FEW_CUTS", 0)
     looked: list[Cuts] = []
     mark = Cells._mark
 

@@ -58,6 +58,7 @@ def test_every_setting_says_what_it_does_and_has_a_default_in_its_range(settings
             "limit_margin",
             "gate_probability",
             "alarm_probability",
+            "changes",
             "manoeuvre",
             "effort",
         }, "a float has a unit or is a ratio"

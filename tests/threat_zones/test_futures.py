@@ -119,6 +119,7 @@ def test_what_is_drawn_from_the_mixture_is_outside_of_all_zones_at_most_as_often
         far = np.zeros((trials, len(TIMES)), dtype=bool)
         for number, future in enumerate(motion.futures):
             rows = np.flatnonzero(chosen == number)
+            assert isinstance(future.motion, sp.Course)
             roots = np.linalg.cholesky(np.array(future.motion.covariance))
             # Half of each error is the same at all times.
             own, common = rng.standard_normal((2, len(rows), len(TIMES), 2))
@@ -144,7 +145,7 @@ def test_zones_made_when_asked_for_are_those_of_the_list_with_futures_among_disc
     lazy = ZonesOf(NaturalUnits.of(scenario).scenario(scenario))
     names = ["slow", "fork", "fork", "oncoming", "other", "other", "fast"]
     assert [zone.id for zone in lazy] == names
-    frame = PlanningFrame(np.zeros(2), 0.3, 0.0)
+    frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
     batch, plain = ZoneBatch.of(lazy, frame, 0.2), ZoneBatch.of(tuple(lazy), frame, 0.2)
     assert batch.ids == plain.ids == tuple(names)
     times, points = np.linspace(0.0, 6.0, 13), np.random.default_rng(0).uniform(-5.0, 15.0, (13, 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import CROSSERS, disc, scene
+from scenes import CROSSERS, disc, observed, scene
 
 import scp_planner as sp
 from scp_planner.estimation.estimate import estimate_obstacle
@@ -16,20 +16,6 @@ from scp_planner.threat_zones.of_scenario import ZonesOf, zones
 from scp_planner.threat_zones.zone import ThreatZone
 
 pytestmark = pytest.mark.numerics
-
-
-def observed(name: str, seed: int, isotropic: bool = False) -> dict[str, object]:
-    """A disc seen ten times through noise."""
-    rng = np.random.default_rng(seed)
-    times = np.linspace(-2.0, -0.1, 12)
-    truth = np.array([7.0, 3.0]) + times[:, None] * rng.normal(size=2) + 0.5 * times[:, None] ** 2 * 0.1
-    covariance = [[0.01, 0.0], [0.0, 0.01]] if isotropic else [[0.02, 0.006], [0.006, 0.008]]
-    seen = truth + rng.multivariate_normal([0, 0], covariance, len(times))
-    return {
-        "id": name,
-        "shape": {"disc": 0.4},
-        "observations": {"time": times.tolist(), "position": seen.tolist(), "covariance": covariance},
-    }
 
 
 def batch_of(scenario: sp.Scenario) -> tuple[tuple[ThreatZone, ...], PlanningFrame, ZoneBatch]:
@@ -77,7 +63,7 @@ def test_a_known_motion_is_a_moving_disc() -> None:
     np.testing.assert_allclose(zone.center(t), center)
     points = np.array([[0.0, 0.0], [5.0, 1.0], [2.0, 2.0]])
     np.testing.assert_allclose(zone.signed_distance(t, points), np.hypot(*(points - center).T) - 0.7)
-    assert zone.signed_distance(0.0, [1.0, 2.0]) == pytest.approx(-0.7)
+    assert zone.signed_distance(0.0, np.array([1.0, 2.0])) == pytest.approx(-0.7)
 
 
 def test_the_extra_margin_of_an_obstacle_counts() -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from zone_kinds import KINDS, batch_of
 
 from scp_planner.threat_zones.sections import sections
-from tests.threat_zones.test_zone_shapes import KINDS, batch_of
 
 pytestmark = pytest.mark.numerics
 

@@ -2,73 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scenes import scene
 from shapely import affinity, distance, points
 from shapely.geometry import Point, Polygon, box
+from zone_kinds import KINDS, batch_of, seen, shaped
 
 import scp_planner as sp
-from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
 from scp_planner.trips.trajectory import Trajectory
-from tests.threat_zones.test_of_scenario import observed
 
 pytestmark = pytest.mark.numerics
 
 Array = np.ndarray
-ELL = [[-1.0, -1.0], [2.0, -1.0], [2.0, 0.0], [0.0, 0.0], [0.0, 2.0], [-1.0, 2.0]]
-EGG = {"ellipse": [1.5, 0.4]}
 
 
-def shaped(
-    name: str,
-    shape: dict[str, Any],
-    position: tuple[float, float],
-    velocity: tuple[float, float] = (0.0, 0.0),
-    acceleration: tuple[float, float] = (0.0, 0.0),
-) -> dict[str, Any]:
-    return {
-        "id": name,
-        "shape": shape,
-        "motion": {"position": position, "velocity": velocity, "acceleration": acceleration},
-    }
-
-
-def seen(name: str, shape: dict[str, Any], seed: int, order: int = 2) -> dict[str, Any]:
-    return {**observed(name, seed), "shape": shape, "model": {"order": order}}
-
-
-KINDS = scene(
-    shaped("standing", {"rectangle": [3.0, 1.0]}, (4.0, 3.0)),
-    shaped("wall", {"rectangle": [5.0, 0.2], "heading": 0.7}, (8.0, -4.0)),
-    shaped("car", {"rectangle": [4.0, 1.8]}, (12.0, 4.0), (-1.0, -0.5)),
-    shaped("turning", {"rectangle": [4.0, 1.8]}, (6.0, -3.0), (0.8, 0.6), (0.3, -0.4)),
-    shaped("egg", EGG, (15.0, 1.0), (0.0, 0.6)),
-    shaped("turning egg", EGG, (10.0, 2.0), (-0.4, 0.6), (-0.3, -0.2)),
-    shaped("triangle", {"polygon": [[0, 0], [0, 3], [2, 0]]}, (3.0, -5.0), (0.5, 0.2)),
-    shaped("ell", {"polygon": ELL}, (16.0, -3.0), (-0.5, 0.2), (0.0, 0.1)),
-    seen("seen triangle", {"polygon": [[0, 0], [0, 1], [1, 0]]}, 1),
-    seen("seen box", {"rectangle": [2.0, 1.0], "heading": 1.0}, 2),
-    seen("seen egg", {**EGG, "heading": -0.3}, 3),
-    seen("standing egg", EGG, 4, order=0),
-    start={"time": 5.0, "position": [1.0, 2.0]},
-    goal={"position": [15.0, 9.0]},
-)
-
-
-def batch_of(scenario: sp.Scenario, inflation: float = 0.3) -> tuple[PlanningFrame, ZoneBatch]:
-    frame = PlanningFrame.between(scenario.start.position, scenario.goal.position, scenario.start.time)
-    return frame, ZoneBatch.of(sp.zones(scenario), frame, inflation)
-
-
-def figure(obstacle: sp.scenario.Obstacle, t: float) -> Polygon:
+def figure(obstacle: sp.Obstacle, t: float) -> Polygon:
     """The true outline at a time, made with shapely; the direction of motion by differences."""
     motion, shape = obstacle.motion, obstacle.shape
-    assert motion is not None
+    assert isinstance(motion, sp.Motion) and not isinstance(shape, sp.Disc)
 
     def centre(time: float) -> Array:
         return (
@@ -196,9 +149,11 @@ def test_bounds_of_turning_zones_contain_dense_samples() -> None:
         for row in range(count):
             zone = index[row]
             if batch.slot[zone] >= 0:
+                assert batch.covariances is not None
                 packed = batch.covariances.at(batch.slot[zone : zone + 1], t[row : row + 1])[0]
                 value[row] -= np.sqrt(nu[row] @ packed[[0, 1, 1, 2]].reshape(2, 2) @ nu[row])
             if batch.outline_slot[zone] >= 0:
+                assert batch.outlines is not None
                 angle = -heading(t)[row]
                 c, s = np.cos(angle), np.sin(angle)
                 own = np.array([c * nu[row, 0] - s * nu[row, 1], s * nu[row, 0] + c * nu[row, 1]])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pytest
 from scenes import CROSSERS, scene
+from slopes import problem_and_trip
 
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
@@ -14,13 +16,12 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip, evaluate_trips
 from scp_planner.scp.linearisation import TrustRegion, linearise, linearise_trips
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import LoopStatus
+from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import solver_named
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
-from tests.scp.test_linearisation import problem_and_trip
 
 pytestmark = pytest.mark.numerics
 
@@ -58,7 +59,7 @@ def family(request: pytest.FixtureRequest) -> tuple[Problem, list[Trajectory]]:
     return shaped() if request.param == "shaped" else loud(request.param)
 
 
-def assert_same(left: object, right: object, where: str = "") -> None:
+def assert_same(left: Any, right: Any, where: str = "") -> None:
     """Compare dataclasses of arrays, field by field."""
     assert type(left) is type(right), where
     if isinstance(left, np.ndarray):
@@ -66,14 +67,14 @@ def assert_same(left: object, right: object, where: str = "") -> None:
     elif isinstance(left, float):
         assert left == pytest.approx(right, rel=1e-9, abs=1e-9), where
     elif isinstance(left, tuple):
-        assert len(left) == len(right)  # type: ignore[arg-type]
-        for one, other in zip(left, right, strict=True):  # type: ignore[call-overload]
+        assert len(left) == len(right)
+        for one, other in zip(left, right, strict=True):
             assert_same(one, other, where)
     elif left is not None and not isinstance(left, Trajectory):
-        for each in fields(left):  # type: ignore[arg-type]
+        for each in fields(left):
             if each.name == "batch":
                 continue  # only a trip that was evaluated alone has one
-            if (where + each.name).endswith("peaks.bendvalue") and len(left.curvature) == 0:  # type: ignore[attr-defined]
+            if (where + each.name).endswith("peaks.bendvalue") and len(left.curvature) == 0:
                 continue  # of nothing it may be (0,), or the (1,) that stands for 0 everywhere
             assert_same(getattr(left, each.name), getattr(right, each.name), f"{where}.{each.name}")
 
@@ -134,7 +135,7 @@ def test_a_race_is_won_by_the_fastest_and_cuts_off_others() -> None:
     _, loop, starts = crossing()
     alone, race = loop.run_all(starts, 60), loop.run_all(starts, 60, race=True)
 
-    def best(runs: list) -> float:
+    def best(runs: list[LoopRun]) -> float:
         return min(run.evaluation.trajectory.travel_time for run in runs if run.status is LoopStatus.CONVERGED)
 
     assert best(race) == pytest.approx(best(alone), rel=2e-3)

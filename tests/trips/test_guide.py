@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import CROSSERS, observed, scene
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scp import test_linearisation
+from slopes import BOX
 
 import scp_planner as sp
 from scp_planner.mathematics.dubins import Pose, shortest_path
@@ -159,6 +161,7 @@ def test_arc_length_curvature_and_rate_over_a_curved_guide(name: str) -> None:
         path.bend(here).curvature, turn / (0.5 * (ahead.speed + behind.speed) * 2 * step * length), atol=1e-4
     )
     rate = (path.bend(ahead).curvature - path.bend(behind).curvature) / (2 * step * length)
+    assert isinstance(trip.space.guide, CurvedGuide)
     knots = np.concatenate([np.arange(13) / 12, np.linspace(0, 1, len(trip.space.guide.headings))])
     smooth = np.abs(at[:, None] - knots).min(axis=1) > 2 * step
     scale = np.abs(rate).max()
@@ -204,15 +207,19 @@ def test_enclosures_over_a_curved_guide_contain_dense_samples(name: str) -> None
 
 def curved_problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
     """As in the tests of straight guides, with a bend in the guide and obstacles with corners."""
-    box = {"id": "box", "shape": {"rectangle": [2.0, 1.0]}, "motion": {"position": [13.0, 3.0], "velocity": [-1, -0.5]}}
+    box: dict[str, Any] = {
+        "id": "box",
+        "shape": {"rectangle": [2.0, 1.0]},
+        "motion": {"position": [13.0, 3.0], "velocity": [-1, -0.5]},
+    }
     turning = {**box, "id": "turning", "motion": {**box["motion"], "acceleration": [0.1, 0.4]}}
     scenario = scene(
-        *test_linearisation.CROSSERS,
-        test_linearisation.observed("seen", 1),
+        *CROSSERS,
+        observed("seen", 1),
         box,
         turning,
         start={"heading": heading},
-        bounds=test_linearisation.BOX,
+        bounds=BOX,
         guide=[[0.0, 0.0], [8.0, 4.0], [14.0, -1.0], [20.0, 0.0]],
     )
     problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
@@ -327,6 +334,7 @@ def test_shortest_paths_join_their_ends_and_are_shorter_than_others(radius: floa
         length = np.hypot(*legs.T).sum()
         wider = shortest_path(start, goal, 1.5 * radius)
         assert length <= np.hypot(*np.diff(wider, axis=0).T).sum() * (1.0 + 1e-3)
+        assert start.heading is not None and goal.heading is not None
         back = shortest_path(
             Pose(goal.position, goal.heading + np.pi), Pose(start.position, start.heading + np.pi), radius
         )

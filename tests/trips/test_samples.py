@@ -135,7 +135,7 @@ def test_arrays_of_other_shapes_are_refused() -> None:
     with pytest.raises(SamplesError, match=r"y\[2\] = inf"):
         SampledTrajectory(TIME, [[0.0, 0.0], [1.0, 1.0], [2.0, np.inf]])
     with pytest.raises(SamplesError, match="heading = 'east': must be numbers"):
-        SampledTrajectory(TIME, POSITION, "east")  # type: ignore[arg-type]
+        SampledTrajectory(TIME, POSITION, "east")
 
 
 def test_samples_compare_and_hash_by_what_they_are() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def test_a_start_takes_few_iterations(reference_scenarios: Path, monkeypatch: py
     runs: list[LoopRun] = []
     run = ScpLoop.run
 
-    def counted(loop: ScpLoop, *arguments: object, **named: object) -> LoopRun:
+    def counted(loop: ScpLoop, *arguments: Any, **named: Any) -> LoopRun:
         runs.append(run(loop, *arguments, **named))
         return runs[-1]
 

@@ -288,7 +288,9 @@ def test_sizes_are_written_in_other_units_and_summed_up(tmp_path: Path) -> None:
     inside, same = (units.NaturalUnits.of(each).scenario(each) for each in (mine, its))
     assert same.obstacles[1].observations is not None and inside.obstacles[1].observations is not None
     assert np.allclose(same.obstacles[1].observations.position, inside.obstacles[1].observations.position, rtol=1e-12)
-    assert np.allclose(same.obstacles[1].observations.covariance, inside.obstacles[1].observations.covariance)
+    assert np.allclose(
+        np.array(same.obstacles[1].observations.covariance), np.array(inside.obstacles[1].observations.covariance)
+    )
     (tmp_path / "ship-7.json").write_text(json.dumps(scene))
     row = sizes.measured(*next(sizes.scenes(sizes.parser().parse_args([str(tmp_path)]))))
     assert (row["kind"], row["scenario"]) == ("ship", "ship-7")

@@ -390,11 +390,11 @@ def test_compare_tables_writes_and_draws(easy: Path, tmp_path: Path) -> None:
 
 
 def test_compare_as_json_with_chosen_methods(easy: Path) -> None:
-    methods = ("--method", "gradient-descent", "--method", "scp")
+    methods = ("--method", "l-bfgs", "--method", "scp")
     result = run("compare", easy, "--starts", "1", *methods, "--json", *COARSE)
     assert result.exit_code == 0, result.output
     data = json.loads(result.stdout)
-    assert [row["method"] for row in data["summary"]] == ["gradient-descent", "scp"]
+    assert [row["method"] for row in data["summary"]] == ["l-bfgs", "scp"]
     assert [trial["certified"] for trial in data["trials"]] == [True, True]
 
 
@@ -532,7 +532,10 @@ def test_schema_prints_the_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
 
 
-def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("arguments", [pytest.param([], marks=pytest.mark.slow, id="radar"), ["headon"]])
+def test_demo_writes_scenario_plan_and_figure(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The film, which takes its time, is drawn in tests of films."""
     draw = Run.draw
 
@@ -541,7 +544,7 @@ def test_demo_writes_scenario_plan_and_figure(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(Run, "draw", drawn)
     monkeypatch.chdir(tmp_path)
-    result = run("demo")
+    result = run("demo", *arguments)
     assert result.exit_code == 0, result.output
     for words in ("status:", "arrival time:", "least clearance:", "iterations:", "wall time:"):
         assert words in result.stdout

@@ -234,7 +234,7 @@ EXAMPLES = {name: command.examples for name, command in COMMANDS.items()}
 
 def commands() -> dict[str, Any]:
     """All commands by their full names."""
-    found = {}
+    found: dict[str, Any] = {}
     top = typer.main.get_command(app)
     for name, command in top.commands.items():  # type: ignore[attr-defined]
         if hasattr(command, "commands"):

@@ -13,6 +13,7 @@ from benchmarks import common
 from benchmarks.crowds import __main__ as crowds
 from benchmarks.crowds import policies, protocols, recorded
 from benchmarks.report.__main__ import main as write_page
+from scp_planner.arrays import Array
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.simulation.crowds import circle_crossing
@@ -58,8 +59,9 @@ def test_summary_counts_times_of_those_that_succeed() -> None:
 
 def test_recorded_scene_begins_where_the_published_one_does() -> None:
     """A person who walks by is there as recorded; the robot has seen it for 15 steps when it sets off."""
-    times = 50.0 + 0.4 * np.arange(400)
-    walker = Track("w", times, np.stack([0.05 * (times - 50.0), np.full(400, 5.0)], axis=-1))
+    times = 50.0 + 0.4 * np.arange(400.0)
+    walked: Array = np.stack([0.05 * (times - 50.0), np.full(400, 5.0)], axis=-1)
+    walker = Track("w", times, walked)
     drawn = recorded.scene("eth", Tracks([walker]), 1)
     start = drawn.scenario.start
     assert start.time == pytest.approx(50.0 + 0.4 * 215) and start.position == (5.0, 1.0)

@@ -59,7 +59,11 @@ def test_every_example_is_tested_here() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == tested
 
 
-def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_methods_ends_in_a_table_and_a_figure(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On two of the scenarios that it would take."""
+    monkeypatch.setattr(builtin, "names", lambda: ["crossing", "headon"])
     figure, table = tmp_path / "figure.png", tmp_path / "figure.csv"
     assert load("compare_methods").main(["-o", str(figure)]) == 0
     told = capsys.readouterr()
@@ -67,7 +71,7 @@ def test_compare_methods_ends_in_a_table_and_a_figure(tmp_path: Path, capsys: py
     assert told.out.endswith(f"wrote {figure} and {table}\n")
     assert told.err == ""
     assert_is_picture(figure)
-    assert len(table.read_text().splitlines()) == 9
+    assert len(table.read_text().splitlines()) == 5
 
 
 @pytest.mark.parametrize("name", ["overtaking", "noisy_radar", "own_constraint"])
@@ -128,7 +132,7 @@ def test_closed_loop_through_a_recorded_crowd(
     assert told.startswith("arrived after ") and "least distance to anybody while moving: " in told
     assert_is_picture(figure)
     with Image.open(film) as pictures:
-        assert pictures.n_frames > 50
+        assert pictures.n_frames > 50  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", ["recorded_crowd", "closed_loop_crowd"])
@@ -156,7 +160,7 @@ def test_watch(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: 
     assert module.main(["headon", "-o", str(tmp_path)]) == 0
     assert capsys.readouterr().out == first
     with Image.open(tmp_path / "headon.gif") as film:
-        assert film.n_frames > 50
+        assert film.n_frames > 50  # type: ignore[attr-defined]
     assert (tmp_path / "headon.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 

@@ -16,7 +16,7 @@ from scenes import scene
 import scp_planner as sp
 from benchmarks.hostile import __main__ as command
 from benchmarks.hostile import calls, cases, commands, workers
-from benchmarks.hostile.cases import Fault, Kind, Outcome, carry_out, make
+from benchmarks.hostile.cases import Case, Fault, Kind, Outcome, carry_out, make
 from benchmarks.hostile.wild import Wild, scaled, wild
 
 MEGABYTE = 10**6
@@ -72,7 +72,7 @@ def _near() -> Wild:
 
 def test_a_certified_plan_is_checked_in_its_own_units() -> None:
     drawn = _near()
-    outcome = cases._try_wild({"data": drawn.data, "length": drawn.length, "time": drawn.time})
+    outcome = cases._try_wild(Case(Kind.WILD, 0, {"data": drawn.data, "length": drawn.length, "time": drawn.time}))
     assert (outcome.result, outcome.fault, outcome.checked) == ("certified", None, 1)
 
 
@@ -81,7 +81,7 @@ def test_a_plan_that_is_wrongly_certified_is_found(monkeypatch: pytest.MonkeyPat
     without = sp.Scenario(**{**drawn.scaled(), "obstacles": []})
     plan = sp.plan(without)  # straight through the obstacle
     monkeypatch.setattr(sp, "plan", lambda *_, **__: plan)
-    outcome = cases._try_wild({"data": drawn.data, "length": drawn.length, "time": drawn.time})
+    outcome = cases._try_wild(Case(Kind.WILD, 0, {"data": drawn.data, "length": drawn.length, "time": drawn.time}))
     assert outcome.fault is Fault.REFUSED and "clearance (d)" in outcome.detail
 
 
@@ -101,10 +101,10 @@ def test_a_command_that_raises_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr("scp_planner.planning.offline.plan", fail)
     words = [word.encode().hex() for word in ("plan", "good.yaml")]
-    outcome = cases._try_command({"arguments": words})
+    outcome = cases._try_command(Case(Kind.COMMAND, 0, {"arguments": words}))
     assert outcome.fault is Fault.TRACEBACK and "KeyError: 'lost'" in outcome.detail
     monkeypatch.undo()
-    assert cases._try_command({"arguments": words}).result == "exit code 0"
+    assert cases._try_command(Case(Kind.COMMAND, 0, {"arguments": words})).result == "exit code 0"
 
 
 def test_calls_that_are_refused_are_counted() -> None:
@@ -173,10 +173,10 @@ def test_the_command_writes_findings_and_what_it_came_to(
             yield kind, seed, outcome
 
     monkeypatch.setattr(command, "tried", tried)
-    asked = ["--only", "plan", "--count", "2", "--output", str(tmp_path)]
+    asked = ["--only", "plan", "--count", "2", "--output", str(tmp_path), "--plan-time", "0.5"]
     assert command.main([*asked, "--seed", "6"]) == 1
     told = json.loads((tmp_path / "plan-6.json").read_text())
-    assert told["case"] == {"kind": "plan", "seed": 6, "data": make(Kind.PLAN, 6).data}
+    assert told["case"] == {"kind": "plan", "seed": 6, "data": make(Kind.PLAN, 6).data, "plan_time": 0.5}
     assert (tmp_path / "findings.csv").read_text().splitlines()[1] == "plan,6,hang,11 s,plan-6.json"
     assert "| plan |     2 |" in capsys.readouterr().out
     assert command.main([*asked, "--seed", "50"]) == 0

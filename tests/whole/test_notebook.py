@@ -16,9 +16,11 @@ NOTEBOOK = Path(__file__).parents[2] / "examples" / "first_trip.ipynb"
 def run_cell(source: str, names: dict[str, Any]) -> Any:
     """Run a cell; what its last line is worth, if it is an expression."""
     tree = ast.parse(source)
-    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    last = tree.body[-1]
+    if isinstance(last, ast.Expr):
+        tree.body.pop()
     exec(compile(tree, "cell", "exec"), names)
-    return None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+    return eval(compile(ast.Expression(last.value), "cell", "eval"), names) if isinstance(last, ast.Expr) else None
 
 
 def test_the_notebook_is_one_without_outputs() -> None:

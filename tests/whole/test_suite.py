@@ -56,10 +56,10 @@ def planned(name: str, solver: str = "daqp") -> sp.Plan:
     return sp.plan(SCENES[name], solver=solver)
 
 
-def drawn(obstacle: sp.scenario.Obstacle, t: float) -> BaseGeometry:
+def drawn(obstacle: sp.Obstacle, t: float) -> BaseGeometry:
     """The obstacle at a time."""
     motion, shape = obstacle.motion, obstacle.shape
-    assert motion is not None
+    assert isinstance(motion, sp.Motion | sp.Course)
     if isinstance(motion, sp.Course):
         spline = CubicSpline(motion.time, motion.position, bc_type="natural")
         inside = np.clip(t, motion.time[0], motion.time[-1])
@@ -81,7 +81,7 @@ def drawn(obstacle: sp.scenario.Obstacle, t: float) -> BaseGeometry:
     return affinity.translate(affinity.rotate(figure, heading, origin=(0, 0), use_radians=True), *centre)
 
 
-def spread(obstacle: sp.scenario.Obstacle, t: float, scenario: sp.Scenario) -> BaseGeometry:
+def spread(obstacle: sp.Obstacle, t: float, scenario: sp.Scenario) -> BaseGeometry:
     """A disc on a course with a covariance, with the ellipse that holds its centre at all times of the course."""
     motion, shape = obstacle.motion, obstacle.shape
     assert isinstance(motion, sp.Course)
@@ -116,7 +116,7 @@ def assert_clear(scenario: sp.Scenario, times: Array, place: Array) -> None:
         assert corridor.contains(place).all()
         assert distance(corridor.boundary, place).min() >= scenario.vehicle.radius - 2e-6
     for obstacle in scenario.obstacles:
-        assert obstacle.motion is not None
+        assert isinstance(obstacle.motion, sp.Motion | sp.Course)
         if isinstance(obstacle.motion, sp.Course):
             # ellipses are drawn with care, which takes time: every fourth will do
             exact, some = obstacle.motion.covariance is None, slice(None, None, 4)
@@ -220,7 +220,7 @@ def fastest_profile(scenario: sp.Scenario, plan: sp.Plan) -> float:
     for number in range(1, 1000):
         t = scenario.start.time + number * step
         after = np.zeros_like(reached)
-        for speed in np.flatnonzero(reached.any(axis=0)):
+        for speed in np.flatnonzero(reached.any(axis=0)).tolist():
             for faster in range(max(speed - down, 0), min(speed + up, speeds - 1) + 1):
                 shift = speed + faster
                 after[shift:, faster] |= reached[: cells - shift, speed]

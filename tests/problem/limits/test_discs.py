@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import disc, scene
+from slopes import differences
 
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
@@ -16,7 +17,6 @@ from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip, discs_at
-from tests.scp.test_linearisation import differences
 from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics

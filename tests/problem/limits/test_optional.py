@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CROSSERS, disc, scene
 from shapely.geometry import LineString, Point
+from slopes import differences, finite_differences, random_trips
 
 import scp_planner as sp
 from scp_planner.arrays import Array
@@ -23,8 +24,6 @@ from scp_planner.problem.profile import fastest_profile
 from scp_planner.scenario.places import Line
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
-from tests.baseline.test_objective import finite_differences, random_trips
-from tests.scp.test_linearisation import differences
 from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
@@ -302,8 +301,9 @@ def test_the_rate_of_the_curvature_is_limited_and_used() -> None:
 
 def test_penalty_descent_knows_them_too() -> None:
     scenario = scene(disc("o", (9.0, 0.1)), vehicle={"max_jerk": 3.0}, speed_limits=SLOW[:1])
-    plan = sp.plan(scenario)
-    by_descent = sp.penalty_descent(scenario, settings=Settings(max_runs=1), descent=DescentSettings(settlings=4))
+    coarse = Settings(path_span=2.5, acceleration_spans=15, samples=80, max_runs=1)
+    plan = sp.plan(scenario, coarse)
+    by_descent = sp.penalty_descent(scenario, settings=coarse, descent=DescentSettings(settlings=4))
     assert by_descent.certified, by_descent.reason
     assert plan.certified, plan.reason
     assert by_descent.travel_time == pytest.approx(plan.travel_time, rel=0.01)

@@ -1,0 +1,289 @@
+"""What dodges are made of: courses to drive on, and profiles of speed to drive them by.
+
+A *course* leads on from where the vehicle is: straight, in any direction where its heading is free, or after a while to
+a side; else it turns by an angle, as tightly as the limits allow, and goes straight on. A *profile* speeds up or slows
+down to a level, keeps it for a while, and brakes to a stop; then the vehicle stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, Self
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.scenario.limits import Limits
+
+DIRECTIONS = 32
+"""Where the heading is free..."""
+BENT_DIRECTIONS = 16
+"""...and of courses that turn later."""
+BEND = np.radians(60.0)
+"""By which they turn, to either side..."""
+BEND_TIME = 1.25
+"""...in the middle of the turn after as many of the times in which the vehicle drives its own width."""
+BENT_PROFILES = 4
+"""The last so many profiles: those that last long enough for that."""
+TURNS = np.radians([0.0, 10.0, 22.0, 40.0, 65.0, 100.0, 140.0, 180.0])
+"""By which courses turn from the beginning on, to either side, where it is not."""
+LEVELS = (1.0, 0.5)
+"""Shares of the top speed."""
+CRUISES = (0.0, 1.0, 2.0, 4.0, 8.0)
+"""Times for which a level is kept, in those in which the vehicle drives its own width."""
+SPANS = 32
+"""Of the accelerations of a dodge, all as long as each other."""
+WHOLE = 3
+"""Spans that are lost where phases become whole numbers of them."""
+BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
+TABLE = 33
+"""Points of a turn, of which the others are interpolated."""
+LIMIT_SHARE = 0.98
+"""Of the limits, that dodges use."""
+_SHARES = np.linspace(0.0, 1.0, TABLE)
+
+
+def smooth_step(share: Array) -> Array:
+    """A step from 0 to 1 without a jump of its slope."""
+    share = np.minimum(share, 1.0)
+    smooth: Array = share * share * (3.0 - 2.0 * share)
+    return smooth
+
+
+@dataclass(frozen=True)
+class DodgeDrive:
+    """What a dodge drives along its course.
+
+    Attributes
+    ----------
+    start_speed : float
+        m/s.
+    degree : int
+        Of the acceleration.
+    breakpoints : tuple of float
+        Of the acceleration, in normalised time.
+    beta : array
+        Control points of the acceleration, m/s^2.
+    lasts : float
+        s.
+    """
+
+    start_speed: float
+    degree: int
+    breakpoints: tuple[float, ...]
+    beta: Array
+    lasts: float
+
+
+class DodgeProfiles(Protocol):
+    """P drives that end in a stop."""
+
+    @property
+    def stands(self) -> Array:
+        """When the vehicle stands, (P,) s from now."""
+        ...
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        ...
+
+    @property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        ...
+
+    def last(self, count: int) -> Self:
+        """The last so many of them."""
+        ...
+
+    def distance(self, times: Array) -> Array:
+        """Distances driven at times (J,), (P, J) m."""
+        ...
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        ...
+
+
+def levels_and_cruises(top: float, width: float) -> tuple[Array, Array]:
+    """The levels of profiles, (P,) m/s, and for how long they are kept, (P,) s; the first is a stop at once.
+
+    Parameters
+    ----------
+    top : float
+        Speed, m/s.
+    width : float
+        Of the vehicle, m.
+
+    Returns
+    -------
+    ((P,) array, (P,) array)
+    """
+    levels, cruises = np.meshgrid(np.array(LEVELS) * top, np.array(CRUISES) * width / top)
+    return np.concatenate([[0.0], levels.ravel()]), np.concatenate([[0.0], cruises.ravel()])
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """P drives that end in a stop.
+
+    Attributes
+    ----------
+    speed : (P, SPANS + 1) array
+        At the ends of the spans, m/s.
+    span : (P,) array
+        Length of a span, s.
+    stands : (P,) array
+        When the vehicle stands, s from now.
+    """
+
+    speed: Array
+    span: Array
+    stands: Array
+
+    @classmethod
+    def of(cls, start_speed: float, limits: Limits, width: float, wait: float) -> Profiles:
+        """Return the profiles of a vehicle.
+
+        Parameters
+        ----------
+        start_speed : float
+            m/s.
+        limits : Limits
+        width : float
+            Of the vehicle, m.
+        wait : float
+            For how long it is to stand at the end, s.
+
+        Returns
+        -------
+        Profiles
+        """
+        level, cruise = levels_and_cruises(limits.speed, width)
+        rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
+        change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
+        span = np.maximum(change + cruise + braking + wait, width / limits.speed) / (SPANS - WHOLE)
+        first, last = np.ceil(change / span), np.ceil(braking / span)
+        end = first + np.round(cruise / span) + last
+        number = np.arange(SPANS + 1)
+        risen = np.clip(number / np.maximum(first, 1.0)[:, None], 0.0, 1.0)
+        left = np.clip((end[:, None] - number) / np.maximum(last, 1.0)[:, None], 0.0, 1.0)
+        speed = (start_speed + (level - start_speed)[:, None] * risen) * np.where(last[:, None] > 0.0, left, 1.0)
+        return cls(speed, span, end * span)
+
+    def last(self, count: int) -> Profiles:
+        """The last so many of them."""
+        return Profiles(self.speed[-count:], self.span[-count:], self.stands[-count:])
+
+    @property
+    def fastest(self) -> Array:
+        """Highest speeds, (P,) m/s."""
+        highest: Array = self.speed.max(axis=1)
+        return highest
+
+    @property
+    def way(self) -> Array:
+        """How far they go, (P,) m."""
+        return self.driven[:, -1]
+
+    def drive(self, number: int) -> DodgeDrive:
+        """What one of them drives."""
+        speeds, span = self.speed[number], float(self.span[number])
+        return DodgeDrive(float(speeds[0]), 0, BREAKS, np.diff(speeds) / span, SPANS * span)
+
+    @cached_property
+    def driven(self) -> Array:
+        """Distances at the ends of the spans, (P, SPANS + 1) m."""
+        steps = 0.5 * (self.speed[:, 1:] + self.speed[:, :-1]) * self.span[:, None]
+        return np.concatenate([np.zeros((len(self.span), 1)), np.cumsum(steps, axis=1)], axis=1)
+
+    def distance(self, times: Array) -> Array:
+        """Distances driven at times (J,), (P, J) m."""
+        place = np.minimum(times / self.span[:, None], SPANS - 1e-9)
+        number = place.astype(np.intp)
+        rest = place - number
+        profile = np.arange(len(self.span))[:, None]
+        begin, after = self.speed[profile, number], self.speed[profile, number + 1]
+        distance: Array = self.driven[profile, number] + self.span[:, None] * rest * (
+            begin + 0.5 * rest * (after - begin)
+        )
+        return distance
+
+
+@dataclass(frozen=True)
+class Courses:
+    """K courses from a place.
+
+    Attributes
+    ----------
+    base : (K,) array
+        Direction in which each begins, rad.
+    turn : (K,) array
+        By how much it turns, rad.
+    """
+
+    base: Array
+    turn: Array
+
+    @classmethod
+    def straight(cls, ahead: float) -> Courses:
+        """Return those of a vehicle with a free heading; the first leads ahead, rad."""
+        return cls(ahead + 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS, np.zeros(DIRECTIONS))
+
+    @classmethod
+    def bent(cls, ahead: float) -> Courses:
+        """Return those of such a vehicle that turn later."""
+        base = ahead + 2.0 * np.pi * np.arange(BENT_DIRECTIONS) / BENT_DIRECTIONS
+        return cls(np.tile(base, 2), np.repeat([BEND, -BEND], BENT_DIRECTIONS))
+
+    @classmethod
+    def turning(cls, heading: float) -> Courses:
+        """Return those of a vehicle with a heading, rad."""
+        turn = np.concatenate([TURNS, -TURNS[1:-1]])
+        return cls(np.full(len(turn), heading), turn)
+
+    @cached_property
+    def _turning(self) -> Array:
+        """Points of turns of length 1, (K, TABLE, 2) m, in the direction in which they begin."""
+        angle = self.turn[:, None] * smooth_step(_SHARES)
+        unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (TABLE - 1)
+        return np.concatenate([np.zeros((len(self.turn), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
+
+    def along(self, lead: Array, length: Array, distance: Array) -> tuple[Array, Array]:
+        """Places and headings.
+
+        Parameters
+        ----------
+        lead, length : (K, P) arrays
+            How far it is to the turns, and of them, m.
+        distance : (P, J) array
+            m.
+
+        Returns
+        -------
+        ((K, P, J, 2) array, (K, P, J) array)
+            m from where the courses begin, and rad.
+        """
+        if not self.turn.any():
+            heading = np.broadcast_to(self.base[:, None, None], (len(self.base), *distance.shape))
+            ahead = np.stack([np.cos(self.base), np.sin(self.base)], axis=-1)
+            return distance[:, :, None] * ahead[:, None, None], heading
+        before = np.minimum(distance, lead[:, :, None])
+        share = (distance - before) / length[:, :, None]
+        within = np.minimum(share, 1.0)
+        place = np.minimum(within * (TABLE - 1), TABLE - 1 - 1e-9)
+        number = place.astype(np.intp)
+        rest = (place - number)[..., None]
+        course = np.arange(len(self.turn))[:, None, None]
+        table = self._turning
+        local = table[course, number] * (1.0 - rest) + table[course, number + 1] * rest
+        end = np.stack([np.cos(self.turn), np.sin(self.turn)], axis=-1)[:, None, None]
+        local += np.maximum(share - 1.0, 0.0)[..., None] * end
+        local *= length[:, :, None, None]
+        c, s = np.cos(self.base)[:, None, None], np.sin(self.base)[:, None, None]
+        x, y = local[..., 0] + before, local[..., 1]
+        heading = self.base[:, None, None] + self.turn[:, None, None] * smooth_step(within)
+        return np.stack([c * x - s * y, s * x + c * y], axis=-1), heading

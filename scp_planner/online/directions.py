@@ -1,0 +1,50 @@
+"""In which directions a vehicle can set out."""
+
+from __future__ import annotations
+
+import math
+
+from scp_planner.certificate.verdict import END_TOLERANCE
+from scp_planner.online.stops import STANDING
+from scp_planner.scenario.models import Steering, Vehicle
+
+HALF_ROUND = math.pi
+
+
+def can_reverse(vehicle: Vehicle, speed: float) -> bool:
+    """Whether it can set out against its heading as well as along it, at a speed in units of the scene."""
+    return vehicle.steering is Steering.BOTH_WAYS and speed <= END_TOLERANCE
+
+
+def can_turn(vehicle: Vehicle, speed: float) -> bool:
+    """Whether it can set out in any direction, at a speed in units of the scene."""
+    return vehicle.steering is Steering.ANY or (vehicle.steering is Steering.ON_THE_SPOT and speed <= STANDING)
+
+
+def direction(
+    vehicle: Vehicle, position: tuple[float, float], heading: float | None, speed: float, goal: tuple[float, float]
+) -> float | None:
+    """In which direction a vehicle sets out for its goal.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    position : (x, y)
+        Units of length of the scene, as those of the goal.
+    heading : float or None
+        In which it drives, or stands, rad; None: free.
+    speed : float
+        Units of speed.
+    goal : (x, y)
+
+    Returns
+    -------
+    float or None
+        rad, None: any. Of forwards and backwards the one that leads nearer to the goal.
+    """
+    if heading is None or can_turn(vehicle, speed):
+        return None
+    towards = math.atan2(goal[1] - position[1], goal[0] - position[0])
+    if can_reverse(vehicle, speed) and math.cos(heading - towards) < 0.0:
+        return math.remainder(heading + HALF_ROUND, 2.0 * HALF_ROUND)
+    return float(heading)

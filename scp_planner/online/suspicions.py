@@ -1,0 +1,220 @@
+"""Changes of acceleration that are likely by now, but not sure: what zones allow for before there is an alarm.
+
+With noise of deviation s, looks every d and a past that is known, a change a of the acceleration has moved an obstacle
+by a (k d)^2 / 2 at the k-th look after it. After n looks the squared signal-to-noise ratio of all of them together is
+
+    lambda(n) = (a d^2 / (2 s))^2 (1 + 16 + ... + n^4), about (a d^2 / (2 s))^2 n^5 / 5.
+
+No test whose false alarms are g looks apart notices it sooner, on average and for large g, than at the n for which
+lambda(n) = 2 log g (G. Lorden, *Procedures for reacting to a change in distribution*, Ann. Math. Statist. 42 (1971)).
+Since n grows with the fifth root of that, little is gained by more false alarms. But a zone need not wait until it is
+sure: it is to hold the obstacle with a probability, so it has to allow for a change that is likely enough to matter.
+
+So a change is put to the test for each of several onsets, beside no change at all. Given an onset, the motion is the
+polynomial and a change of acceleration from there on, normal beforehand, fitted together by least squares; how likely
+it is comes from Bayes' formula. The zone is that of the mixture. Onsets that little speaks for do not count, and
+neither do changes that are together less probable than a tenth of what the level leaves open: for most of the time,
+most obstacles have the zones of their polynomial motions alone.
+
+After an alarm, zones are those of the filters of `scp_planner.online.noticing` and of a single change, each as far as
+what was seen is likely with it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array, Mask
+from scp_planner.estimation.recursive import SquareRoots
+from scp_planner.mathematics.polynomials import shift_matrices
+from scp_planner.online.mixtures import Mixture
+
+ONSETS = (3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 20, 24, 31)
+"""How many looks ago a change may have begun."""
+LEFT_OUT = 0.1
+"""Share of what the level leaves open, that changes which are left out may have."""
+SPEAKS = math.log(20.0)
+"""Evidence from which on an onset counts: with less there would be too many. For what nothing speaks for yet, zones
+allow as ``manoeuvre`` says."""
+MOST_EVIDENCE = 500.0
+WILD = 8.0
+"""Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change."""
+
+
+@dataclass(frozen=True)
+class Looks:
+    """The newest looks at K obstacles.
+
+    Attributes
+    ----------
+    times : (R, K) array
+        s, the newest last; -inf where there was none.
+    positions : (2, R, K) array
+        m.
+    """
+
+    times: Array
+    positions: Array
+
+
+@dataclass(frozen=True)
+class Suspicions:
+    """What changes that are not sure make of the polynomial motions of K obstacles.
+
+    Attributes
+    ----------
+    probability : (K,) array
+        That there was a change.
+    shift : (K, 3, 2) array
+        Of the coefficients of powers of time since the centre of the estimate.
+    spread : (K, 3, 3) array
+        What is added to the covariance of each component of them, over that of the noise.
+    """
+
+    probability: Array
+    shift: Array
+    spread: Array
+
+    def only(self, some: Mask) -> Suspicions:
+        """Suspicions of some obstacles, (K,) bool, and none of the others."""
+        return Suspicions(
+            np.where(some, self.probability, 0.0),
+            np.where(some[:, None, None], self.shift, 0.0),
+            np.where(some[:, None, None], self.spread, 0.0),
+        )
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes of acceleration of K obstacles after each of H onsets, if that is when they were.
+
+    Attributes
+    ----------
+    gap : (K, H) array
+        Time from each onset to the next, s; 0 where nothing was seen before it.
+    evidence : (K, H) array
+        Logarithm of how many times as likely what was seen is with the change as without it.
+    change : (K, H, 2) array
+        Expected, m/s^2, along the axes along which the noise has variance 1.
+    variance : (K, H) array
+        Of each component of it.
+    course : (K, H, 3) array
+        What a unit change does to the coefficients of powers of time since the centre of the estimate.
+    root : (K, 2, 2) array
+        Of the covariance of the noise, m: from those axes to those of the world.
+    """
+
+    gap: Array
+    evidence: Array
+    change: Array
+    variance: Array
+    course: Array
+    root: Array
+
+    def suspicions(self, often: float) -> Suspicions:
+        """What they come to if there are so many changes, 1/s; only onsets that something speaks for count."""
+        weight = often * self.gap * np.exp(np.minimum(self.evidence, MOST_EVIDENCE))
+        weight /= 1.0 + weight.sum(axis=1, keepdims=True)
+        return self._mixed(np.where(self.evidence > SPEAKS, weight, 0.0))
+
+    def sure(self) -> Suspicions:
+        """What they come to where it is sure that there was one."""
+        weight = self.gap * np.exp(self.evidence - self.evidence.max(axis=1, keepdims=True))
+        return self._mixed(weight / weight.sum(axis=1, keepdims=True))
+
+    @property
+    def total(self) -> Array:
+        """Logarithm of how many times as likely what was seen is with any of the changes as without, (K,)."""
+        most = self.evidence.max(axis=1, keepdims=True)
+        mean = (self.gap * np.exp(self.evidence - most)).sum(axis=1) / self.gap.sum(axis=1)
+        return np.asarray(np.log(mean) + most[:, 0])
+
+    def _mixed(self, weight: Array) -> Suspicions:
+        """The moments of the mixture with weights (K, H), and no change with the rest."""
+        moved = self.course[..., None] * self.change[:, :, None]  # (K, H, 3, 2), in units of the noise
+        mean = (weight[..., None, None] * moved).sum(axis=1)
+        apart = moved - mean[:, None]
+        changed = weight.sum(axis=1)
+        spread = np.einsum("kh,khi,khj->kij", weight * self.variance, self.course, self.course)
+        spread += np.einsum("kh,khia,khja->kij", weight, apart, apart)
+        spread += (1.0 - changed)[:, None, None] * (mean @ mean.transpose(0, 2, 1))
+        return Suspicions(changed, mean @ self.root.transpose(0, 2, 1), spread)
+
+
+def changes_of(roots: SquareRoots, looks: Looks, noise: Array, deviation: float) -> Changes:
+    """Judge how likely it is that polynomial motions have changed their accelerations.
+
+    Parameters
+    ----------
+    roots : SquareRoots
+        What the estimates of K motions of order p - 1 are made from.
+    looks : Looks
+        The newest of what they are made from.
+    noise : (K, 2, 2) array
+        Covariance of what is seen, m^2.
+    deviation : float
+        Standard deviation of a change of acceleration, of each component, m/s^2.
+
+    Returns
+    -------
+    Changes
+    """
+    p, back = roots.factor.shape[1], [-1 - number for number in ONSETS]
+    inverse = np.linalg.inv(roots.factor)
+    root = np.linalg.cholesky(noise)
+    there = np.isfinite(looks.times.T)  # (K, R)
+    clock = np.where(there, looks.times.T - roots.center[:, None], 0.0)
+    powers = clock[:, :, None] ** np.arange(p)
+    offset = looks.positions.transpose(2, 1, 0) - roots.origin[:, None] - powers @ (inverse @ roots.right)
+    residual = (np.linalg.inv(root)[:, None] @ offset[..., None])[..., 0]
+    size = np.sqrt((residual * residual).sum(axis=-1))
+    residual *= np.where(there, WILD / np.maximum(size, WILD), 0.0)[..., None]
+
+    onset = clock[:, back]
+    path = 0.5 * np.maximum(clock[:, None] - onset[:, :, None], 0.0) ** 2 * there[:, None]  # (K, H, R)
+    known = (path @ powers) @ inverse  # what the polynomial takes for its own, by Frisch, Waugh and Lovell
+    information = np.maximum((path * path).sum(axis=-1) - (known * known).sum(axis=-1), 0.0)
+    gradient = path @ residual  # (K, H, 2)
+    least = 0.5 * (noise[:, 0, 0] + noise[:, 1, 1])
+    least -= np.hypot(0.5 * (noise[:, 0, 0] - noise[:, 1, 1]), noise[:, 0, 1])
+    prior = (deviation**2 / least)[:, None]  # variance of a change, over that of the noise
+    variance = prior / (1.0 + prior * information)
+    change = gradient * variance[..., None]
+    course = np.zeros((*onset.shape, 3))
+    course[:, :, 0], course[:, :, 1], course[:, :, 2] = 0.5 * onset * onset, -onset, 0.5
+    course[:, :, :p] -= known @ inverse.transpose(0, 2, 1)
+    gap = -np.diff(onset, axis=1, prepend=clock[:, -1:]) * there[:, back]
+    evidence = np.where(gap > 0.0, 0.5 * (gradient * change).sum(axis=-1) + np.log(variance / prior), -MOST_EVIDENCE)
+    return Changes(gap, evidence, change, variance, course, np.asarray(root, dtype=float))
+
+
+def changed_motions(roots: SquareRoots, surely: Suspicions, noise: Array, start: float) -> Mixture:
+    """The motions of K obstacles that have surely changed their accelerations once, at a time, s.
+
+    Parameters
+    ----------
+    roots : SquareRoots
+        What the estimates of their motions are made from.
+    surely : Suspicions
+    noise : (K, 2, 2) array
+        Covariance of what is seen, m^2.
+    start : float
+        s.
+
+    Returns
+    -------
+    Mixture
+    """
+    inverse = np.linalg.inv(roots.factor)
+    p, count = inverse.shape[1], len(inverse)
+    coefficients, spread = surely.shift.copy(), surely.spread.copy()
+    coefficients[:, :p] += inverse @ roots.right
+    spread[:, :p, :p] += inverse @ inverse.transpose(0, 2, 1)
+    here = np.array([1.0, 1.0, 2.0])[:, None] * shift_matrices(3, start - roots.center)
+    mean = here @ coefficients
+    mean[:, 0] += roots.origin
+    covariance = np.einsum("kij,kab->kiajb", here @ spread @ here.transpose(0, 2, 1), noise)
+    return Mixture(mean, covariance, np.zeros((count, 2)), noise)

@@ -1,0 +1,197 @@
+"""The fastest way on the ground: past what stands, round where it is slow, no further from the guide than is allowed.
+
+What moves, and what a vehicle takes to speed up and to turn, is left to the search and to the loop: this is where a
+guide may lead, found on a grid by Dijkstra's method, and pulled tight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, sqrt
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from scp_planner.arrays import Array, Index
+from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Box
+from scp_planner.scenario.places import Line, Stretch, limits_at, reference_line
+from scp_planner.threat_zones.batch import ZoneBatch
+
+MOST_NODES = 2500
+NEIGHBOURS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and those opposite
+LOOKS = 4  # at a straight leg, in the distance of two nodes
+MOST_LOOKS = 200_000  # points times zones that are looked at together
+PASSES = 3  # of pulling tight
+SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Where may be driven whenever, and how fast.
+
+    Attributes
+    ----------
+    standing : ZoneBatch
+        Zones that neither move nor grow.
+    box : Box
+    line : Line
+        The guide of the scenario, in the planning frame.
+    reach : float
+        Largest distance from it, m.
+    slow : tuple of Stretch
+        In the planning frame.
+    top : float
+        Speed where there is no limit, m/s.
+    """
+
+    standing: ZoneBatch
+    box: Box
+    line: Line
+    reach: float
+    slow: tuple[Stretch, ...]
+    top: float
+
+    def room(self, points: Array) -> Array:
+        """How far points (n, 2) m are from where may not be driven, (n,) m; negative there."""
+        found = np.minimum(self.reach - self.line.distances(points), self.box.room(points))
+        if self.standing.size:
+            size = max(1, MOST_LOOKS // self.standing.size)
+            for begin in range(0, len(points), size):
+                part = points[begin : begin + size]
+                away = self.standing.distances(np.zeros(len(part)), part).min(axis=1)
+                np.minimum(found[begin : begin + size], away, out=found[begin : begin + size])
+        return found
+
+    def slowness(self, points: Array) -> Array:
+        """Time in s that a metre takes at points (n, 2) m, (n,)."""
+        return 1.0 / np.minimum(limits_at(self.slow, points), self.top)
+
+    def duration(self, begin: Array, end: Array, step: float) -> float:
+        """Time that a straight leg takes, s, looked at in steps of so many m; inf where it may not be driven."""
+        length = float(np.hypot(*(end - begin)))
+        count = max(2, ceil(length / step))
+        points = begin + ((np.arange(count) + 0.5) / count)[:, None] * (end - begin)
+        if self.room(points).min() < 0.0:
+            return np.inf
+        return length * float(self.slowness(points).mean())
+
+
+def fastest_way(problem: Problem, slow: tuple[Stretch, ...]) -> Array | None:
+    """Return the way from start to goal that takes least at the highest speeds that are allowed.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its zones that stand, its bounds, and the largest offset from the guide of its scenario count.
+    slow : tuple of Stretch
+        Limits of the speed by place, in the planning frame.
+
+    Returns
+    -------
+    (n, 2) array or None
+        Points of a polyline in the planning frame, m; None where the grid has no way.
+    """
+    ground = ground_of(problem, slow)
+    grid = _Grid.of(ground)
+    points = grid.way(ground)
+    if points is None:
+        return None
+    for _ in range(PASSES):
+        before, points = len(points), _pulled_tight(points, ground, grid.step / LOOKS)
+        if len(points) == before:
+            break
+    return points
+
+
+def ground_of(problem: Problem, slow: tuple[Stretch, ...]) -> Ground:
+    """Return the ground of a problem, given its limits of the speed by place in the planning frame."""
+    line = np.round(problem.frame.to_frame(np.array(reference_line(problem.scenario))), DECIMALS)
+    standing = problem.zones.subset(problem.zones.standing)
+    return Ground(standing, problem.box, Line(line), problem.settings.max_offset, slow, problem.limits.speed)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Nodes of a grid that lie near a line, whose ends stand in the place of the nodes that are nearest to them."""
+
+    points: Array
+    room: Array
+    number: Index  # of the node at each place of the grid, (rows, columns); -1 where there is none
+    first: int  # number of the node at the start, and of that at the end; -1 where there is none
+    last: int
+    step: float
+
+    @classmethod
+    def of(cls, ground: Ground) -> _Grid:
+        line = ground.line.points
+        low, high = line.min(axis=0) - ground.reach, line.max(axis=0) + ground.reach
+        step = sqrt(float(np.prod(high - low)) / MOST_NODES)
+        counts = np.ceil((high - low) / step).astype(np.intp) + 1
+        columns, rows = np.meshgrid(np.arange(counts[0]), np.arange(counts[1]))
+        places = low + step * np.stack([columns, rows], axis=-1)
+        ends = []
+        for end in (line[0], line[-1]):
+            column, row = np.rint((end - low) / step).astype(np.intp).tolist()
+            places[row, column] = end
+            ends.append((row, column))
+        flat = places.reshape(-1, 2)
+        room = ground.room(flat)
+        kept = room >= 0.0
+        number = np.where(kept, np.cumsum(kept) - 1, -1).reshape(places.shape[:2])
+        return cls(flat[kept], room[kept], number, int(number[ends[0]]), int(number[ends[1]]), step)
+
+    def way(self, ground: Ground) -> Array | None:
+        """Return the nodes of the fastest way, (n, 2) m; None where there is none."""
+        if min(self.first, self.last) < 0:
+            return None
+        room, slowness = self.room, ground.slowness(self.points)
+        pairs, count = self._legs(), len(self.points)
+        legs = self.points[pairs[1]] - self.points[pairs[0]]
+        lengths = np.hypot(legs[:, 0], legs[:, 1])
+        # No longer than the room about its ends, a leg cannot meet anything
+        passed = room[pairs[0]] + room[pairs[1]] >= lengths
+        unsure = np.flatnonzero(~passed)
+        middles = 0.5 * (self.points[pairs[0][unsure]] + self.points[pairs[1][unsure]])
+        passed[unsure] = ground.room(middles) >= 0.0
+        costs = 0.5 * (slowness[pairs[0]] + slowness[pairs[1]]) * lengths
+        graph = csr_array((costs[passed], pairs[:, passed]), shape=(count, count))
+        _, before = dijkstra(graph, directed=False, indices=self.first, return_predecessors=True)
+        if before[self.last] < 0:
+            return None
+        nodes = [self.last]
+        while nodes[-1] != self.first:
+            nodes.append(int(before[nodes[-1]]))
+        return self.points[nodes[::-1]]
+
+    def _legs(self) -> Index:
+        """Pairs of nodes that are neighbours, (2, m)."""
+        rows, columns = self.number.shape
+        pairs = []
+        for down, right in NEIGHBOURS:
+            left, shifted = max(-right, 0), max(right, 0)
+            begin = self.number[: rows - down, left : columns - shifted]
+            end = self.number[down:, left + right : columns - shifted + right]
+            pairs.append(np.stack([begin.ravel(), end.ravel()]))
+        legs = np.concatenate(pairs, axis=1)
+        kept: Index = legs[:, (legs >= 0).all(axis=0)]
+        return kept
+
+
+def _pulled_tight(points: Array, ground: Ground, step: float) -> Array:
+    """A polyline with straight legs in place of parts that are no faster."""
+    durations = [ground.duration(a, b, step) for a, b in pairwise(points)]
+    since = np.concatenate([[0.0], np.cumsum(durations)])
+    kept = [0]
+    while kept[-1] < len(points) - 1:
+        here, ahead = kept[-1], len(points) - 1 - kept[-1]
+        while ahead > 1:
+            straight = ground.duration(points[here], points[here + ahead], step)
+            if straight <= (since[here + ahead] - since[here]) * (1.0 + SAVED):
+                break
+            ahead = (ahead + 1) // 2 if ahead > 2 else 1
+        kept.append(here + ahead)
+    return points[kept]

@@ -1,0 +1,43 @@
+"""Trips are found that the scenario's guide does not lead to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.planning.other_guides import over_the_fastest_way, with_headings
+from scp_planner.planning.runs import CheckedRuns, Task
+from scp_planner.planning.ways_round import WaysRound
+from scp_planner.problem.build import build_problem
+from scp_planner.settings.planning import Settings, for_scene
+from tests.scenes import scene
+
+pytestmark = pytest.mark.numerics
+
+DETOUR = [[0.0, 0.0], [10.0, 7.0], [20.0, 0.0]]
+
+
+def test_a_guide_that_makes_a_detour_does_not_slow_the_trip_down() -> None:
+    plan = sp.plan(scene(guide=DETOUR))
+    assert plan.certified
+    assert plan.travel_time < 1.001 * plan.lower_bound
+
+
+def test_nothing_is_tried_where_the_trip_is_hardly_slower_than_any_can_be() -> None:
+    scenario = scene(guide=[[0.0, 0.0], [10.0, 0.3], [20.0, 0.0]])
+    runs = CheckedRuns(Task(scenario, (), for_scene(Settings()), np.inf))
+    best = WaysRound(runs).best()
+    tried = runs.task.tally.tried
+    assert over_the_fastest_way(runs, best) == (runs, best)
+    assert runs.task.tally.tried == tried
+
+
+def test_a_way_turns_into_the_headings_that_it_would_miss() -> None:
+    scenario = scene(start={"heading": 0.2}, goal={"heading": np.pi / 2})
+    problem = build_problem(scenario, (), for_scene(Settings()))
+    points = with_headings(np.array([[0.0, 0.0], [20.0, 0.0]]), problem)
+    assert points == pytest.approx(np.array([[0.0, 0.0], [20.0, -1.0], [20.0, 0.0]]), abs=1e-9)
+    problem = build_problem(scene(start={"heading": -2.0}), (), for_scene(Settings()))
+    points = with_headings(np.array([[0.0, 0.0], [20.0, 0.0]]), problem)
+    assert points == pytest.approx(np.array([[0.0, 0.0], [np.cos(-2.0), np.sin(-2.0)], [20.0, 0.0]]), abs=1e-9)
