@@ -282,9 +282,8 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
         evasion = Evasion(means)
         dodges, seen = evasion._looked(now)
-        straight = (
-            len(dodges.families[0].profiles.span) - 2
-        )  # the first course leads to the goal; for longest, at top speed
+        # The first course leads to the goal; for longest, at top speed
+        straight = len(dodges.families[0].profiles.stands) - 2
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
         assert bool(seen.harm[straight] > 0.0) is harmful
         assert worth == pytest.approx(seen.worth[straight] - seen.harm[straight], abs=0.02)

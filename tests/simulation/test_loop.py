@@ -58,7 +58,7 @@ def test_a_limit_of_the_jerk_is_kept_from_plan_to_plan() -> None:
     """With a vehicle that takes up each plan late, and is off it: by differences of the speeds that are recorded."""
     scenario = scene(**SHORT, vehicle={"max_jerk": 4.0})
     run = simulate(scenario, seed=1, follower=Follower(tracking_error=0.05, reaction_time=0.05))
-    assert run.arrived and all(plan.safe for plan in run.plans)
+    assert run.arrived and all(cycle.safe for cycle in run.records)
     step = np.diff(run.time)
     acceleration = np.diff(run.speed) / step
     jerk = np.diff(acceleration) / (0.5 * (step[1:] + step[:-1]))
