@@ -317,8 +317,8 @@ class Evasion:
         room = self._room_of(moment, place, away)
         left = self._seen(moment, _Driven(times, place[None], heading[None], times[-1:]), room)
         stops = np.arange(0, dodges.families[0].size, len(dodges.families[0].profiles.stands))
-        better = stops[left.balance[0] > seen.balance[stops]]
-        seen.worth[better], seen.harm[better] = left.worth[0], left.harm[0]
+        better = stops[left.worth[0] > seen.worth[stops]]
+        seen.worth[better] = left.worth[0]
 
     def _room_of(self, moment: Moment, place: Array, away: Array) -> Room:
         """Room at places (J, 2), m, in the planning frame, that are (J, Z) m away from the zones."""

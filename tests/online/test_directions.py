@@ -132,5 +132,5 @@ def test_stop_of_a_vehicle_that_drives_both_ways_counts_as_one_that_it_backs_out
     before = evasion._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
     after = evasion._look(moment, dodges)
     at_once = np.arange(len(after.worth)) % len(dodges.families[0].profiles.stands) == 0
-    assert np.all(after.balance[at_once] > before.balance[at_once])
+    assert np.all(after.worth[at_once] > before.worth[at_once])
     assert np.array_equal(after.worth[~at_once], before.worth[~at_once]) and np.array_equal(after.clear, before.clear)
