@@ -23,7 +23,7 @@ from scp_planner.estimation.motion_fitting import (
 )
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.process_model import MeanRevertingVelocity, ProcessModel
 
 KINDS = {
     "random_walk": {"diffusion": 0.05},
@@ -70,6 +70,7 @@ def test_tracks_of_all_sizes_are_fitted_like_those_of_people(length: float, time
     others = Tracks([Track(track.id, time * track.times, length * track.positions) for track in people])
     one, other = (fit_motion_model(tracks, "mean_reverting", tails=False) for tracks in (people, others))
     assert bounds_met(others, other) == []
+    assert isinstance(one.process, MeanRevertingVelocity) and isinstance(other.process, MeanRevertingVelocity)
     assert other.process.time_constant == pytest.approx(time * one.process.time_constant, rel=0.02)
     assert other.process.diffusion == pytest.approx(length**2 / time**3 * one.process.diffusion, rel=0.02)
     assert other.velocity_deviation == pytest.approx(length / time * one.velocity_deviation, rel=0.02)

@@ -27,11 +27,12 @@ def test_ticks_say_what_is_shown() -> None:
         ("m/s", 3.0, 1.5, "1.5"),
     ):
         unit = unit_of_rate(name, most)
-        axes = Figure().subplots()
+        figure = Figure()
+        axes = figure.subplots()
         axes.set_ylim(0.0, most)
         label_lengths(axes.yaxis, "speed", unit)
         axes.set_yticks([value])
-        axes.figure.draw_without_rendering()
+        figure.draw_without_rendering()
         assert [label.get_text() for label in axes.get_yticklabels()] == [text]
         assert axes.get_ylabel() == f"speed ({unit.name})"
 
