@@ -47,7 +47,7 @@ from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import OnlineSettings
-from scp_planner.settings.planning import SceneSettings, Settings, for_scene
+from scp_planner.settings.planning import SceneSettings, Settings, for_scene, of_kind
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -100,8 +100,9 @@ class Planner:
         if isinstance(solver, str):
             settings, solver = replace(settings, solver=solver), None
         self.settings = replace(settings, acceleration_degree=0)
-        self._online = (online or OnlineSettings()).for_scene(units)
-        self.online = replace(online or OnlineSettings(), period=self._online.period * units.time)
+        online = OnlineSettings() if online is None else of_kind(online, OnlineSettings)
+        self._online = online.for_scene(units)
+        self.online = replace(online, period=self._online.period * units.time)
         self.plan: OnlinePlan | None = None
         self._last: OnlinePlan | None = None
         self._zones: tuple[ThreatZone, ...] = ()

@@ -171,6 +171,19 @@ def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Units) 
     return replace(settings, **{name: getattr(usual, name) for name, value in given.items() if value is not None})
 
 
+def of_kind(settings: object, kind: type[AnyKnobs]) -> AnyKnobs:
+    """Return settings as they are if they are of the kind that is asked for.
+
+    Raises
+    ------
+    SettingsError
+        If they are anything else, such as those of another kind.
+    """
+    if isinstance(settings, kind):
+        return settings
+    raise SettingsError("settings", [Fault("kind", type(settings).__name__, f"must be {kind.__name__}")])
+
+
 def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: Units) -> AnyKnobs:
     """Return settings of one kind as those for a scene.
 
@@ -190,10 +203,11 @@ def decided(settings: Knobs, kind: type[Knobs], scene: type[AnyKnobs], units: Un
     Raises
     ------
     SettingsError
-        With every length and time that is too small or too large for the scene.
+        With every length and time that is too small or too large for the scene; if they are of another kind.
     """
     if isinstance(settings, scene):
         return settings
+    of_kind(settings, kind)
     factors = {name: 1.0 if name in WALL_TIMES else units.factor(knob.unit) for name, knob in knobs(kind).items()}
     given = {name: value for name in factors if (value := getattr(settings, name)) is not None}
     values = {name: value / factors[name] if knobs(kind)[name].unit else value for name, value in given.items()}

@@ -286,3 +286,13 @@ def test_the_word_for_safety_is_in_force() -> None:
 def test_settings_within_settings_are_of_their_kind() -> None:
     with pytest.raises(SettingsError, match=r"newcomers = .*: must be an instance of Newcomers"):
         sp.OnlineSettings(newcomers={"noise_deviation": 0.2})  # type: ignore[arg-type]
+
+
+def test_settings_of_another_kind_are_refused_by_name() -> None:
+    scenario = scene()
+    with pytest.raises(SettingsError, match="OnlineSettings': must be Settings"):
+        sp.plan(scenario, sp.OnlineSettings())  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="OnlineSettings': must be Settings"):
+        sp.simulate(scenario, settings=sp.OnlineSettings())  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="Settings': must be OnlineSettings"):
+        sp.Planner(scenario, online=sp.Settings())  # type: ignore[arg-type]
