@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.planning.refinements import HARDLY
+from scp_planner.planning.refinements import HARDLY, NOTABLE
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import slow_stretches
@@ -42,8 +42,8 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     Returns
     -------
     list of (runs, attempt)
-        What is worth going on from: the same, that over the other guide if it is better, or both if that is faster and
-        fails by little.
+        What is worth going on from: the same, that over the other guide if it is notably better, or both if that is
+        faster and fails by little.
     """
     problem, task = runs.everything, runs.task
     if task.out_of_time or not _may_make_a_detour(problem) or best.travel_time <= DETOUR * runs.lower_bound:
@@ -59,7 +59,8 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
         return [(runs, best)]
     other = WaysRound(again).best()
     logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
-    if other.better_than(best):
+    # Trips that are the same but for rounding are not chosen between by that.
+    if other.better_than(best) and not (best.holds and other.travel_time > best.travel_time * (1.0 - NOTABLE)):
         return [(again, other)]
     hopeful = not other.holds and other.run.evaluation.worst_violation < HARDLY
     if hopeful and other.travel_time * DETOUR < best.travel_time:

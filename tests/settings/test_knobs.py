@@ -210,8 +210,8 @@ NOT_GIVEN = {
     "scp_planner.solvers.interface.SolverStatus",
     "scp_planner.studies.consistency.Fit",
     "scp_planner.studies.field.ZoneKind",
-    "scp_planner.cli.commonroad.Model",
-    "scp_planner.cli.commonroad.Cost",
+    "scp_planner.cli.commonroad.BenchmarkModel",
+    "scp_planner.cli.commonroad.BenchmarkCost",
     "scp_planner.scenario.commonroad_models.VehicleModel",  # words that the reader of CommonRoad refuses by itself
 }
 """Outcomes and labels, which nobody sets."""
