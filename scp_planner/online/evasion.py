@@ -19,6 +19,7 @@ from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
 from scp_planner.online.courses import LIMIT_SHARE, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.directions import can_reverse
+from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
@@ -34,28 +35,13 @@ from scp_planner.trips.trip import Trip
 
 TRIED = 4
 """Dodges that are certified in one replan, at most."""
-GAIN = 5.0 / 3.0
-"""Moments: the times in which the vehicle drives its own width at top speed. The way to the goal that a dodge gains is
-taken at this time: what comes later is decided by later replans."""
-NEARNESS = 2.0
-"""Widths of way that a moment of touching a zone is worth, if it were now."""
-CLOSE, CLOSER = 1.0 / 6.0, 1.0 / 20.0
-"""Widths, and widths a moment: by so much more clearance nearness falls to 1 / e, now, and how this grows with time."""
-FADING = 0.9
-"""A moment: how soon nearness that is to come counts less, since there will be replans until then."""
 BETTER = 0.1
 """Widths of way by which a dodge must do better for the vehicle to leave a trip."""
 PATIENCE = 10.0
 """Moments without coming nearer to the goal, after which nearness and spare room count half."""
-OUTLOOK = 5.0
-"""Moments for which nearness counts."""
 SPARE = 1.0 / 24.0
 """Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a small
 turn takes as much. Of who is slower: in proportion."""
-HARM = 50.0
-"""Widths of way that a width of depth there is worth, if it were now..."""
-HARM_AT_ALL = 1.0 / 6.0
-"""...and widths that count for any depth."""
 FARTHEST = 1e9
 """Stands for a clearance without a zone, where clearances are interpolated."""
 _SHARES = np.linspace(0.0, 1.0, SPANS + 1)
@@ -297,10 +283,10 @@ class Evasion:
         room = dodges.room(moment.batch, self._box(moment), vehicle)
         seen = self._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
-            self._count_backing_out(moment, dodges, seen)
+            return self._with_backing_out(moment, dodges, seen)
         return seen
 
-    def _count_backing_out(self, moment: Moment, dodges: Dodges, seen: _Outlook) -> None:
+    def _with_backing_out(self, moment: Moment, dodges: Dodges, seen: _Outlook) -> _Outlook:
         """Judge a stop of a vehicle that drives both ways as if it then left backwards, where that is better.
 
         It has to stand before it can, and where it stands it may be in the way of somebody whom it would then leave.
@@ -317,7 +303,9 @@ class Evasion:
         room = self._room_of(moment, place, away)
         left = self._seen(moment, _Driven(times, place[None], heading[None], times[-1:]), room)
         stops = np.arange(0, dodges.families[0].size, len(dodges.families[0].profiles.stands))
-        seen.worth[stops] = np.maximum(seen.worth[stops], left.worth[0])
+        worth = seen.worth.copy()
+        worth[stops] = np.maximum(worth[stops], left.worth[0])
+        return replace(seen, worth=worth)
 
     def _room_of(self, moment: Moment, place: Array, away: Array) -> Room:
         """Room at places (J, 2), m, in the planning frame, that are (J, Z) m away from the zones."""
@@ -351,7 +339,7 @@ class Evasion:
             away = np.minimum(away, other)
         width = 2.0 * vehicle.radius
         time = driven.times * vehicle.max_speed / width
-        gained = away[:, 0] - _at(GAIN, time, away)
+        gained = away[:, 0] - value_at(GAIN, time, away)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
         worth = gained - self._cost(time, near / width, counted / width) * width
@@ -385,7 +373,7 @@ class Evasion:
         # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
-        gained = _at(GAIN, time, (driven + vehicle.max_speed * over)[None])
+        gained = value_at(GAIN, time, (driven + vehicle.max_speed * over)[None])
         near = np.where(over > 0.0, np.inf, room.least)
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
@@ -448,53 +436,3 @@ def _until(near: Array, driven: _Driven) -> Array:
     found = np.where(over, np.inf, near)
     found[:, 1:] = np.where(over[:, 1:] & ~over[:, :-1], last, found[:, 1:])
     return found
-
-
-def nearness(time: Array, clearance: Array) -> Array:
-    """How near dodges come to zones, and how soon: the integral over time of exp(-clearance / close) / (1 + fading t).
-
-    Who is near may turn towards the vehicle at any moment, by more than any zone allows for; who is far is evaded then.
-
-    Parameters
-    ----------
-    time : (J,) array
-        From now on, in moments, see `GAIN`; evenly spaced.
-    clearance : (C, J) array
-        In widths of the vehicle.
-
-    Returns
-    -------
-    (C,) array
-        Moments of touching now that would be as near.
-    """
-    weight = np.where(time <= OUTLOOK, time[1] - time[0], 0.0) / (1.0 + FADING * time)
-    # How deep it is inside of a zone is not judged here.
-    near: Array = np.exp(-np.maximum(clearance, -CLOSE) / (CLOSE + CLOSER * time)) @ weight
-    return near
-
-
-def harm(time: Array, clearance: Array) -> Array:
-    """What entering zones does, the worst of it: its depth, and less if it is later.
-
-    Parameters
-    ----------
-    time : (J,) array
-        From now on, in moments.
-    clearance : (C, J) array
-        In widths of the vehicle.
-
-    Returns
-    -------
-    (C,) array
-        Widths of way.
-    """
-    depth = np.where(clearance < 0.0, HARM_AT_ALL - clearance, 0.0)
-    worst: Array = HARM * (depth / (1.0 + FADING * time)).max(axis=1)
-    return worst
-
-
-def _at(time: float, times: Array, values: Array) -> Array:
-    """Values (C, J) at a time, (C,), of those at times (J,)."""
-    after = int(np.searchsorted(times, time).clip(1, len(times) - 1))
-    share = min((time - times[after - 1]) / (times[after] - times[after - 1]), 1.0)
-    return np.asarray(values[:, after - 1] + share * (values[:, after] - values[:, after - 1]))

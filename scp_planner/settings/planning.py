@@ -174,6 +174,16 @@ def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Units) 
 def of_kind(settings: object, kind: type[AnyKnobs]) -> AnyKnobs:
     """Return settings as they are if they are of the kind that is asked for.
 
+    Parameters
+    ----------
+    settings : object
+        What somebody gave as settings.
+    kind : type
+
+    Returns
+    -------
+    An instance of ``kind``.
+
     Raises
     ------
     SettingsError

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import disc, scene
-from scipy.integrate import quad
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
@@ -17,7 +16,7 @@ from scp_planner.online.assumptions import _reach
 from scp_planner.online.courses import Profiles
 from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
-from scp_planner.online.evasion import Evasion, _Driven, _until, harm, nearness
+from scp_planner.online.evasion import Evasion, _Driven, _until
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
@@ -46,21 +45,6 @@ def follow(planner: Planner, time: float) -> OnlinePlan:
 # dodges
 
 
-def dodges_of(heading: float | None, speed: float, ahead: float, radius: float) -> Dodges:
-    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
-
-
-def test_nearness_is_an_integral_that_fades() -> None:
-    """At a constant clearance of a width, against a quadrature of another kind; and what comes later counts less."""
-    time = np.linspace(0.0, 12.0, 4001)
-    expected, _ = quad(lambda t: math.exp(-1.0 / (1.0 / 6.0 + t / 20.0)) / (1.0 + 0.9 * t), 0.0, 5.0)
-    assert nearness(time, np.ones((1, len(time))))[0] == pytest.approx(expected, rel=1e-2)
-    soon, late = np.ones((2, len(time)))
-    soon[(time > 0.5) & (time < 1.0)] = late[(time > 3.0) & (time < 3.5)] = 0.1
-    near = nearness(time, np.stack([np.ones(len(time)), late, soon]))
-    assert near[0] < near[1] < near[2]
-
-
 def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
     """Somebody comes nearer by 1 m/s: when the dodges end, at 1.4 s and at 2 s, clearances are what is left then."""
     times = np.array([0.0, 1.0, 2.0, 3.0])
@@ -69,10 +53,8 @@ def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
     assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
 
 
-def test_harm_is_that_of_the_worst_moment() -> None:
-    time = np.array([0.0, 1.0, 2.0])
-    found = harm(time, np.array([[0.5, 0.1, 0.0], [0.5, -0.3, -0.4], [0.5, 0.4, -0.4]]))
-    assert found == pytest.approx([0.0, 50.0 * (0.3 + 1.0 / 6.0) / 1.9, 50.0 * (0.4 + 1.0 / 6.0) / 2.8])
+def dodges_of(heading: float | None, speed: float, ahead: float, radius: float) -> Dodges:
+    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
 
 
 @pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])

@@ -1,0 +1,75 @@
+"""What speaks for dodges and against them: the way that they gain soon, how near they come, what they enter.
+
+Times are in moments, each of which is what the vehicle takes to drive its own width at top speed; lengths in widths.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scp_planner.arrays import Array
+
+GAIN = 5.0 / 3.0
+"""Moments, at which the way to the goal is taken that a dodge gains: what comes later is decided by later replans."""
+NEARNESS = 2.0
+"""Widths of way that a moment of touching a zone is worth, if it were now."""
+CLOSE, CLOSER = 1.0 / 6.0, 1.0 / 20.0
+"""Widths, and widths a moment: by so much more clearance nearness falls to 1 / e, now, and how this grows with time."""
+FADING = 0.9
+"""A moment: how soon nearness that is to come counts less, since there will be replans until then."""
+OUTLOOK = 5.0
+"""Moments for which nearness counts."""
+HARM = 50.0
+"""Widths of way that a width of depth in a zone is worth, if it were now..."""
+HARM_AT_ALL = 1.0 / 6.0
+"""...and widths that count for any depth."""
+
+
+def nearness(time: Array, clearance: Array) -> Array:
+    """How near dodges come to zones, and how soon: the integral over time of exp(-clearance / close) / (1 + fading t).
+
+    Who is near may turn towards the vehicle at any moment, by more than any zone allows for; who is far is evaded then.
+
+    Parameters
+    ----------
+    time : (J,) array
+        From now on, in moments; evenly spaced.
+    clearance : (C, J) array
+        In widths of the vehicle.
+
+    Returns
+    -------
+    (C,) array
+        Moments of touching now that would be as near.
+    """
+    weight = np.where(time <= OUTLOOK, time[1] - time[0], 0.0) / (1.0 + FADING * time)
+    # How deep it is inside of a zone is not judged here.
+    near: Array = np.exp(-np.maximum(clearance, -CLOSE) / (CLOSE + CLOSER * time)) @ weight
+    return near
+
+
+def harm(time: Array, clearance: Array) -> Array:
+    """What entering zones does, the worst of it: its depth, and less if it is later.
+
+    Parameters
+    ----------
+    time : (J,) array
+        From now on, in moments.
+    clearance : (C, J) array
+        In widths of the vehicle.
+
+    Returns
+    -------
+    (C,) array
+        Widths of way.
+    """
+    depth = np.where(clearance < 0.0, HARM_AT_ALL - clearance, 0.0)
+    worst: Array = HARM * (depth / (1.0 + FADING * time)).max(axis=1)
+    return worst
+
+
+def value_at(time: float, times: Array, values: Array) -> Array:
+    """Return values (C, J) at a time, (C,), of those at times (J,)."""
+    after = int(np.searchsorted(times, time).clip(1, len(times) - 1))
+    share = min((time - times[after - 1]) / (times[after] - times[after - 1]), 1.0)
+    return np.asarray(values[:, after - 1] + share * (values[:, after] - values[:, after - 1]))
