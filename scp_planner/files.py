@@ -11,8 +11,8 @@ import json
 import math
 import os
 import re
+import secrets
 import stat
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from os import PathLike
@@ -186,14 +186,15 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
     target = regular_target(path)
     # What a name adds to is cut: the longest names that there are must fit.
     begin, end = target.stem[:_NAME_KEPT], target.suffix[-_NAME_KEPT:]
-    descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{begin}.", suffix=f".part{end}")
-    os.close(descriptor)
+    name = target.with_name(f".{begin}.{secrets.token_hex(4)}.part{end}")
     try:
-        yield Path(name)
+        # It is made in here, for an interrupt just after that would leave it.
+        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        yield name
         os.chmod(name, _usual_mode(target))
         os.replace(name, target)
     except BaseException:
-        os.unlink(name)
+        name.unlink(missing_ok=True)
         raise
 
 

@@ -64,7 +64,7 @@ class LimitUse:
 
 RELATIVE_TOLERANCE = 1e-9  # of limits: rounding
 END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, in natural units and rad
-GOAL_SPEED_TOLERANCE = 2.5e-4  # units of speed, of which the highest speed has three
+GOAL_SPEED_TOLERANCE = 1e-3  # units of speed, of which the highest has three
 CLEARANCE_TOLERANCE = 1e-9  # units of length
 POSITION_TOLERANCE = 1e-9  # units of length, by which positions may be off the trip that is certified
 ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arrival

@@ -16,7 +16,7 @@ from scp_planner.batch.local import LocalExecutor
 from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.batch.table import opened
 from scp_planner.cli import app
-from scp_planner.files import regular_target, write_text
+from scp_planner.files import regular_target, replacing, write_text
 from scp_planner.studies.result_file import ResultFile
 
 needs_posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices that have names")
@@ -205,3 +205,16 @@ def test_a_study_goes_on_in_regular_files_only(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "results.jsonl")
     with pytest.raises(OSError, match="a pipe"):
         ResultFile(tmp_path / "results.jsonl", "fingerprint")
+
+
+def test_an_interrupt_just_after_a_file_is_made_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Path] = []
+
+    def interrupted(descriptor: int) -> None:
+        made.extend(tmp_path.iterdir())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "close", interrupted)
+    with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "plan.json"):
+        pass
+    assert len(made) == 1 and not list(tmp_path.iterdir())
