@@ -67,7 +67,7 @@ def empty_scenes(draw: st.DrawFn) -> sp.Scenario:
     )
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(empty_scenes())
 def test_empty_scenes_are_driven_in_the_best_time(scenario: sp.Scenario) -> None:
     with warnings.catch_warnings(), np.errstate(over="raise", divide="raise", invalid="raise"):
