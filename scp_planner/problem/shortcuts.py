@@ -158,7 +158,8 @@ class _Grid:
         middles = 0.5 * (self.points[pairs[0][unsure]] + self.points[pairs[1][unsure]])
         passed[unsure] = ground.room(middles) >= 0.0
         costs = 0.5 * (slowness[pairs[0]] + slowness[pairs[1]]) * lengths
-        graph = csr_array((costs[passed], pairs[:, passed]), shape=(count, count))
+        ends = pairs[:, passed].astype(np.int32)  # all that older graphs of SciPy take
+        graph = csr_array((costs[passed], ends), shape=(count, count))
         _, before = dijkstra(graph, directed=False, indices=self.first, return_predecessors=True)
         if before[self.last] < 0:
             return None
