@@ -110,7 +110,8 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         for branch in self._failed[:SECOND_THOUGHTS]:
             self.tally.tried += 1
             yield self.runs.attempt(branch.start(CLOSE_SMOOTHING), loop=self.runs.patient_loop)
-        if self.tally.tried < self.settings.max_runs:
+        # Runs over another guide count as well: where no way was found over this one, nothing has been tried here.
+        if self.incumbent is None or self.tally.tried < self.settings.max_runs:
             yield self._from_bows()
 
     def _from_bows(self, rival: ScpAttempt | None = None) -> ScpAttempt:

@@ -41,3 +41,13 @@ def test_a_way_turns_into_the_headings_that_it_would_miss() -> None:
     problem = build_problem(scene(start={"heading": -2.0}), (), for_scene(Settings()))
     points = with_headings(np.array([[0.0, 0.0], [20.0, 0.0]]), problem)
     assert points == pytest.approx(np.array([[0.0, 0.0], [np.cos(-2.0), np.sin(-2.0)], [20.0, 0.0]]), abs=1e-9)
+
+
+def test_where_there_is_no_way_something_is_tried_however_much_was_over_another_guide(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = CheckedRuns(Task(scene(), (), for_scene(Settings()), np.inf))
+    runs.task.tally.tried = runs.task.settings.max_runs
+    search = WaysRound(runs)
+    monkeypatch.setattr(search, "_branches", lambda: iter(()))
+    assert search.best().certificate is not None
