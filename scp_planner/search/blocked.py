@@ -258,8 +258,9 @@ class Cells:
         low = self.grid.half_offsets[0]
         lowest = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
         highest = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
-        first: Index = np.maximum(lowest, 0.0).astype(np.intp)
-        length: Index = np.maximum(np.minimum(highest, size - 1.0).astype(np.intp) - first + 1, 0)
+        # Zones may reach farther than any index.
+        first: Index = np.clip(lowest, 0.0, size).astype(np.intp)
+        length: Index = np.maximum(np.clip(highest, -1.0, size - 1.0).astype(np.intp) - first + 1, 0)
         if int(length.sum()) > blocked.size:  # large zones: their ends alone, and what lies between
             self._fill(blocked, cuts, first, length)
             return

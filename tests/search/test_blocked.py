@@ -9,7 +9,7 @@ from scenes import CROSSERS, disc, scene
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
-from scp_planner.search.blocked import Cells
+from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
@@ -112,3 +112,18 @@ def test_the_workspace_is_kept() -> None:
     assert not free[:, grid.half_offsets > 2.5].any()
     assert not free[:, grid.half_offsets < -1.5].any()
     assert free[:, np.abs(grid.half_offsets) < 0.5].any()
+
+
+@pytest.mark.parametrize("count", [1, 400], ids=["cell by cell", "by ends"])
+def test_zones_that_reach_farther_than_any_index_block_whole_lines(count: int) -> None:
+    problem = problem_of(scene())
+    cells = Cells(problem, Grid.of(problem, Fineness()))
+    line = np.zeros(count, dtype=np.intp)
+    far = np.full(count, 1e25)
+    blocked = np.zeros((2, cells.shape[1], 1), dtype=np.bool_)
+    cells._mark(blocked, Cuts(line, line, line, -far, far, far), 0)
+    assert blocked[0].all() and not blocked[1].any()
+    beyond = np.zeros_like(blocked)
+    cells._mark(beyond, Cuts(line, line, line, far, 2.0 * far, far), 0)
+    cells._mark(beyond, Cuts(line, line, line, -2.0 * far, -far, far), 0)
+    assert not beyond.any()
