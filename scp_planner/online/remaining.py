@@ -51,6 +51,7 @@ TINY = 1e-9
 """Of the time of a trip: rounding."""
 GUIDE_STEP = 0.25
 """Units of length, between the points of a curved guide that nearest ones are looked for among."""
+MOST_STATIONS = 100_000  # of a guide, however far away the vehicle says that it is
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ def _over(guide: Guide, points: Array) -> tuple[Array, Array]:
     """Stations and offsets of points (n, 2) m over a guide, (n,) m each."""
     if guide.straight:
         return points[:, 0], points[:, 1]
-    stations = np.linspace(0.0, guide.length, max(2, round(guide.length / GUIDE_STEP)) + 1)
+    stations = np.linspace(0.0, guide.length, min(max(2, round(guide.length / GUIDE_STEP)), MOST_STATIONS) + 1)
     away = points[:, None] - guide.frame(stations).position
     nearest = stations[np.argmin((away * away).sum(axis=2), axis=1)]
     for _ in range(2):
