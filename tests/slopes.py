@@ -23,12 +23,17 @@ STEP = 1e-6  # of the finite differences, m and m/s^2
 def problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
     scenario = scene(*CROSSERS, observed("seen", 1), start={"heading": heading}, bounds=BOX)
     problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
+    return problem, trip_near_the_guide(problem, seed)
+
+
+def trip_near_the_guide(problem: Problem, seed: int) -> Trajectory:
+    """A trip somewhere near the guide, that speeds up and slows down."""
     rng = np.random.default_rng(seed)
     theta = problem.ends.theta.copy()
     free = problem.ends.free
     theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
     beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
-    return problem, Trajectory.of(problem.space, theta, beta)
+    return Trajectory.of(problem.space, theta, beta)
 
 
 def moved(problem: Problem, trip: Trajectory, z: Array) -> Trajectory:

@@ -16,7 +16,7 @@ from scp_planner.certificate.verdict import (
     off_a_step,
 )
 from scp_planner.scenario.goals import distance_outside
-from scp_planner.scenario.models import Scenario, Steering
+from scp_planner.scenario.models import Scenario, Steering, Vehicle
 from scp_planner.units import Point
 
 
@@ -45,6 +45,11 @@ class EndState:
     acceleration: float
 
 
+def can_reverse(vehicle: Vehicle, speed: float) -> bool:
+    """Whether it can set out against its heading as well as along it, at a speed in units of the scene."""
+    return vehicle.steering is Steering.BOTH_WAYS and speed <= END_TOLERANCE
+
+
 def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]:
     """Tell how a trip begins otherwise than its scenario asks, both in natural units.
 
@@ -66,8 +71,8 @@ def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]
     if start.acceleration is not None:
         found.append(("start acceleration error", abs(first.acceleration - start.acceleration)))
     if start.heading is not None:
-        both_ways = scenario.vehicle.steering is Steering.BOTH_WAYS and first.speed <= END_TOLERANCE
-        found.append(("start heading", abs(remainder(first.heading - start.heading, pi if both_ways else 2.0 * pi))))
+        round_to = pi if can_reverse(scenario.vehicle, first.speed) else 2.0 * pi
+        found.append(("start heading", abs(remainder(first.heading - start.heading, round_to))))
     for name, value in found:
         if not value <= END_TOLERANCE:
             yield Violation(name, value, 0.0, first.time)

@@ -4,16 +4,9 @@ from __future__ import annotations
 
 import math
 
-from scp_planner.certificate.verdict import END_TOLERANCE
+from scp_planner.certificate.ends import can_reverse
 from scp_planner.online.stops import STANDING
 from scp_planner.scenario.models import Steering, Vehicle
-
-HALF_ROUND = math.pi
-
-
-def can_reverse(vehicle: Vehicle, speed: float) -> bool:
-    """Whether it can set out against its heading as well as along it, at a speed in units of the scene."""
-    return vehicle.steering is Steering.BOTH_WAYS and speed <= END_TOLERANCE
 
 
 def can_turn(vehicle: Vehicle, speed: float) -> bool:
@@ -46,5 +39,5 @@ def direction(
         return None
     towards = math.atan2(goal[1] - position[1], goal[0] - position[0])
     if can_reverse(vehicle, speed) and math.cos(heading - towards) < 0.0:
-        return math.remainder(heading + HALF_ROUND, 2.0 * HALF_ROUND)
+        return math.remainder(heading + math.pi, 2.0 * math.pi)
     return float(heading)

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
 from scp_planner.online.courses import LIMIT_SHARE, SPANS, DodgeProfiles, Profiles
-from scp_planner.online.directions import can_reverse
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
@@ -332,11 +332,10 @@ class Evasion:
         entered = _until(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        away = way_left(driven.position, driven.heading, goal, self._tightest(moment), moment.scenario.goal.radius)
+        tightest, radius = self._tightest(moment), moment.scenario.goal.radius
+        away = way_left(driven.position, driven.heading, goal, tightest, radius)
         if vehicle.steering is Steering.BOTH_WAYS:
-            back = driven.heading + np.pi
-            other = way_left(driven.position, back, goal, self._tightest(moment), moment.scenario.goal.radius)
-            away = np.minimum(away, other)
+            away = np.minimum(away, way_left(driven.position, driven.heading + np.pi, goal, tightest, radius))
         width = 2.0 * vehicle.radius
         time = driven.times * vehicle.max_speed / width
         gained = away[:, 0] - value_at(GAIN, time, away)

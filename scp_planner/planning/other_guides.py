@@ -9,7 +9,8 @@ from typing import TypeAlias
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.planning.refinements import HARDLY, NOTABLE
+from scp_planner.planning.attempts import HARDLY
+from scp_planner.planning.refinements import NOTABLE
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import slow_stretches

@@ -15,6 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
+from scp_planner.planning.attempts import HARDLY
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
@@ -36,7 +37,6 @@ WORTH_FINER_PATHS = 2e-3  # relative gain below which there are no more of them
 NOTABLE = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
 SLOWED = 1.25e-2  # relative to the lower bound: what less is lost to is hardly the path's splines
 UNSEEN, TIGHT = 1.0, 1.5  # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
-HARDLY = 0.15  # largest violation of a trip that may be mended by finer spans
 FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
 WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
 FEWEST_STEPS, MOST_STEPS = 8, 2  # to a trip whose accelerations change on them; times the wanted number of spans

@@ -11,7 +11,7 @@ from math import log2
 import numpy as np
 
 from scp_planner.certificate.lower_bound import bound_among, goal_is_covered_for_good
-from scp_planner.planning.attempts import GOOD_ENOUGH, Attempt, OuterSearch
+from scp_planner.planning.attempts import GOOD_ENOUGH, HARDLY, Attempt, OuterSearch
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
 from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.problem import Problem
@@ -29,7 +29,6 @@ TOUCHING = 0.02  # units of length; a converged trip is held up only by zones ne
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
 ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate
 FAR_FROM_BOUND = 1.1  # times the lower bound: trips above that are compared with bows
-HARDLY = 0.15  # largest violation of a run that is worth another one, closer to the way
 FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
 FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
 

@@ -10,6 +10,7 @@ from scenes import disc, drone, scene
 
 import scp_planner as sp
 from scp_planner.planning import refinements
+from scp_planner.planning.attempts import HARDLY
 from scp_planner.planning.refinements import Found, refined, with_finer_paths
 from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.planning.ways_round import WaysRound
@@ -67,7 +68,7 @@ def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: F
     through = Trajectory.of(trip.space, np.zeros_like(trip.theta), trip.beta, trip.travel_time)
     run = among.runs.loop.run(through, 0)
     failed = replace(among, best=among.runs.judged(run))
-    assert run.evaluation.worst_violation > refinements.HARDLY
+    assert run.evaluation.worst_violation > HARDLY
     assert not refinements._may_gain_by_spans(failed)
 
 

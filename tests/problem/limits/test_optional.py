@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CROSSERS, disc, scene
 from shapely.geometry import LineString, Point
-from slopes import differences, finite_differences, random_trips
+from slopes import differences, finite_differences, random_trips, trip_near_the_guide
 
 import scp_planner as sp
 from scp_planner.arrays import Array
@@ -58,12 +58,7 @@ SCENES = {
 def problem_and_trip(name: str, seed: int) -> tuple[Problem, Trajectory]:
     scenario, settings = SCENES[name]
     problem = build_problem(scenario, sp.zones(scenario), settings)
-    rng = np.random.default_rng(seed)
-    theta = problem.ends.theta.copy()
-    free = problem.ends.free
-    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
-    beta = rng.uniform(-0.2, 0.5, problem.space.acceleration_size)
-    return problem, Trajectory.of(problem.space, theta, beta)
+    return problem, trip_near_the_guide(problem, seed)
 
 
 @pytest.mark.parametrize("seed", range(2))
