@@ -190,13 +190,13 @@ def test_the_same_seed_gives_the_same_plan() -> None:
     assert times[0] != times[2]
 
 
-def test_moments_tell_of_every_iterate() -> None:
+def test_iterates_are_all_told() -> None:
     problem = build_problem(scene(CROSSERS[0]), zones(scene(CROSSERS[0])), SMALL)
     _, start = next(starts(problem, 4))
-    run = Descent(problem, start, DescentSettings(), keep_moments=True).run()
-    assert len(run.moments) == run.iterations
-    evaluations = [moment.evaluations for moment in run.moments]
-    seconds = [moment.seconds for moment in run.moments]
+    run = Descent(problem, start, DescentSettings(), keep_iterates=True).run()
+    assert len(run.iterates) == run.iterations
+    evaluations = [iterate.evaluations for iterate in run.iterates]
+    seconds = [iterate.seconds for iterate in run.iterates]
     assert evaluations == sorted(evaluations)
     assert seconds == sorted(seconds)
     assert evaluations[-1] <= run.evaluations

@@ -710,7 +710,7 @@ def test_bounds_of_zones_contain_dense_samples(seed: int) -> None:
     angle = rng.uniform(0.0, 2.0 * np.pi, count)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     acceleration = ZoneBounds(batch).acceleration(index, middle, half)
-    growth = ZoneBounds(batch).growth_bend(index, middle, half, normal)
+    growth = ZoneBounds(batch).growth_second_bound(index, middle, half, normal)
     assert np.all(growth[index == 0] == 0.0)
     step = 1e-3
     for row in range(count):
