@@ -224,20 +224,6 @@ def test_scaled_offsets_have_unit_curvature_of_the_arc_length() -> None:
     assert values.min() > 0.8
 
 
-def test_starts_are_several_different_ways() -> None:
-    problem = build_problem(scene(*CROSSERS), zones(scene(*CROSSERS)), SMALL)
-    found = list(starts(problem, 12))
-    assert len(found) >= 3
-    assert found[0][0] == min(estimate for estimate, _ in found)
-    ends = {tuple(np.round(trajectory.theta, 3)) for _, trajectory in found}
-    assert len(ends) == len(found)
-
-
-def test_starts_are_bows_where_there_is_no_way() -> None:
-    problem = build_problem(scene(BLOCKED), zones(scene(BLOCKED)), SMALL)
-    assert {estimate for estimate, _ in starts(problem, 4)} == {0.0}
-
-
 def test_scipy_is_imported_only_when_it_is_needed() -> None:
     code = "import sys, scp_planner.baseline.penalty_descent; print('scipy.optimize' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
