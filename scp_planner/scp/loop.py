@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import numpy as np
 
@@ -15,10 +15,11 @@ from scp_planner.scp.iterations import Iterations, LoopSetup
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.projection import Projection, trip_after
-from scp_planner.scp.record import LoopRun
+from scp_planner.scp.record import FEASIBILITY, LoopRun
+from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.step_solver import StepSolver
-from scp_planner.scp.together import RunInStep, evaluated, run_together
+from scp_planner.scp.together import RunInStep, Wish, evaluated, linearised, run_together
 from scp_planner.solvers.interface import QpSolver
 from scp_planner.trips.trajectory import Trajectory
 
@@ -153,4 +154,20 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
         start = setup.projection.kept(start, limits.deadline)
     evaluation = yield from evaluated(start)
     run = yield from Iterations(setup, evaluation, trust, limits, cutoff).steps()
+    if run.feasible and setup.problem.given is None:
+        run.evaluation = yield from _at_goal_speed(run, setup, limits.deadline)
     return run
+
+
+def _at_goal_speed(run: LoopRun, setup: LoopSetup, deadline: float) -> Generator[Wish, Evaluation | Rows, Evaluation]:
+    """What a run came to, at the goal's speed: the loop's own tolerance is coarse beside what that can be met to."""
+    projection, found = setup.projection, run.evaluation
+    for _ in range(setup.parameters.projections):
+        if not projection.misses_goal_speed(found.trajectory):
+            break
+        rows = yield from linearised(found, setup.parameters.retry_trust)
+        nearest = projection.mended(found.trajectory, rows, len(run.penalties.weights), deadline)
+        if nearest is None:
+            return run.evaluation
+        found = yield from evaluated(nearest)
+    return found if found.worst_violation <= FEASIBILITY else run.evaluation

@@ -29,3 +29,12 @@ def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyP
     late = loop.run(START, 60, deadline=-1.0)
     assert late.status is LoopStatus.TIME_LIMIT and late.record == []
     assert late.evaluation.trajectory is START
+
+
+@pytest.mark.parametrize("speed", [0.7, 1.6, 2.4])
+def test_a_run_arrives_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
+    wanted = scene(*CROSSERS, goal={"speed": speed})
+    problem = build_problem(wanted, sp.zones(wanted), sp.Settings())
+    run = ScpLoop(problem, solver_named("daqp")).run(next(iter(bows(problem))), 60)
+    assert run.status is LoopStatus.CONVERGED and run.feasible
+    assert run.evaluation.trajectory.final_speed == pytest.approx(problem.ends.goal_speed, abs=1e-6)
