@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import pytest
 from clock import FakeClock
 from scenes import CROSSERS, scene
@@ -31,10 +33,10 @@ def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyP
     assert late.evaluation.trajectory is START
 
 
-@pytest.mark.parametrize("speed", [0.7, 1.6, 2.4])
-def test_a_run_arrives_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
+@pytest.mark.parametrize("speed", [0.3, 2.4])
+def test_runs_arrive_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
     wanted = scene(*CROSSERS, goal={"speed": speed})
     problem = build_problem(wanted, sp.zones(wanted), sp.Settings())
-    run = ScpLoop(problem, solver_named("daqp")).run(next(iter(bows(problem))), 60)
-    assert run.status is LoopStatus.CONVERGED and run.feasible
-    assert run.evaluation.trajectory.final_speed == pytest.approx(problem.ends.goal_speed, abs=1e-6)
+    for run in ScpLoop(problem, solver_named("daqp")).run_all(list(islice(bows(problem), 1, 3)), 60):
+        assert run.status is LoopStatus.CONVERGED and run.feasible
+        assert run.evaluation.trajectory.final_speed == pytest.approx(problem.ends.goal_speed, abs=1e-6)
