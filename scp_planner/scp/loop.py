@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -162,6 +163,7 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
 def _at_goal_speed(run: LoopRun, setup: LoopSetup, deadline: float) -> Generator[Wish, Evaluation | Rows, Evaluation]:
     """What a run came to, at the goal's speed: the loop's own tolerance is coarse beside what that can be met to."""
     projection, found = setup.projection, run.evaluation
+    deadline = max(deadline, perf_counter() + setup.parameters.last_mend)
     for _ in range(setup.parameters.projections):
         if not projection.misses_goal_speed(found.trajectory):
             break

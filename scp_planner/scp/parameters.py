@@ -60,6 +60,8 @@ class LoopParameters:
         Units of length; trips that are never farther apart than this end as one.
     shortest_solve : float
         s, that a solver is given at least: some take 0 for no limit.
+    last_mend : float
+        s, that the trip of a run that is out of time may take to meet the speed of the goal.
     projections : int
         Onto what every step must keep; the length of the path is linearised in each.
     projection_trust : TrustRegion
@@ -94,6 +96,7 @@ class LoopParameters:
     hope: float = 4.0
     same_way: float = 0.2
     shortest_solve: float = 1e-3
+    last_mend: float = 0.01
     projections: int = 3
     projection_trust: TrustRegion = field(default=TrustRegion(theta=1e3, beta=1e2, rho=0.9))
     acceleration_nearness: float = 0.1
