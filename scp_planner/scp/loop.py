@@ -155,7 +155,7 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
         start = setup.projection.kept(start, limits.deadline)
     evaluation = yield from evaluated(start)
     run = yield from Iterations(setup, evaluation, trust, limits, cutoff).steps()
-    if run.feasible and setup.problem.given is None:
+    if run.evaluation.worst_violation <= setup.parameters.grave and setup.problem.given is None:
         run.evaluation = yield from _at_goal_speed(run, setup, limits.deadline)
     return run
 
@@ -172,4 +172,4 @@ def _at_goal_speed(run: LoopRun, setup: LoopSetup, deadline: float) -> Generator
         if nearest is None:
             return run.evaluation
         found = yield from evaluated(nearest)
-    return found if found.worst_violation <= FEASIBILITY else run.evaluation
+    return found if found.worst_violation <= max(FEASIBILITY, run.evaluation.worst_violation) else run.evaluation
