@@ -13,7 +13,7 @@ from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.other_guides import with_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refined
-from scp_planner.planning.runs import CheckedRuns, Given, ScpAttempt, Task
+from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpAttempt, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -83,7 +83,7 @@ def plan(
         for_scene(settings, units),
         np.inf if time_limit is None else began + time_limit,
         own_solver=solver,
-        given=None if constraints is None else Given(constraints, units),
+        given=None if constraints is None else OwnConstraints(constraints, units),
         arrival_step=inside.goal.arrival_step,
     )
     runs = CheckedRuns(task)

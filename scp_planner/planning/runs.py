@@ -45,7 +45,7 @@ ScpAttempt: TypeAlias = Attempt[LoopRun]
 
 
 @dataclass(frozen=True)
-class Given:
+class OwnConstraints:
     """A user's own constraints, and the units of the scene, in which they are not written."""
 
     constraints: UserConstraints
@@ -64,7 +64,7 @@ class Task:
     deadline : float
         Value of :func:`time.perf_counter` at which it ends.
     own_solver : QpSolver, optional
-    given : Given, optional
+    given : OwnConstraints, optional
     arrival_step : float, optional
         s; what the scenario does not ask for: the trip is brought to one of these at last.
     tally : Tally
@@ -76,7 +76,7 @@ class Task:
     settings: Settings
     deadline: float
     own_solver: QpSolver | None = None
-    given: Given | None = None
+    given: OwnConstraints | None = None
     arrival_step: float | None = None
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
@@ -239,7 +239,7 @@ def promise(run: LoopRun) -> tuple[bool, float]:
     return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
 
 
-def _with_given(problem: Problem, given: Given, solver: QpSolver) -> tuple[Problem, QpSolver]:
+def _with_given(problem: Problem, given: OwnConstraints, solver: QpSolver) -> tuple[Problem, QpSolver]:
     """A problem with a user's own constraints, and the solver that keeps them."""
     # CVXPY takes a second to load, and hardly anyone needs it.
     from scp_planner.scp.given import GivenConstraints

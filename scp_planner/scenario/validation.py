@@ -50,7 +50,7 @@ _FAULT = "fault"  # the error type of what is already in our own words
 
 
 @dataclass(frozen=True)
-class Problem:
+class Objection:
     """What a rule finds: a location below the part that it looks at, the value there, what is allowed."""
 
     location: Location
@@ -75,7 +75,7 @@ class Salvage:
         return repr(self.__dict__)
 
 
-Rule = Callable[[Any], Iterator[Problem]]
+Rule = Callable[[Any], Iterator[Objection]]
 
 
 class _Many:

@@ -171,6 +171,7 @@ def test_a_drive_that_does_not_arrive_is_written_and_the_last_reason_told(
     assert f"did not arrive in {loaded.travel_time:g} s: {loaded.records[-1].reason}" in result.stderr
 
 
+@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize(
     ("suffix", "begins"), [(".html", b"<!DOCTYPE html>"), (".gif", b"GIF89a"), (".png", b"\x89PNG")]
 )
@@ -180,6 +181,7 @@ def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path,
     assert (tmp_path / f"plan{suffix}").read_bytes().startswith(begins)
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_plan_draws_the_view_that_is_asked_for(easy: Path, tmp_path: Path) -> None:
     says = {"map": "x (m)", "space-time": "distance along the path (m)", "profiles": "lateral acceleration (m/s²)"}
     for view, text in says.items():
@@ -208,6 +210,7 @@ def test_a_view_that_cannot_be_had_is_refused(
     assert set(tmp_path.iterdir()) == before
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
     assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
@@ -377,6 +380,7 @@ def test_plan_by_penalty_descent(easy: Path, tmp_path: Path) -> None:
 # compare
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_compare_tables_writes_and_draws(easy: Path, tmp_path: Path) -> None:
     table, figure = tmp_path / "trials.csv", tmp_path / "comparison.png"
     result = run("compare", easy, "builtin:headon", "--starts", "1", "-o", table, "--plot", figure, *COARSE)
@@ -401,7 +405,7 @@ def test_compare_as_json_with_chosen_methods(easy: Path) -> None:
 
 
 def test_compare_names_scenarios_that_no_method_solves(hopeless: Path, easy: Path) -> None:
-    result = run("compare", hopeless, easy, "--starts", "1", *COARSE)
+    result = run("compare", hopeless, easy, "--starts", "1", "--method", "scp", *COARSE)
     assert result.exit_code == 3
     assert result.stderr == "no certified plan by any method: hopeless\n"
     assert "1 (50%)" in result.stdout
@@ -534,6 +538,7 @@ def test_schema_prints_the_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
 
 
+@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize("arguments", [pytest.param([], marks=pytest.mark.slow, id="radar"), ["headon"]])
 def test_demo_writes_scenario_plan_and_figure(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -603,6 +608,7 @@ def test_the_module_runs_as_a_program() -> None:
     assert unfinished.returncode == 2
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_study_coverage_writes_table_and_figure(tmp_path: Path) -> None:
     result = run("study", "coverage", "--runs", "200", "-o", tmp_path / "coverage")
     assert result.exit_code == 0, result.stderr
