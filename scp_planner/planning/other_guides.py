@@ -55,6 +55,8 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
         return [(runs, best)]
     guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
     again = CheckedRuns(task, guide)
+    if again.task.out_of_time:
+        return [(runs, best)]
     estimate = float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1])
     if best.holds:
         if best.travel_time <= DETOUR * estimate or (guide.straight and problem.space.guide.straight):

@@ -105,11 +105,13 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         self.tally.tried += 1
         attempt = self.runs.attempt(start.start(SMOOTHING), cutoff, rival)
         run = attempt.run
-        if run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY:
+        hardly = run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY
+        if hardly and not self.out_of_time:
             self.tally.tried += 1
             again = self.runs.attempt(start.start(CLOSE_SMOOTHING), cutoff, rival)
             attempt = again if again.better_than(attempt) else attempt
-        start.touched = _touched(self.problem, attempt.run)
+        if not self.out_of_time:
+            start.touched = _touched(self.problem, attempt.run)
         if attempt.travel_time < self._known < np.inf and not attempt.run.feasible:
             self._near = attempt if self._near is None or attempt.wrongs < self._near.wrongs else self._near
         if not (attempt.run.feasible or self.certified or attempt.holds):
@@ -130,9 +132,11 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """Run the loop from bows, in a race, where the search finds no way, or leads to none that is fast."""
         logger.info("starting from bows")
         cutoff = self._cutoff(rival)
+        if self.out_of_time:
+            self.tally.tried += 1
+            return self.runs.attempt(next(bows(self.problem)), cutoff)
         with self.tally.timed("scp"):
             starts, most = list(bows(self.problem)), self.settings.max_iterations
-            starts = starts[:1] if self.out_of_time else starts
             runs = self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True)
         self.tally.iterations += sum(len(run.record) for run in runs)
         self.tally.tried += len(runs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -151,6 +152,7 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
     """A run of the loop. A start that breaks a user's constraints is moved to where it keeps them, if it can be."""
     if setup.problem.given is not None:
         start = setup.projection.kept(start, limits.deadline)
+    begun = perf_counter()
     evaluation = yield from evaluated(start)
-    run = yield from Iterations(setup, evaluation, trust, limits, cutoff).steps()
+    run = yield from Iterations(setup, evaluation, trust, limits, cutoff, begun).steps()
     return run

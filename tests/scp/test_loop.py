@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from clock import FakeClock
 from scenes import CROSSERS, scene
@@ -9,6 +11,7 @@ from scenes import CROSSERS, scene
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopStatus
 from scp_planner.search.first_trips import bows
 from scp_planner.solvers import solver_named
@@ -29,3 +32,18 @@ def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyP
     late = loop.run(START, 60, deadline=-1.0)
     assert late.status is LoopStatus.TIME_LIMIT and late.record == []
     assert late.evaluation.trajectory is START
+
+
+def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 20 s it leaves four times what its last iteration took."""
+    ended = []
+    for spared in (0.0, 4.0):
+        clock = FakeClock(1.0)
+        clock.rule(monkeypatch)
+        loop = ScpLoop(PROBLEM, solver_named("daqp"), parameters=replace(LOOP, spared=spared))
+        run = loop.run(START, 60, deadline=20.0)
+        assert run.status is LoopStatus.TIME_LIMIT
+        ended.append(clock())
+        each = ended[-1] / (1 + len(run.record))
+    assert ended[0] > 20.0
+    assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each
