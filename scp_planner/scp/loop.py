@@ -153,9 +153,11 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
     """A run of the loop. A start that breaks a user's constraints is moved to where it keeps them, if it can be."""
     if setup.problem.given is not None:
         start = setup.projection.kept(start, limits.deadline)
+    begun = perf_counter()
     evaluation = yield from evaluated(start)
-    run = yield from Iterations(setup, evaluation, trust, limits, cutoff).steps()
-    if run.evaluation.worst_violation <= setup.parameters.grave and setup.problem.given is None:
+    run = yield from Iterations(setup, evaluation, trust, limits, cutoff, begun).steps()
+    missed = setup.projection.misses_goal_speed(run.evaluation.trajectory)
+    if missed and run.evaluation.worst_violation <= setup.parameters.grave and setup.problem.given is None:
         run.evaluation = yield from _at_goal_speed(run, setup, limits.deadline)
     return run
 

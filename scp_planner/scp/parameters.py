@@ -58,6 +58,9 @@ class LoopParameters:
         Times the next step's gain that a run may still become faster.
     same_way : float
         Units of length; trips that are never farther apart than this end as one.
+    spared : float
+        Iterations, in the time of the last one, that are left of the time when a run ends: the next one, which has not
+        begun, and what comes after the run.
     shortest_solve : float
         s, that a solver is given at least: some take 0 for no limit.
     last_mend : float
@@ -95,6 +98,7 @@ class LoopParameters:
     settled: float = 0.4 * FEASIBILITY
     hope: float = 4.0
     same_way: float = 0.2
+    spared: float = 0.0
     shortest_solve: float = 1e-3
     last_mend: float = 0.01
     projections: int = 3

@@ -22,7 +22,7 @@ ONE = np.uint64(1)
 WORD_BYTES = DELAYS // 8
 FIRST_DELAYS: Words = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype=np.uint64)
 STRETCH = 64  # stations whose cells are made into integers together
-LOOK_EACH = 32  # stations: at the clock
+LOOK_EACH = 16  # stations: at the clock
 MOST_KEPT = 1e8  # bytes, were all classes reached everywhere, beyond which it is not kept of all stations
 WAITS = tuple(2**power for power in range(6))  # doubled, they reach all delays of a word
 
@@ -174,6 +174,8 @@ class Sweep:
     reached : list of Reached or None
         What is reached at each station, up to the last one at which anything is; of large grids only at some stations:
         from these the others are found again where a way is followed back.
+    cut_off : bool
+        Whether the deadline has passed before the goal was reached.
     """
 
     def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Counts, deadline: float = np.inf) -> None:
@@ -195,9 +197,11 @@ class Sweep:
         before: Reached = [dict.fromkeys(slopes[ends.first_slopes], start) if k in there else {} for k in speeds]
         self.reached: list[Reached | None] = [before]
         self.arrivals: Reached = [{} for _ in speeds]
+        self.cut_off = False
         for i in range(1, grid.columns + 1):
             before = self._advanced(i, before)
-            if not any(before) or (i % LOOK_EACH == 0 and perf_counter() > deadline):
+            self.cut_off = i % LOOK_EACH == 0 and perf_counter() > deadline
+            if self.cut_off or not any(before):
                 return
             self.reached.append(before)
             if self._thin and (i - 1) % STRETCH:

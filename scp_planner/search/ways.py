@@ -136,13 +136,17 @@ class WaySearch:
         left = list(range(len(cases)))
         together = max(1, MOST_TOGETHER // (len(grid.lines) * len(grid.half_offsets)))
         for latest in self._windows(within):
+            if self.cells.out_of_time:
+                return found
             in_time = self._in_time(latest)
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
                 free = self.cells.without_each([cases[k] for k in some], int(in_time[-1].max()))
-                if self.cells.cut_off:
+                if self.cells.cut_off or self.cells.out_of_time:
                     return found
                 sweep = Sweep(grid, free, self.ends, in_time, self.deadline)
+                if sweep.cut_off:
+                    return found
                 for case, k in enumerate(some):
                     found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]
