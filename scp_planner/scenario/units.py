@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
@@ -293,8 +294,13 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
     return part.model_copy(update=values)
 
 
-def _names(part: Any) -> frozenset[str]:
-    fields: Mapping[str, object] = type(part).model_fields
+def _names(part: object) -> frozenset[str]:
+    return _names_of(type(part))
+
+
+@cache
+def _names_of(kind: type[object]) -> frozenset[str]:
+    fields: Mapping[str, object] = cast(Any, kind).model_fields
     return frozenset(fields)
 
 
