@@ -12,9 +12,8 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
@@ -294,14 +293,9 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
     return part.model_copy(update=values)
 
 
-def _names(part: object) -> frozenset[str]:
-    return _names_of(type(part))
-
-
-@cache
-def _names_of(kind: type[object]) -> frozenset[str]:
-    fields: Mapping[str, object] = cast(Any, kind).model_fields
-    return frozenset(fields)
+def _names(part: object) -> KeysView[str]:
+    fields: Mapping[str, object] = cast(Any, type(part)).model_fields
+    return fields.keys()
 
 
 AS_GIVEN = NaturalUnits()
