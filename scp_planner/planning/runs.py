@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -138,7 +139,11 @@ class CheckedRuns:
             ready = ReadyProblem.of(everything)
             self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
             self.loop = self._loop(self.problem, HOPELESS_AFTER, task.steps)
-            self.patient_loop = self._loop(self.problem, steps=task.steps)
+
+    @cached_property
+    def patient_loop(self) -> ScpLoop:
+        """A loop whose runs go on where others would make room for other ways."""
+        return self._loop(self.problem, steps=self.task.steps)
 
     @classmethod
     def along(cls, task: Task, path: Path) -> CheckedRuns:

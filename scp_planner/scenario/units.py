@@ -12,7 +12,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
@@ -293,9 +293,9 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
     return part.model_copy(update=values)
 
 
-def _names(part: Any) -> frozenset[str]:
-    fields: Mapping[str, object] = type(part).model_fields
-    return frozenset(fields)
+def _names(part: object) -> KeysView[str]:
+    fields: Mapping[str, object] = cast(Any, type(part)).model_fields
+    return fields.keys()
 
 
 AS_GIVEN = NaturalUnits()
