@@ -94,7 +94,7 @@ def of_json(source: str, data: Any) -> dict[str, Array]:
         data = _columns_of_rows(source, data)
     if not isinstance(data, dict):
         raise SamplesError(source, [Fault("", data, "must be columns by their names, or a list of rows")])
-    columns = {_plain(str(name)): column for name, column in data.items()}
+    columns = {plain_name(str(name)): column for name, column in data.items()}
     position = columns.pop("position", None)
     if position is not None:
         columns["x"], columns["y"] = _axes(source, position)
@@ -148,7 +148,7 @@ def _axes(source: str, position: Any) -> Iterable[list[Any]]:
 def _of_npz(source: str) -> dict[str, Sequence[Any]]:
     try:
         with np.load(source, allow_pickle=False) as arrays:
-            return {_plain(str(name)): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
+            return {plain_name(str(name)): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
     except (ValueError, EOFError, AttributeError) as error:
         raise SamplesError(source, [Fault("", MISSING, f"not a file of arrays: {error}")]) from None
 
@@ -160,7 +160,7 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
         raise SamplesError(source, [Fault("", f"byte {error.start}", "must be UTF-8 text")]) from None
     lines = ["" if line.startswith("#") else line for line in text.splitlines()]
     first = next(filter(str.strip, lines), "")
-    reader = csv.reader(lines, delimiter=next((mark for mark in _DELIMITERS if mark in first), ","))
+    reader = csv.reader(lines, delimiter=delimiter_of(first))
     try:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
@@ -170,7 +170,7 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
     (_, header), *rest = rows
     if all(_is_number(cell) for cell in header):
         raise SamplesError(source, [Fault("first row", first, "must name the columns: t,x,y or t,x,y,heading,speed")])
-    names = [_plain(name) for name in header]
+    names = [plain_name(name) for name in header]
     faults = [
         Fault(f"line {line}", ",".join(row), f"must have {len(names)} values, as the first line has, not {len(row)}")
         for line, row in rest
@@ -185,7 +185,12 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
     return _joined(source, columns, lambda column, row: f"line {rest[row][0]}, {column}")
 
 
-def _plain(name: str) -> str:
+def delimiter_of(header: str) -> str:
+    """What stands between the columns of a table: the first mark there is of comma, semicolon and tab."""
+    return next((mark for mark in _DELIMITERS if mark in header), ",")
+
+
+def plain_name(name: str) -> str:
     """A column's name as `NAMES` has it: small, and a unit in brackets as a part of it."""
     name = name.strip().lower()
     found = _BRACKETS.fullmatch(name)

@@ -762,6 +762,15 @@ def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:
     assert refused.exit_code == 2 and "--conformal" in refused.stderr
 
 
+def test_fit_motion_says_what_to_do_with_a_few_tracks(tmp_path: Path) -> None:
+    rows = [f"{name},{0.4 * k},{k + 0.1 * (-1) ** k},{name}" for name in range(3) for k in range(12)]
+    (tmp_path / "tracks.csv").write_text("\n".join(["id,time,x,y", *rows]))
+    refused = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "m.json")
+    assert refused.exit_code == 2 and "--no-tails" in refused.stderr and "WARNING" not in refused.stderr
+    assert run("fit-motion", tmp_path / "tracks.csv", "--no-tails", "-o", tmp_path / "m.json").exit_code == 0
+    assert json.loads((tmp_path / "m.json").read_text())["tails"] is None
+
+
 def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:
     (tmp_path / "tracks.csv").write_text("id,time,x,y\n1,0,0,0\n1,1,1,0\n")
     result = run("fit-motion", tmp_path / "tracks.csv", "--kind", "brownian", "-o", tmp_path / "m.yaml")
