@@ -92,6 +92,8 @@ def certify(
     ------
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
+    TypeError
+        If the scenario or the plan is something else.
     """
     if tube is not None:
         widest = tube.bound(scenario.vehicle)
@@ -101,6 +103,8 @@ def certify(
             scenario = scenario.model_copy(update={"vehicle": wider})
         return certify_samples(scenario, plan, threat_zones)
     units = NaturalUnits.to_check(scenario)
+    if not hasattr(plan, "trip"):
+        raise TypeError(f"plan: must be a Plan or a SampledTrajectory, not {type(plan).__name__}")
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     within = None if tube is None else tube.inside(units)

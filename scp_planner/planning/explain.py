@@ -128,8 +128,8 @@ def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -
 
 def _relaxations(scenario: Scenario, told: Sequence[Violation]) -> Iterator[str]:
     for each in told:
-        whole = each.obstacle is not None and -each.value > _extent(scenario)
-        # by how much says nothing where it is all of the scene
+        whole = each.obstacle is not None and -each.value > 0.5 * _extent(scenario)
+        # by how much says nothing where it is most of the scene
         yield f"far smaller zones of {each.obstacle}" if whole else _relaxation(each)
 
 
@@ -232,7 +232,9 @@ def _model_to_change(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], 
         return f"{told}: no model says anything so late; replan while driving (simulate, Planner), or ask for less"
     names = " or ".join([", ".join(NAMES[:-1]), NAMES[-1]])
     order = max(believed)
-    return f"{told}: the model, order {order} ({_ORDERS[order]}), says nothing so late; if one fits, set model: {names}"
+    keeps = "if it keeps its velocity, set order: 1; " if order > 1 else ""
+    told += f": the model, order {order} ({_ORDERS[order]}), says nothing so late; "
+    return f"{told}{keeps}if one fits, set model: {names}"
 
 
 def _extent(scenario: Scenario) -> float:

@@ -62,12 +62,14 @@ def plan(
     Raises
     ------
     ValueError
-        If no solver has that name; if there are constraints and the solver is another than CVXPY; if a constraint is
-        not convex by the rules of CVXPY.
+        If the time limit is negative; if no solver has that name; if there are constraints and the solver is another
+        than CVXPY; if a constraint is not convex by the rules of CVXPY.
     TypeError
-        If ``constraints`` returns something else than constraints.
+        If the scenario is none, or ``constraints`` returns something else than constraints.
     """
     began = perf_counter()
+    if time_limit is not None and not time_limit >= 0.0:
+        raise ValueError(f"time_limit: {time_limit!r} must not be negative")
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
         solver = "cvxpy"

@@ -57,6 +57,9 @@ class NaturalUnits(Units):
     @classmethod
     def of(cls, scenario: Scenario) -> NaturalUnits:
         """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
+        if not hasattr(scenario, "vehicle"):  # the first that all who are given a scenario ask for
+            made = "Scenario(**data) makes one of a dictionary, Scenario.load(path) reads one"
+            raise TypeError(f"scenario: must be a Scenario, not {type(scenario).__name__}; {made}")
         vehicle, start = scenario.vehicle, scenario.start
         line = scenario.guide or (scenario.goal.position,)
         trip = max(dist(start.position, point) for point in line)  # however winding it is

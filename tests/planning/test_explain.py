@@ -186,7 +186,10 @@ def test_zones_larger_than_the_scene_name_the_model_to_change() -> None:
     text = hasty(*crowd(1, {"order": 2}))
     assert "uncertain by up to" in text
     assert "more than the whole scene, 20 m: the model, order 2 (constant acceleration)" in text
-    assert "set model: pedestrian, cyclist, car, ship or drone" in text
+    assert (
+        "if it keeps its velocity, set order: 1; if one fits, set model: pedestrian, cyclist, car, ship or drone"
+        in text
+    )
     assert "far smaller zones of person0" in text
 
 
