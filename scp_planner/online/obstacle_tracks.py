@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import marginal_scale
+from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
@@ -101,7 +101,7 @@ class ObstacleTracks:
         self.manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
-        self.scales = AdaptiveScales(1.0 - confidence.probability, len(HORIZONS))
+        self.scales = AdaptiveScales(outside_probability(confidence.probability), len(HORIZONS))
         self._banks: dict[int, Bank] = {}
 
     def add(self, *obstacles: Obstacle) -> None:

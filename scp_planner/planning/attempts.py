@@ -223,6 +223,8 @@ class OuterSearch(ABC, Generic[StartT, RunT]):
             None if there are no starts.
         """
         for start in starts:
+            if self.incumbent is not None and self.out_of_time:
+                break
             attempt = self.tried(start)
             if attempt.better_than(self.incumbent):
                 self.incumbent, self.estimate = attempt, start.estimate
