@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import Ending, explain
+from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.other_guides import with_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refined
@@ -25,6 +26,7 @@ from scp_planner.threat_zones.sorted_zones import told_of
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
+    from scp_planner.estimation.tracking import TrackingTube
     from scp_planner.scp.given import UserConstraints
 
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
@@ -36,6 +38,7 @@ def plan(
     solver: str | QpSolver | None = None,
     time_limit: float | None = None,
     constraints: UserConstraints | None = None,
+    tube: TrackingTube | None = None,
 ) -> Plan:
     """Plan the fastest safe trip of a scenario. Nothing is drawn at random: the same input gives the same plan.
 
@@ -51,6 +54,9 @@ def plan(
     constraints : callable, optional
         ``constraints(trip)`` returns convex CVXPY constraints on a :class:`scp_planner.TripVariables`. They go into
         every subproblem, which CVXPY then solves (``solver`` may be a ``CvxpySolver`` with another solver inside).
+    tube : TrackingTube, optional
+        How far the vehicle may be from its plan, by speed and lateral acceleration: wherever it may be, it keeps clear
+        and in the workspace. Then several trips may have to be planned.
 
     Returns
     -------
@@ -65,7 +71,15 @@ def plan(
         not convex by the rules of CVXPY.
     TypeError
         If ``constraints`` returns something else than constraints.
+    EstimationError
+        If the vehicle may drive or turn faster than the tube was recorded for.
     """
+    if tube is not None:
+
+        def without(roomier: Scenario, left: float | None) -> Plan:
+            return plan(roomier, settings, solver, left, constraints)
+
+        return plan_in_tube(scenario, tube, without, time_limit)
     began = perf_counter()
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
