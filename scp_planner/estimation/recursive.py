@@ -274,6 +274,27 @@ class RecursiveEstimator:
             self._recentre()
         return used
 
+    def update_row(self, some: slice, times: Array, positions: Array) -> None:
+        """Take in the newest observation each of obstacles in a row, which nothing is wrong with: `update` unchecked.
+
+        Parameters
+        ----------
+        some : slice
+            The n obstacles; nothing of them is forgotten, and their covariances do not vary.
+        times : (n,) s
+            None before the last one of its obstacle.
+        positions : (n, 2) m
+        """
+        new = self._count[some] == 0
+        if new.any():
+            np.copyto(self._center[some], times, where=new)
+            np.copyto(self._first[some], times, where=new)
+            np.copyto(self._origin[some], positions, where=new[:, None])
+        self._absorb(self._rows(times, positions, None, some), some)
+        self._weights[:, some] += 1.0
+        self._count[some] += 1
+        self._newest[some], self._last[some] = positions, times
+
     def positions(self, times: ArrayLike) -> Array:
         """Estimate the centres of all obstacles, each at its time: float or (K,) s to (K, 2) m."""
         powers = self._powers(np.broadcast_to(np.asarray(times, dtype=float), self._count.shape))
@@ -326,28 +347,28 @@ class RecursiveEstimator:
         variance = second / weight - (first / weight) ** 2
         return center + first / weight, math.sqrt(max(variance, 0.0)) or 1.0
 
-    def _powers(self, t: Array) -> Array:
-        u = t - self._center
+    def _powers(self, t: Array, some: slice = slice(None)) -> Array:
+        u = t - self._center[some]
         rows = np.empty((self.order + 1, len(u)))
         rows[0] = 1.0
         for j in range(1, self.order + 1):
             np.multiply(rows[j - 1], u, out=rows[j])
         return rows
 
-    def _rows(self, t: Array, z: Array, sigma: Array | None) -> Array:
+    def _rows(self, t: Array, z: Array, sigma: Array | None, some: slice = slice(None)) -> Array:
         """Give the new rows [x' z'] of [X Z]: (rows, m + sides, K)."""
-        powers, offset = self._powers(t), (z - self._origin).T
+        powers, offset = self._powers(t, some), (z - self._origin[some]).T
         if sigma is None:
             return np.concatenate([powers, offset])[None]
         whiten = np.linalg.inv(np.linalg.cholesky(sigma))
         design = np.einsum("jk,kab->ajbk", powers, whiten).reshape(2, self._unknowns, len(t))
         return np.concatenate([design, np.einsum("kab,bk->ak", whiten, offset)[:, None]], axis=1)
 
-    def _absorb(self, rows: Array) -> None:
+    def _absorb(self, rows: Array, some: slice = slice(None)) -> None:
         """Rotate new rows into the factor; what is left of them is a residual."""
-        m, factor = self._unknowns, self._factor
+        m, factor, shrunk = self._unknowns, self._factor[..., some], self._shrunk[some]
         for row in rows:
-            self._shrunk.fill(1.0)
+            shrunk.fill(1.0)
             for j in range(m):
                 pivot, entry = factor[j, j], row[j]
                 length = np.hypot(pivot, entry)
@@ -359,9 +380,10 @@ class RecursiveEstimator:
                 lower *= cosine
                 lower -= sine * upper
                 factor[j, j:] = rotated
-                self._shrunk *= cosine
-            rest = self._left = row[m:]
-            self._scatter += rest[:, None] * rest[None]
+                shrunk *= cosine
+            rest = row[m:]
+            self._left[:, some] = rest
+            self._scatter[..., some] += rest[:, None] * rest[None]
 
     def _forget(self, rows: Array, used: Mask) -> None:
         rate = np.where(used, self.forgetting, 1.0)

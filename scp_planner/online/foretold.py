@@ -76,13 +76,13 @@ class Foretold:
     def __init__(self) -> None:
         self.known = np.zeros(0, dtype=bool)
         self._origin = np.zeros(0)
-        self._center = np.zeros((0, _CENTER_TERMS, 2))
-        self._covariance = np.zeros((0, _COVARIANCE_TERMS, 3))
+        self._center = np.zeros((_CENTER_TERMS, 2, 0))
+        self._covariance = np.zeros((_COVARIANCE_TERMS, 3, 0))
 
     def grow(self, size: int) -> None:
         """Make room for so many in all."""
         for name, value in vars(self).items():
-            setattr(self, name, longer(value, size))
+            setattr(self, name, longer(value, size, -1))
 
     def put(self, slots: Index, origin: float, center: Array, covariance: Array) -> None:
         """Take in predictions.
@@ -98,8 +98,8 @@ class Foretold:
         """
         self.known[slots], self._origin[slots] = True, origin
         for held, given in ((self._center, center), (self._covariance, covariance)):
-            held[slots] = 0.0
-            held[slots, : given.shape[1]] = given
+            held[..., slots] = 0.0
+            held[: given.shape[1], :, slots] = given.transpose(1, 2, 0)
 
     def squares(self, slots: Index | slice, times: Array, positions: Array, noise: Array) -> Array:
         """Squared standardised errors of what is seen, (n,).
@@ -116,9 +116,9 @@ class Foretold:
         (n,)
             0 where there is no prediction, or where the polynomial is no covariance, far from its origin.
         """
-        lag = (times - self._origin[slots])[:, None]
-        x, y = (positions - _at(self._center[slots], lag)).T
-        xx, xy, yy = (_at(self._covariance[slots], lag) + noise[:, [0, 0, 1], [0, 1, 1]]).T
+        lag = times - self._origin[slots]
+        x, y = positions.T - _at(self._center[..., slots], lag)
+        xx, xy, yy = _at(self._covariance[..., slots], lag) + noise[:, [0, 0, 1], [0, 1, 1]].T
         determinant = xx * yy - xy * xy
         sound = self.known[slots] & (determinant > 0.0) & (xx > 0.0)
         squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / np.where(sound, determinant, 1.0)
@@ -135,8 +135,13 @@ def longer(array: Array, size: int, axis: int = 0) -> Array:
 
 
 def _at(coefficients: Array, lag: Array) -> Array:
-    """Values of polynomials (n, terms, sides) at times (n, 1), (n, sides)."""
-    if len(lag) and (lag == lag[0]).all():
-        lag = lag[:1]  # as in a frame
-    powers = lag ** np.arange(coefficients.shape[1])
-    return np.asarray((powers[:, None] @ coefficients)[:, 0])
+    """Values of polynomials (terms, sides, n) at times (n,), (sides, n)."""
+    terms = len(coefficients)
+    if len(lag) and (lag == lag[0]).all():  # as in a frame: one product of matrices then does it
+        powers = lag[0] ** np.arange(terms)
+        return np.asarray((powers @ coefficients.reshape(terms, -1)).reshape(coefficients.shape[1:]))
+    values = coefficients[-1].copy()
+    for part in coefficients[-2::-1]:
+        values *= lag
+        values += part
+    return values

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
 from scp_planner.online.noticing import Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import Seen, Track
+from scp_planner.online.track import ObstacleTrack, Seen
 
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
@@ -56,11 +57,11 @@ def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen
     return said
 
 
-def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[Track], seen: Sequence[Seen]) -> list[int]:
+def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:
     """Let a bank take in all that it can of what is seen of its tracks; return the numbers of the others."""
     slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
-    times = np.array([one.time for one in seen])
-    positions = np.array([one.position for one in seen])
+    times = np.fromiter((one.time for one in seen), float, len(seen))
+    positions = np.fromiter(chain.from_iterable([one.position for one in seen]), float, 2 * len(seen)).reshape(-1, 2)
     gate = obstacles.watch.gate_probability
     usual = bank.is_declared(slots, [one.covariance for one in seen])
     if gate > 0.0:

@@ -70,8 +70,13 @@ def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) ->
     (..., windows, n)
         The larger of what trend and size are as multiples of their limits; above 1: improbable.
     """
-    trends = trends_of(x, y) / (-2.0 * np.log(probability))
-    return np.asarray(np.maximum(trends, (_members() / _limits(probability)).T @ squares))
+    return larger_of(trends_of(x, y), squares, probability)
+
+
+def larger_of(trends: Array, squares: Array, probability: float) -> Array:
+    """What `windows_of` gives, of trends that are known (..., windows, n)."""
+    sizes: Array = (_members() / _limits(probability)).T @ squares
+    return np.maximum(sizes, trends / (-2.0 * np.log(probability)), out=sizes)
 
 
 def trends_of(x: Array, y: Array) -> Array:

@@ -117,8 +117,8 @@ class FilterStates:
             Variances of the noise, m^2.
         """
         same = len(lag) > 0 and bool((lag == lag[0]).all())
-        t = lag[0] if same else lag  # as in a frame: one product of matrices then does it
-        one, none = np.ones_like(t), np.zeros_like(t)
+        t = float(lag[0]) if same else lag  # as in a frame: one product of matrices then does it
+        one, none = (1.0, 0.0) if same else (np.ones_like(lag), np.zeros_like(lag))
         square = t * t
         half, cube = 0.5 * square, square * t
         state = np.array([[one, t, half], [none, one, t], [none, none, one]])
@@ -137,7 +137,7 @@ class FilterStates:
         self.mean[...] = _applied(state, self.mean)
         self.spread[...] = _applied(spread, self.spread)
         noise = diffusions[:, :1] * swerve.reshape(6, 1, -1) + diffusions[:, 1:] * jerk.reshape(6, 1, -1)
-        self.spread += noise / unit
+        self.spread += noise * (1.0 / unit)
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
         """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""

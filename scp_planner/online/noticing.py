@@ -23,7 +23,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
-from scp_planner.online.innovations import WINDOWS, cut, trends_of, windows_of
+from scp_planner.online.innovations import WINDOWS, cut, larger_of, trends_of, windows_of
 from scp_planner.online.mixtures import FilterStates, Mixture, Widening
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
 from scp_planner.online.suspicions import Looks
@@ -227,6 +227,10 @@ class Bank:
         return np.stack([x, y])
 
     def _feed(self, slots: Index, times: Array, positions: Array) -> None:
+        where = _run(slots)
+        if isinstance(where, slice) and (times >= self.last[where]).all():
+            self.polynomials.update_row(where, times, positions)
+            return
         size = len(self.count)
         t, z, seen = np.zeros(size), np.zeros((size, 2)), np.zeros(size, dtype=bool)
         t[slots], z[slots], seen[slots] = times, positions, True
@@ -294,9 +298,10 @@ class Bank:
         """Alarm those whose polynomial motion does not hold, and weigh the filters of those that are alarmed."""
         begin = self.count[slots] % _RING  # the oldest
         x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 0])
-        worst = windows_of(x, y, squares, self.alarm_probability)
+        trends = trends_of(x, y)
+        worst = larger_of(trends, squares, self.alarm_probability)
         most = worst.max(axis=0)
-        self.trend[slots] = trends_of(x, y).max(axis=0)
+        self.trend[slots] = trends.max(axis=0)
         fresh = (most > 1.0) & ~self.alarmed[slots]
         if fresh.any():
             self.alarm(slots[fresh], np.array(WINDOWS)[worst[:, fresh].argmax(axis=0)])
@@ -349,10 +354,11 @@ class Bank:
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
         slots = slots[self.count[slots] >= NEIGHBOURS]
-        rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)[:, -NEIGHBOURS:].T
-        times, positions = rows[..., 0], rows[..., 1:]
-        apart = np.diff(times, axis=1).min(axis=1, initial=1.0) > 0.0
-        return third_differences(times[apart], positions[apart], self._whiten[slots[apart]])
+        rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)[:, -NEIGHBOURS:]
+        apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
+        if not apart.all():
+            slots, rows = slots[apart], rows[..., apart]
+        return third_differences(rows[0].T, rows[1:].transpose(2, 1, 0), self._whiten[_run(slots)])
 
 
 def _run(slots: Index) -> Where:

@@ -37,14 +37,12 @@ def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
     """
     if len(times) and (times == times[0]).all():
         times = times[:1]  # as in a frame
-    between = times[:, :, None] - times[:, None]
-    between[:, range(NEIGHBOURS), range(NEIGHBOURS)] = 1.0
+    between = times[:, :, None] - times[:, None] + np.eye(NEIGHBOURS)
     weights = 1.0 / between.prod(axis=2)
-    weights /= np.linalg.norm(weights, axis=1)[:, None]
-    offset = (weights[:, :, None] * positions).sum(axis=1)
-    x = whiten[:, 0, 0] * offset[:, 0] + whiten[:, 0, 1] * offset[:, 1]
-    y = whiten[:, 1, 0] * offset[:, 0] + whiten[:, 1, 1] * offset[:, 1]
-    return np.asarray(x * x + y * y)
+    weights /= np.sqrt((weights * weights).sum(axis=1))[:, None]
+    offset = np.tensordot(weights[0], positions, (0, 1)) if len(weights) == 1 else (weights[:, None] @ positions)[:, 0]
+    found = (whiten @ offset[:, :, None])[:, :, 0]
+    return np.asarray((found * found).sum(axis=1))
 
 
 def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Array:

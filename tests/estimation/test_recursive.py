@@ -192,3 +192,24 @@ def test_too_few_observations_are_named() -> None:
         known.estimate(prior=MotionPrior(velocity_deviation=1.0))
     with pytest.raises(EstimationError, match="it must come"):
         RecursiveEstimator(1, 2, varying=True).update(0.0, [[0.0, 0.0]])
+
+
+def test_obstacles_in_a_row_are_taken_in_as_they_are_one_by_one() -> None:
+    rng = np.random.default_rng(2)
+    count, some, noise = 6, slice(1, 5), np.diag([0.01, 0.04])
+    ours, theirs = (RecursiveEstimator(count, 2, noise) for _ in range(2))
+    inside = np.isin(np.arange(count), np.arange(count)[some])
+    for number in range(8):
+        times, places = 0.1 * number + 0.02 * rng.random(count), rng.normal(size=(count, 2))
+        ours.update_row(some, times[some], places[some])
+        theirs.update(times, places, seen=inside)
+        for name in ("scaled", "share"):
+            mine, other = (getattr(each.innovations, name)[..., some] for each in (ours, theirs))
+            assert mine == pytest.approx(other, abs=1e-12)
+    assert np.array_equal(ours.observations, theirs.observations)
+    for k in range(count)[some]:
+        mine, other = ours.estimate(k), theirs.estimate(k)
+        assert mine.coefficients == pytest.approx(other.coefficients, abs=1e-12)
+        assert mine.covariance(1.0) == pytest.approx(other.covariance(1.0), abs=1e-12)
+    with pytest.raises(EstimationError, match="comes twice"):
+        ours.update(times, places, seen=inside)
