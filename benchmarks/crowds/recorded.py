@@ -50,8 +50,9 @@ VEHICLE = sp.Vehicle(
     max_curvature=TURNING / TOP_SPEED,
     steering=Steering.BOTH_WAYS,
 )
-LEVEL = 0.5
-"""At which zones hold people: lower than where they avoid each other, since wider zones leave fewer safe answers."""
+LEVEL = 0.1
+"""At which zones hold people: lower than where they avoid each other. With wider zones a robot that is so slow, among
+people who take so much room, mostly stands, and is run into."""
 BEGINNINGS = (100, 200, 300)
 """Steps of the recording at which the published scenes begin; further ones follow at the same distance."""
 
@@ -101,11 +102,8 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
 
 
 def among_recorded_people() -> OnlineSettings:
-    """Settings among people who take as much room as here: a stop stays clear for as long as it takes to leave it.
-
-    By default that is the time of the vehicle's own width; but these people are wider than it, and walk twice as fast.
-    """
-    return replace(among_people(VEHICLE, STEP), stay_clear=(ROBOT + PERSON) / TOP_SPEED)
+    """Settings among people who take as much room as here: a stop stays clear up to the next decision."""
+    return replace(among_people(VEHICLE, STEP), stay_clear=STEP)
 
 
 def run(row: Row, folder: str | None = None) -> Row:

@@ -7,6 +7,7 @@ down to a level, keeps it for a while, and brakes to a stop; then the vehicle st
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, Self
@@ -39,6 +40,8 @@ WHOLE = 3
 BREAKS = tuple(np.linspace(0.0, 1.0, SPANS + 1).tolist())
 TABLE = 33
 """Points of a turn, of which the others are interpolated."""
+EASING = 0.5
+"""Share of a prompt turn in which it ends."""
 LIMIT_SHARE = 0.98
 """Of the limits, that dodges use."""
 _SHARES = np.linspace(0.0, 1.0, TABLE)
@@ -49,6 +52,36 @@ def smooth_step(share: Array) -> Array:
     share = np.minimum(share, 1.0)
     smooth: Array = share * share * (3.0 - 2.0 * share)
     return smooth
+
+
+def prompt_step(share: Array) -> Array:
+    """A step from 0 to 1 that rises evenly from the beginning on; at the end its slope and the change of that are 0."""
+    share = np.minimum(share, 1.0)
+    eased = np.maximum(share - (1.0 - EASING), 0.0) / EASING
+    prompt: Array = (share - EASING * eased**3 * (1.0 - 0.5 * eased)) / (1.0 - 0.5 * EASING)
+    return prompt
+
+
+@dataclass(frozen=True)
+class Bend:
+    """How courses turn.
+
+    Attributes
+    ----------
+    turned : callable
+        Shares of the angle at shares of the length.
+    peak : float
+        The largest slope of that, and of splines through it.
+    """
+
+    turned: Callable[[Array], Array]
+    peak: float
+
+
+GRADUAL = Bend(smooth_step, 1.5)
+PROMPT = Bend(prompt_step, 1.015 / (1.0 - 0.5 * EASING))
+"""Of a vehicle whose curvature may jump: where every replan begins another dodge, one that turned gradually would
+hardly turn."""
 
 
 @dataclass(frozen=True)
@@ -222,10 +255,13 @@ class Courses:
         Direction in which each begins, rad.
     turn : (K,) array
         By how much it turns, rad.
+    bend : Bend
+        How they turn.
     """
 
     base: Array
     turn: Array
+    bend: Bend = GRADUAL
 
     @classmethod
     def straight(cls, ahead: float) -> Courses:
@@ -239,15 +275,15 @@ class Courses:
         return cls(np.tile(base, 2), np.repeat([BEND, -BEND], BENT_DIRECTIONS))
 
     @classmethod
-    def turning(cls, heading: float) -> Courses:
+    def turning(cls, heading: float, bend: Bend = GRADUAL) -> Courses:
         """Return those of a vehicle with a heading, rad."""
         turn = np.concatenate([TURNS, -TURNS[1:-1]])
-        return cls(np.full(len(turn), heading), turn)
+        return cls(np.full(len(turn), heading), turn, bend)
 
     @cached_property
     def _turning(self) -> Array:
         """Points of turns of length 1, (K, TABLE, 2) m, in the direction in which they begin."""
-        angle = self.turn[:, None] * smooth_step(_SHARES)
+        angle = self.turn[:, None] * self.bend.turned(_SHARES)
         unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (TABLE - 1)
         return np.concatenate([np.zeros((len(self.turn), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
@@ -285,5 +321,5 @@ class Courses:
         local *= length[:, :, None, None]
         c, s = np.cos(self.base)[:, None, None], np.sin(self.base)[:, None, None]
         x, y = local[..., 0] + before, local[..., 1]
-        heading = self.base[:, None, None] + self.turn[:, None, None] * smooth_step(within)
+        heading = self.base[:, None, None] + self.turn[:, None, None] * self.bend.turned(within)
         return np.stack([c * x - s * y, s * x + c * y], axis=-1), heading

@@ -69,7 +69,7 @@ def harm(time: Array, clearance: Array) -> Array:
 
 
 def value_at(time: float, times: Array, values: Array) -> Array:
-    """Return values (C, J) at a time, (C,), of those at times (J,)."""
+    """Return values (C, ...) at a time, of those (C, J, ...) at times (J,)."""
     after = int(np.searchsorted(times, time).clip(1, len(times) - 1))
     share = min((time - times[after - 1]) / (times[after] - times[after - 1]), 1.0)
     return np.asarray(values[:, after - 1] + share * (values[:, after] - values[:, after - 1]))

@@ -14,7 +14,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.courses import BEND_TIME, BENT_PROFILES, LIMIT_SHARE, Courses, DodgeProfiles, smooth_step
+from scp_planner.online.courses import BEND_TIME, BENT_PROFILES, GRADUAL, LIMIT_SHARE, Bend, Courses, DodgeProfiles
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -26,8 +26,6 @@ from scp_planner.trips.trip import Trip
 
 TIMES_LOOKED_AT = 48
 """Samples of a dodge."""
-BEND_PEAK = 1.5
-"""The largest slope of the step by which a course turns."""
 PATH_PIECES = (4, 8, 16)
 """Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn."""
 EXACT_WITHIN = 0.1
@@ -111,7 +109,7 @@ class Family:
             fastest**2 / (LIMIT_SHARE * limits.lateral_acceleration),
         )
         # Of a course that does not turn any length will do.
-        length = np.maximum(BEND_PEAK * np.abs(courses.turn)[:, None], 1e-3) * tightest
+        length = np.maximum(courses.bend.peak * np.abs(courses.turn)[:, None], 1e-3) * tightest
         return cls(courses, profiles, np.maximum(turning_at * fastest - 0.5 * length, 0.0), length)
 
     @property
@@ -170,7 +168,7 @@ class Family:
             pieces = next((count for count in PATH_PIECES if count >= wanted), PATH_PIECES[-1])
             stations = np.linspace(0.0, far, pieces * CELLS_PER_SPAN + 1)
             along = np.maximum(stations - self.lead[course, profile], 0.0)
-            guide = CurvedGuide(far, turn * smooth_step(along / length))
+            guide = CurvedGuide(far, turn * self.courses.bend.turned(along / length))
         space = TripSpace(guide, drive.start_speed, _PATH_DEGREE, pieces, drive.degree, drive.breakpoints)
         trajectory = Trajectory(Path(space, np.zeros(space.path_size)), drive.beta, drive.lasts)
         return Trip(
@@ -211,6 +209,7 @@ class Dodges:
         radius: float,
         wait: float,
         both_ways: bool = False,
+        bend: Bend = GRADUAL,
     ) -> Dodges:
         """Return the dodges of a vehicle.
 
@@ -228,6 +227,8 @@ class Dodges:
             For how long it is to stand at the end, s.
         both_ways : bool
             Whether it can set out against its heading too.
+        bend : Bend
+            How it turns, if it has a heading.
 
         Returns
         -------
@@ -242,7 +243,7 @@ class Dodges:
             )
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
-            families = tuple(Family.of(Courses.turning(each), profiles, limits, radius, 0.0) for each in ways)
+            families = tuple(Family.of(Courses.turning(each, bend), profiles, limits, radius, 0.0) for each in ways)
         times = np.linspace(0.0, float((profiles.stands + wait).max()), TIMES_LOOKED_AT)
         driven = [family.driven(times) for family in families]
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))

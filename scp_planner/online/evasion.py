@@ -17,8 +17,9 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import braking_of
-from scp_planner.online.courses import LIMIT_SHARE, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
@@ -27,7 +28,7 @@ from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
-from scp_planner.online.way_left import way_left
+from scp_planner.online.way_left import way_left, way_left_both_ways
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -115,8 +116,8 @@ class _Outlook:
         From which zones.
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
-    away : (C, J) array
-        What is left of the way to the goal, m, as the vehicle can turn.
+    now, soon, then : (C,) arrays
+        What is left of the way to the goal, m, as the vehicle can turn: now, at `GAIN`, and at the end.
     worth : (C,) array
         What speaks for each besides being safe, m: the way to the goal that it gains soon, less its nearness to zones
         and the harm of coming into them or nearly so.
@@ -125,7 +126,9 @@ class _Outlook:
     least: Array
     room: Room
     clear: Array
-    away: Array
+    now: Array
+    soon: Array
+    then: Array
     worth: Array
 
 
@@ -185,19 +188,26 @@ class Evasion:
         Dodge or None
             None, too, where the vehicle is not on what it drove last, or that is over.
         """
-        moment, last = now.moment, now.last
-        if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
-            return None
-        stop = Stop(last.trip, last.trip.frame.time)
-        if stop.stands <= moment.state.time:
+        moment, stop = now.moment, self._begun(now)
+        if stop is None:
             return None
         dodges, new = self._looked(now)
         seen = self._look_on(moment, stop, dodges.times)
         now.lap("evasion")
-        if seen.worth[0] < new.worth.max():
+        return None if seen.worth[0] < new.worth.max() else self._gone_on_with(moment, seen, stop)
+
+    def _begun(self, now: Replan) -> Stop | None:
+        """What was begun at the last replan to get out of the way, unless the vehicle is not on it, or that is over."""
+        moment, last = now.moment, now.last
+        if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
             return None
+        stop = Stop(last.trip, last.trip.frame.time)
+        return stop if stop.stands > moment.state.time else None
+
+    def _gone_on_with(self, moment: Moment, seen: _Outlook, stop: Stop) -> Dodge:
+        """What was begun, as one dodge, among the zones of a moment in which that is seen of it."""
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
-        return self._dodge(moment, seen, 0, last.trip, certificate)
+        return self._dodge(moment, seen, 0, stop.trip, certificate)
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
         """A certified dodge that does clearly better than going on with a trip; None if there is none.
@@ -223,7 +233,7 @@ class Evasion:
         return self._first_safe(now, moment, dodges, seen, seen.worth)
 
     def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
-        """Where no dodge is safe: one that is at the highest lower level at which any is.
+        """Where no dodge is safe: one that is at the highest lower level at which any is, or what was begun is.
 
         Parameters
         ----------
@@ -237,8 +247,14 @@ class Evasion:
             And its share.
         """
         dodges, whole = self._looked(now)
+        begun = self._begun(now)
         for share in shares:
             moment = now.moment.with_smaller_zones(share)
+            if begun is not None:
+                going_on = self._gone_on_with(moment, self._look_on(moment, begun, dodges.times), begun)
+                now.lap("certificate")
+                if going_on.safe:
+                    return going_on, share
             seen = self._look(moment, dodges)
             now.lap("evasion")
             # Of those the one that does least harm in whole zones: it is no time to gain way.
@@ -276,7 +292,8 @@ class Evasion:
             else RampedProfiles.of(state, limits, vehicle.max_jerk, width, wait)
         )
         both_ways = can_reverse(vehicle, state.speed)
-        return Dodges.of(heading, profiles, 0.0, limits, vehicle.radius, wait, both_ways)
+        bend = PROMPT if vehicle.max_curvature_rate is None else GRADUAL
+        return Dodges.of(heading, profiles, 0.0, limits, vehicle.radius, wait, both_ways, bend)
 
     def _look(self, moment: Moment, dodges: Dodges) -> _Outlook:
         vehicle = moment.scenario.vehicle
@@ -331,18 +348,44 @@ class Evasion:
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
         entered = _until(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
-        goal = moment.frame.to_frame(np.array(moment.scenario.goal.position))
-        tightest, radius = self._tightest(moment), moment.scenario.goal.radius
-        away = way_left(driven.position, driven.heading, goal, tightest, radius)
-        if vehicle.steering is Steering.BOTH_WAYS:
-            away = np.minimum(away, way_left(driven.position, driven.heading + np.pi, goal, tightest, radius))
         width = 2.0 * vehicle.radius
         time = driven.times * vehicle.max_speed / width
-        gained = away[:, 0] - value_at(GAIN, time, away)
+        left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
-        worth = gained - self._cost(time, near / width, counted / width) * width
-        return _Outlook(least, room, clear, away, worth)
+        worth = left[0] - left[1] - self._cost(time, near / width, counted / width) * width
+        return _Outlook(least, room, clear, *left, worth)
+
+    def _way_left(self, moment: Moment, driven: _Driven, time: Array) -> Array:
+        """What is left of the way to the goal, m, now, at `GAIN` and at the end, (3, C), of what is driven at times."""
+        position, heading = (
+            np.stack([values[:, 0], value_at(GAIN, time, values), values[:, -1]])
+            for values in (driven.position, driven.heading)
+        )
+        return self._way_from(moment, moment.frame, position, heading)
+
+    def _way_from(self, moment: Moment, frame: PlanningFrame, position: Array, heading: Array) -> Array:
+        """What is left of the way to the goal, (...) m, from places (..., 2), m, with headings (...), in a frame."""
+        scenario, tightest = moment.scenario, self._tightest(moment)
+        vehicle, goal = scenario.vehicle, frame.to_frame(np.array(scenario.goal.position))
+        if vehicle.steering is not Steering.BOTH_WAYS:
+            return way_left(position, heading, goal, tightest, scenario.goal.radius)
+        turning_back = 0.5 * vehicle.max_speed**2 * (1.0 / vehicle.max_acceleration + 1.0 / vehicle.max_deceleration)
+        return way_left_both_ways(position, heading, goal, tightest, scenario.goal.radius, turning_back)
+
+    def _lost_by_going_on(self, moment: Moment, trip: Trip) -> float:
+        """By how much more the vehicle drives, m, as a trip goes on in one direction, than if it turned back for once.
+
+        A trip may lead once more round a goal that is beside the vehicle.
+        """
+        if moment.scenario.vehicle.steering is not Steering.BOTH_WAYS:
+            return 0.0
+        points, _ = trip.at(np.array([moment.state.time]))
+        place, direction = points.path.position, points.path.direction
+        heading = np.arctan2(direction[:, 1], direction[:, 0])
+        goal = trip.frame.to_frame(np.array(moment.scenario.goal.position))
+        onward = way_left(place, heading, goal, self._tightest(moment), moment.scenario.goal.radius)
+        return float((onward - self._way_from(moment, trip.frame, place, heading))[0])
 
     def _cost(self, time: Array, near: Array, counted: Array) -> Array:
         """What speaks against dodges, (C,) widths of way, by their clearances (C, J) and those that may be harmful."""
@@ -372,7 +415,7 @@ class Evasion:
         # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
-        gained = value_at(GAIN, time, (driven + vehicle.max_speed * over)[None])
+        gained = value_at(GAIN, time, (driven + vehicle.max_speed * over)[None]) - self._lost_by_going_on(moment, trip)
         near = np.where(over > 0.0, np.inf, room.least)
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
@@ -406,7 +449,7 @@ class Evasion:
             self._blocked_by(moment, seen, number),
             self._threat(moment, seen, number),
             bool(speeds.max() > STANDING),
-            bool(seen.away[number, -1] < seen.away[number, 0]),
+            bool(seen.then[number] < seen.now[number]),
         )
 
     @staticmethod
@@ -418,7 +461,7 @@ class Evasion:
 
     def _blocked_by(self, moment: Moment, seen: _Outlook, number: int) -> str | None:
         """The zone that is in the way of the dodge that would lead nearest to the goal."""
-        nearest = int(seen.away[:, -1].argmin())
+        nearest = int(seen.then.argmin())
         if nearest == number or np.isinf(seen.clear[nearest]):
             return None
         return self._threat(moment, seen, nearest)

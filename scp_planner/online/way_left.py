@@ -3,7 +3,7 @@
 To a point, whatever the heading there, the shortest way turns as tightly as it can and goes straight on; or, where the
 point is inside of the circle that it would turn on, turns away first and then back, always as tightly as it can
 (X.-N. Bui, J.-D. Boissonnat, P. Soueres and J.-P. Laumond, *Shortest path synthesis for Dubins non-holonomic robot*,
-ICRA 1994).
+ICRA 1994). One that drives both ways may turn back once on the way: it drives an arc, stops, and goes on the other way.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ import numpy as np
 from scp_planner.arrays import Array
 
 ROUND = 2.0 * np.pi
+SWUNG = np.radians([8.0, 16.0, 25.0, 35.0, 46.0, 60.0, 80.0, 105.0])
+"""Angles of the arc before a vehicle turns back."""
 NOTHING = 1e-9
 """rad. A turn that is a round but for this is none."""
 
@@ -54,6 +56,43 @@ def way_left(position: Array, heading: Array, goal: Array, radius: float, within
     if not outside.all():
         length[~outside] = _away_and_back(ahead[~outside], aside[~outside])
     return np.asarray(length * radius)
+
+
+def way_left_both_ways(
+    position: Array, heading: Array, goal: Array, radius: float, within: float, turning_back: float
+) -> Array:
+    """Length of a short way to a goal of a vehicle that drives forward and backward, and turns back once at most.
+
+    Parameters
+    ----------
+    position : (..., 2) array
+        m.
+    heading : (...) array
+        rad.
+    goal : (2,) array
+        m.
+    radius : float
+        Of the tightest turn, m; 0: in any direction.
+    within : float
+        Of the goal that is near enough, m.
+    turning_back : float
+        The way that it costs to stop and to set out the other way, m.
+
+    Returns
+    -------
+    (...) array
+        m: the shortest of those without turning back, and of those that do after an arc by one of `SWUNG`.
+    """
+    first = np.stack([heading, heading + np.pi])  # the direction of driving
+    plain: Array = way_left(np.broadcast_to(position, (*first.shape, 2)), first, goal, radius, within).min(axis=0)
+    if radius == 0.0:
+        return plain
+    swung = np.concatenate([SWUNG, -SWUNG]).reshape(-1, *(1,) * first.ndim)
+    # The chord of an arc leads half of its angle aside.
+    chord, along = 2.0 * radius * np.sin(0.5 * np.abs(swung)), first + 0.5 * swung
+    place = position + chord[..., None] * np.stack([np.cos(along), np.sin(along)], axis=-1)
+    rest = way_left(place, first + swung + np.pi, goal, radius, within)
+    return np.minimum(plain, (radius * np.abs(swung) + turning_back + rest).min(axis=(0, 1)))
 
 
 def _away_and_back(ahead: Array, aside: Array) -> Array:

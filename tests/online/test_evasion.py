@@ -13,7 +13,7 @@ from scenes import disc, scene
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.assumptions import _radii_towards
-from scp_planner.online.courses import Profiles
+from scp_planner.online.courses import GRADUAL, PROMPT, Bend, Profiles
 from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, _Driven, _until
@@ -53,13 +53,16 @@ def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
     assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
 
 
-def dodges_of(heading: float | None, speed: float, ahead: float, radius: float) -> Dodges:
-    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0)
+def dodges_of(heading: float | None, speed: float, ahead: float, radius: float, bend: Bend = GRADUAL) -> Dodges:
+    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0, bend=bend)
 
 
-@pytest.mark.parametrize(("heading", "speed"), [(None, 0.0), (None, 1.2), (0.7, 0.0), (0.7, 1.2)])
-def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float) -> None:
-    dodges = dodges_of(heading, speed, 0.2, 0.3)
+@pytest.mark.parametrize(
+    ("heading", "speed", "bend"),
+    [(None, 0.0, GRADUAL), (None, 1.2, GRADUAL), (0.7, 0.0, GRADUAL), (0.7, 1.2, GRADUAL), (0.7, 1.2, PROMPT)],
+)
+def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float, bend: Bend) -> None:
+    dodges = dodges_of(heading, speed, 0.2, 0.3, bend)
     frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
     for number in range(len(dodges.position)):
         trip = dodges.trip(number, frame)
@@ -73,6 +76,17 @@ def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: 
         assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
         over = dodges.times > dodges.until[number] - dodges.wait
         assert np.all(points.speed[over] <= 1e-9)
+
+
+@pytest.mark.parametrize("bend", [GRADUAL, PROMPT])
+def test_a_bend_turns_by_all_of_its_angle_and_no_faster_than_it_says(bend: Bend) -> None:
+    shares = np.linspace(0.0, 1.2, 1201)
+    turned = bend.turned(shares)
+    slope = np.diff(turned) / np.diff(shares)
+    assert turned[0] == 0.0 and turned[shares >= 1.0] == pytest.approx(1.0)
+    assert slope.min() > -1e-9 and 0.98 * bend.peak < slope.max() <= bend.peak
+    assert abs(slope[999]) < 0.02, "then it goes straight on"
+    assert (slope[0] > 0.9 * bend.peak) == (bend is PROMPT)
 
 
 @pytest.mark.parametrize(("heading", "speed", "acceleration"), [(None, 1.2, 0.9), (0.7, 0.0, 0.0), (0.7, 1.2, -1.3)])
@@ -235,7 +249,10 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
 
 
 def test_a_turn_that_was_begun_is_gone_on_with() -> None:
-    """What comes speeds up. If each replan began a turn of its own, which starts straight on, it would never turn."""
+    """What comes speeds up. If each replan began a turn of its own, which starts straight on, it would never turn.
+
+    So it would where the curvature may not jump.
+    """
 
     def speeds_up(time: float | np.ndarray) -> np.ndarray:
         t = np.asarray(time, dtype=float)
@@ -244,13 +261,14 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
         return np.stack([np.full_like(t, 11.0), y], axis=-1)
 
     crosser = {"id": "a", "shape": {"disc": 0.5}, "motion": {"position": [11.0, -5.0], "velocity": [0.0, 1.0]}}
-    vehicle = {"max_lateral_acceleration": None, "max_curvature": 1.0}
+    vehicle = {"max_lateral_acceleration": None, "max_curvature": 1.0, "max_curvature_rate": 8.0}
     scenario = scene(crosser, vehicle=vehicle, start={"speed": 1.0})
     late = OnlineSettings(changes=0.0)  # else what comes is expected to, and little is left to evade
     run = sp.simulate(scenario, noise=0.1, rate=10.0, seed=0, world={"a": speeds_up}, online=late)
     assert run.arrived and not run.contact
     assert math.dist(run.position[-1], (20.0, 0.0)) < 0.1
-    assert any("as before" in cycle.reason for cycle in run.records)
+    # where no new turn is safe among zones of any size, the one that was begun still is among smaller ones
+    assert any("as before" in cycle.reason and "times as large" in cycle.reason for cycle in run.records)
 
 
 def test_waiting_is_made_up_for_by_coming_nearer() -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scp_planner.online.way_left import way_left
+from scp_planner.online.way_left import way_left, way_left_both_ways
 
 pytestmark = pytest.mark.numerics
 
@@ -48,3 +48,23 @@ def test_a_turn_that_passes_near_enough_need_not_begin_farther_away() -> None:
     place, heading, goal = np.zeros(2), np.array(0.0), np.array([0.8, 1.0])
     assert float(way_left(place, heading, goal, 1.0, 0.3)) == pytest.approx(0.5 * math.pi)
     assert float(way_left(place, heading, goal, 1.0, 0.1)) > 0.5 * math.pi + 0.1
+
+
+@pytest.mark.parametrize("goal", [(0.0, 0.7), (0.4, -0.9), (-0.5, 1.2), (-0.3, -0.6), (3.0, 0.5)])
+def test_who_may_turn_back_has_nearly_the_least_way_with_a_cusp_left(goal: tuple[float, float]) -> None:
+    radius, heading, place, turning_back = 1.7, 0.8, np.array([4.0, -2.0]), 0.5
+    ahead = complex(math.cos(heading), math.sin(heading))
+    target = complex(*place) + radius * complex(*goal) * ahead
+    goal_at = np.array([target.real, target.imag])
+    best = plain = min(float(way_left(place, np.array(heading + back), goal_at, radius)) for back in (0.0, math.pi))
+    for drive in (ahead, -ahead):
+        for angle in np.linspace(-2.0, 2.0, 201).tolist():
+            # Positions are the integral of the direction along an arc.
+            steps = drive * np.exp(1j * angle * (np.arange(200) + 0.5) / 200)
+            end = complex(*place) + radius * abs(angle) * complex(steps.mean())
+            back = math.atan2(-(drive * np.exp(1j * angle)).imag, -(drive * np.exp(1j * angle)).real)
+            rest = float(way_left(np.array([end.real, end.imag]), np.array(back), goal_at, radius))
+            best = min(best, radius * abs(angle) + turning_back + rest)
+    found = float(way_left_both_ways(place, np.array(heading), goal_at, radius, 0.0, turning_back))
+    assert best - 1e-4 <= found <= best + 0.3 * radius
+    assert float(way_left_both_ways(place, np.array(heading), goal_at, radius, 0.0, math.inf)) == pytest.approx(plain)
