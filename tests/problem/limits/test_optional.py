@@ -184,6 +184,14 @@ def test_a_slow_stretch_costs_what_the_textbook_says() -> None:
     assert 0.999 < plan.limits["speed_limits[0]"].worst <= 1.0
 
 
+def test_a_stretch_that_a_path_is_never_in_costs_nothing() -> None:
+    """Below the bend of the line the stations jump from before the stretch to beyond it."""
+    line = [[8.0, 0.0], [10.0, 6.0], [12.0, 0.0]]
+    plan = sp.plan(scene(speed_limits=[{"from": 3.0, "to": 9.6, "speed": 1.0, "line": line}]))
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 1.001 * plan.lower_bound
+
+
 def test_what_is_too_fast_for_a_place_is_refused() -> None:
     plan = sp.plan(scene(disc("o", (9.0, 0.1))))
     slow = {"from": 6.0, "to": 10.0, "speed": 2.0}
