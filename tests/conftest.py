@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import gc
 import logging
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,29 @@ hypothesis.settings.load_profile("repeatable")
 os.environ.setdefault("PYTHONWARNINGS", "error::RuntimeWarning")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let a second run of the tests be a sample of them."""
+    parser.addoption("--one-in", type=int, default=1, metavar="N", help="run the first of every N tests of each file")
+
+
+@pytest.hookimpl(trylast=True)  # of those that the marks leave
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep the first of every N tests of each file: so each file is in the sample."""
+    one_in, seen = config.getoption("one_in"), Counter[Path]()
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
+    for item in items:
+        (left_out if seen[item.path] % one_in else kept).append(item)
+        seen[item.path] += 1
+    items[:] = kept
+    config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_collection_finish() -> None:
+    """What is there before the first test stays to the end: no need to look through it for garbage again and again."""
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def log_level() -> Iterator[None]:
     """Which messages are let through is as it was: commands that run in the tests' own process set it."""
@@ -30,6 +55,13 @@ def log_level() -> Iterator[None]:
     level = logger.level
     yield
     logger.setLevel(level)
+
+
+@pytest.fixture
+def unsettled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what takes most of the time: places and margins of axes, where a test looks at what they show."""
+    for module in ("animation", "figures", "sketches", "space_time"):
+        monkeypatch.setattr(f"scp_planner.plotting.{module}.settle", lambda figure: figure.set_layout_engine(None))
 
 
 @pytest.fixture(scope="session")

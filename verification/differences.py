@@ -23,7 +23,9 @@ END_WINDOW = 1e-4  # s; a longer one would be blurred by a jump of the accelerat
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
-END_CHORD = 5e-4  # m, for the headings at the ends, whose error grows with the square of the chords
+END_CHORD = 1e-4  # m, for the headings at the ends, whose error grows with the square of the chords
+FINEST = 40  # halvings of a trip's duration, after which no moment is told from its end
+HALVINGS = 20  # of the time in which a chord is left
 END_TURN = 1e-3  # rad, in a window at an end: speeds are off by a share of a third of its square
 REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
 _THREE: Array = np.array([0.0, 1.0, 2.0])  # places of a one-sided difference of second order
@@ -59,7 +61,7 @@ def ends(
             require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
         if place.get("heading") is not None:
             # Seen from the goal the chords point backwards.
-            heading = end_heading(position, positions[::order], when, order) + (0.0 if order == 1 else math.pi)
+            heading = end_heading(position, end - begin, when, order) + (0.0 if order == 1 else math.pi)
             gap = abs(math.remainder(heading - float(place["heading"]), 2.0 * math.pi))
             require(f"{name}_heading", heading, float(place["heading"]), gap, allowed.heading, when)
     return found
@@ -80,17 +82,33 @@ def _end_window(position: PositionFunction, end: float, window: float) -> float:
     return abs(window) * min(1.0, END_TURN / turn) if turn > 0.0 else abs(window)
 
 
-def end_heading(position: PositionFunction, positions: Array, end: float, order: int) -> float:
-    """Heading to the inside at an end, over two short chords, however far apart the samples are."""
+def end_heading(position: PositionFunction, whole: float, end: float, order: int) -> float:
+    """Heading to the inside at an end of a trip of a whole duration, s, over two short chords."""
     speed = _end_speed(position, end, order * END_WINDOW)
     if speed <= SLOW:
-        distance = np.cumsum(np.linalg.norm(np.diff(positions, axis=0), axis=1))
-        first = 1 + int(np.searchsorted(distance, END_CHORD))
-        second = max(first + 1, 1 + int(np.searchsorted(distance, distance[min(first, len(distance)) - 1] + END_CHORD)))
-        second = min(second, len(positions) - 1)
-        return _first_heading(positions[[0, min(first, second - 1), second]])
+        longest = order * abs(whole)
+        first = _moment_at(position, end, longest, END_CHORD)
+        second = _moment_at(position, end, longest, 2.0 * END_CHORD)
+        return _first_heading(np.asarray(position(np.array([end, first, second])), dtype=float))
     window = order * _end_window(position, end, order * END_CHORD / speed)
     return _first_heading(np.asarray(position(end + window * _THREE), dtype=float))
+
+
+def _moment_at(position: PositionFunction, end: float, longest: float, distance: float) -> float:
+    """When it is first a distance, m, from an end, s, looked for from the end to the inside, and by halving."""
+
+    def away(offset: float) -> float:
+        here, there = np.asarray(position(np.array([end, end + offset])), dtype=float)
+        return math.dist(here, there)
+
+    far = longest * 2.0**-FINEST
+    while abs(far) < abs(longest) and away(far) < distance:
+        far *= 2.0
+    near = 0.5 * far
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if away(middle) < distance else (near, middle)
+    return end + far
 
 
 def _first_heading(three: Array) -> float:

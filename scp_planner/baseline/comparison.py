@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array
 from scp_planner.baseline.checked_descent import checked_descent
 from scp_planner.baseline.descent import Descent
-from scp_planner.baseline.descent_run import Moment
+from scp_planner.baseline.descent_run import Iterate
 from scp_planner.baseline.descent_settings import DescentSettings, Variant
 from scp_planner.baseline.methods import Method
 from scp_planner.certificate.check import certify_trip
@@ -218,17 +218,17 @@ class _Ended:
     iterations: int
     evaluations: int
     wall_time: float
-    moments: list[Moment]
+    iterates: list[Iterate]
 
 
 def _descended(
     problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory, variant: Variant, seed: int
 ) -> _Ended:
     timings: dict[str, float] = {}
-    descent = Descent(problem, start, DescentSettings(variant=variant), seed=seed, keep_moments=True)
+    descent = Descent(problem, start, DescentSettings(variant=variant), seed=seed, keep_iterates=True)
     checked = checked_descent(problem, threat_zones, descent, timings)
     run = checked.run
-    moments = [Moment(0, 0.0, start), *descent.run_so_far.moments]
+    iterates = [Iterate(0, 0.0, start), *descent.run_so_far.iterates]
     evaluation = evaluate_trip(problem, run.trajectory, NEAR)
     return _Ended(
         Method(variant.value),
@@ -238,30 +238,30 @@ def _descended(
         run.iterations,
         run.evaluations,
         timings["descent"],
-        moments,
+        iterates,
     )
 
 
 class _WatchedLoop(ScpLoop):
     """The loop, with every trip that it steps to written down."""
 
-    moments: list[Moment]
+    iterates: list[Iterate]
     began: float
 
     def moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
         moved = super().moved(trajectory, z)
-        self.moments.append(Moment(len(self.moments), perf_counter() - self.began, moved or trajectory))
+        self.iterates.append(Iterate(len(self.iterates), perf_counter() - self.began, moved or trajectory))
         return moved
 
 
 def _improved(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Trajectory) -> _Ended:
     """Run the loop, and repeat it with what its certificate finds missing, as the planner does."""
     settings = problem.settings
-    moments, began, checking, iterations = [Moment(0, 0.0, start)], perf_counter(), 0.0, 0
+    iterates, began, checking, iterations = [Iterate(0, 0.0, start)], perf_counter(), 0.0, 0
     current, asked = start, problem
     for _ in range(TIGHTENINGS + 1):
         loop = _WatchedLoop(asked, solver_named(settings.solver), "clarabel")
-        loop.moments, loop.began = moments, began + checking
+        loop.iterates, loop.began = iterates, began + checking
         run = loop.run(current, settings.max_iterations)
         iterations += len(run.record)
         clock = perf_counter()
@@ -274,7 +274,7 @@ def _improved(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Tra
     wall_time = perf_counter() - began - checking
     evaluation = evaluate_trip(problem, run.evaluation.trajectory, NEAR)
     status = run.status.value
-    return _Ended(Method.SCP, status, certificate, evaluation, iterations, len(moments), wall_time, moments)
+    return _Ended(Method.SCP, status, certificate, evaluation, iterations, len(iterates), wall_time, iterates)
 
 
 def _trial(problem: Problem, number: int, ended: _Ended) -> Trial:
@@ -293,16 +293,16 @@ def _trial(problem: Problem, number: int, ended: _Ended) -> Trial:
         ended.evaluations,
         ended.wall_time,
         "; ".join(str(violation) for violation in found.violations),
-        _curve(problem, ended.moments),
+        _curve(problem, ended.iterates),
     )
 
 
-def _curve(problem: Problem, moments: list[Moment]) -> Curve:
+def _curve(problem: Problem, iterates: list[Iterate]) -> Curve:
     prices = Penalties.uniform(problem, CURVE_PRICE)
-    merits = [evaluate_trip(problem, moment.trajectory, NEAR).merit(prices) for moment in moments]
+    merits = [evaluate_trip(problem, iterate.trajectory, NEAR).merit(prices) for iterate in iterates]
     return Curve(
-        np.array([moment.evaluations for moment in moments]),
-        np.array([moment.seconds for moment in moments]),
+        np.array([iterate.evaluations for iterate in iterates]),
+        np.array([iterate.seconds for iterate in iterates]),
         np.minimum.accumulate(np.array(merits)) * problem.units.time,
     )
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.baseline.coordinates import Coordinates
-from scp_planner.baseline.descent_run import REPAIRABLE, DescentRun, DescentStatus, Moment
+from scp_planner.baseline.descent_run import REPAIRABLE, DescentRun, DescentStatus, Iterate
 from scp_planner.baseline.descent_settings import EVALUATIONS, DescentSettings
 from scp_planner.baseline.excesses import SETTLED_EXCESS, signed_excess, with_margins
 from scp_planner.baseline.minimisers import MINIMISERS
@@ -81,7 +81,7 @@ class Descent:
         Of the Monte Carlo search.
     deadline : float
         Value of :func:`time.perf_counter` at which the descent ends.
-    keep_moments : bool
+    keep_iterates : bool
         Whether the iterates are kept.
     """
 
@@ -93,11 +93,11 @@ class Descent:
         *,
         seed: int = 0,
         deadline: float = np.inf,
-        keep_moments: bool = False,
+        keep_iterates: bool = False,
     ) -> None:
         self.given = problem
         self.deadline = deadline
-        self.keep_moments = keep_moments
+        self.keep_iterates = keep_iterates
         self.random = np.random.default_rng(seed)
         self.began = perf_counter()
         self.coordinates = Coordinates(problem, start)
@@ -264,8 +264,8 @@ class Descent:
         """Count an accepted step."""
         run = self.run_so_far
         run.iterations += 1
-        if self.keep_moments:
-            run.moments.append(Moment(run.evaluations, perf_counter() - self.began, self.coordinates.trajectory(y)))
+        if self.keep_iterates:
+            run.iterates.append(Iterate(run.evaluations, perf_counter() - self.began, self.coordinates.trajectory(y)))
 
     def _exact(self) -> Evaluation:
         return evaluate_trip(self.problem, self.coordinates.trajectory(self.y), NEAR)

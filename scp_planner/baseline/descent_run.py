@@ -22,7 +22,7 @@ class DescentStatus(StrEnum):
 
 
 @dataclass(frozen=True)
-class Moment:
+class Iterate:
     """An iterate of a descent.
 
     Attributes
@@ -52,7 +52,7 @@ class DescentRun:
         Of the objective, with gradient or (Monte Carlo) without.
     iterations : int
         Accepted steps of the minimisers.
-    moments : list of Moment
+    iterates : list of Iterate
         The iterates, if they were asked for.
     """
 
@@ -60,7 +60,7 @@ class DescentRun:
     evaluation: Evaluation
     evaluations: int = 0
     iterations: int = 0
-    moments: list[Moment] = field(default_factory=list)
+    iterates: list[Iterate] = field(default_factory=list)
 
     @property
     def trajectory(self) -> Trajectory:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from scp_planner.batch.executor import Answer, Executor, Fate
 from scp_planner.batch.jobs import (
@@ -75,7 +75,14 @@ def scenario_files(folder: Path, pattern: str | None = None, leave_out: Sequence
     -------
     dict
         From the path within the folder, with slashes, to the file; in order.
+
+    Raises
+    ------
+    ValueError
+        If the pattern is none of paths within the folder.
     """
+    if pattern and not _is_within(pattern):
+        raise ValueError(f"pattern {pattern!r}: must be of paths within the folder, '**' a whole part of it")
     found = folder.glob(pattern or "*")
     others = [path.resolve() for path in leave_out]
     files = {
@@ -87,6 +94,12 @@ def scenario_files(folder: Path, pattern: str | None = None, leave_out: Sequence
         and not any(path.resolve().is_relative_to(other) for other in others)
     }
     return dict(sorted(files.items()))
+
+
+def _is_within(pattern: str) -> bool:
+    path = PurePath(pattern)
+    plain = all(part != ".." and (part == "**" or "**" not in part) for part in path.parts)
+    return bool(path.parts) and not path.anchor and plain
 
 
 def run_batch(

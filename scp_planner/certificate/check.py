@@ -26,7 +26,7 @@ from typing import Protocol
 
 import numpy as np
 
-from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
+from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, OutOfTimeError, Scope, look_at_the_clock
 from scp_planner.certificate.clearance import Disc, least_clearance, leaves_bounds
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import Motion, Motions
@@ -92,6 +92,8 @@ def certify(
     ------
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
+    TypeError
+        If the scenario or the plan is something else.
     """
     if tube is not None:
         widest = tube.bound(scenario.vehicle)
@@ -101,6 +103,8 @@ def certify(
             scenario = scenario.model_copy(update={"vehicle": wider})
         return certify_samples(scenario, plan, threat_zones)
     units = NaturalUnits.to_check(scenario)
+    if not hasattr(plan, "trip"):
+        raise TypeError(f"plan: must be a Plan or a SampledTrajectory, not {type(plan).__name__}")
     inside, trip = units.scenario(scenario), plan.trip.inside(units)
     found = ZonesOf(inside) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
     within = None if tube is None else tube.inside(units)
@@ -132,16 +136,26 @@ def certify_trip(
     Returns
     -------
     Certificate
+        One that does not hold and says nothing else, if there was no time for the check.
     """
     unfit = _never_arrives(trip) or _is_anywhere(trip)
     if unfit is not None:
         return Certificate(False, Clearance(-np.inf), {}, (unfit,))
-    if batch is None:
-        batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
-    checked = CheckedTrip.of(scenario, trip, batch, scope)
-    beyond = _goes_beyond(checked, threat_zones)
-    if beyond is not None:
-        return Certificate(False, Clearance(-np.inf), {}, (beyond,))
+    try:
+        look_at_the_clock(scope.deadline)
+        if batch is None:
+            batch = ZoneBatch.of(threat_zones, trip.frame, scenario.vehicle.radius)
+        checked = CheckedTrip.of(scenario, trip, batch, scope)
+        beyond = _goes_beyond(checked, threat_zones)
+        if beyond is not None:
+            return Certificate(False, Clearance(-np.inf), {}, (beyond,))
+        return _checked(checked, scope, motions)
+    except OutOfTimeError:
+        return Certificate(False, Clearance(-np.inf), {})
+
+
+def _checked(checked: CheckedTrip, scope: Scope, motions: Motions | None) -> Certificate:
+    """Check a trip, of which something may be known."""
     ends = scope.ends
     if scope.since is not None:
         ends &= Ends.GOAL

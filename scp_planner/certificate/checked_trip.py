@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
@@ -57,6 +58,8 @@ class Scope:
         bound that is not negative, and found sooner.
     tube : TrackingTube or None
         In which the vehicle stays round the trip; see `certify`.
+    deadline : float
+        Value of :func:`time.perf_counter` at which the check is given up.
     """
 
     since: float | None = None
@@ -64,9 +67,25 @@ class Scope:
     ends: Ends = Ends.BOTH
     precision: float = REPORT_PRECISION
     tube: TrackingTube | None = None
+    deadline: float = np.inf
 
 
 WHOLE = Scope()
+
+
+class OutOfTimeError(Exception):
+    """A check was not done at its deadline."""
+
+
+def look_at_the_clock(deadline: float) -> None:
+    """Give up after a value of :func:`time.perf_counter`.
+
+    Raises
+    ------
+    OutOfTimeError
+    """
+    if perf_counter() > deadline:
+        raise OutOfTimeError
 
 
 @dataclass(frozen=True)
@@ -86,6 +105,8 @@ class CheckedTrip:
         Driving faster than allowed at the start is the scenario's business, not the plan's: up to this, m/s.
     tube : TrackingTube or None
         Round the trip, in which the vehicle stays.
+    deadline : float
+        Value of :func:`time.perf_counter` at which the check is given up.
     """
 
     scenario: Scenario
@@ -95,6 +116,7 @@ class CheckedTrip:
     last: float
     start_speed: float
     tube: TrackingTube | None = None
+    deadline: float = np.inf
 
     @classmethod
     def of(cls, scenario: Scenario, trip: Trip, batch: ZoneBatch, scope: Scope = WHOLE) -> CheckedTrip:
@@ -106,7 +128,7 @@ class CheckedTrip:
             start_speed = trip.trajectory.space.start_speed
         if scope.until is not None:
             last = min(max((scope.until - begin) / duration, first + SHORTEST), 1.0)
-        return cls(scenario, trip, batch, first, last, start_speed, scope.tube)
+        return cls(scenario, trip, batch, first, last, start_speed, scope.tube, scope.deadline)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -148,7 +170,8 @@ class CheckedTrip:
         return np.unique(knots[(knots > 0.0) & (knots < 1.0)])
 
     def enclosed(self, pieces: Pieces) -> Enclosure:
-        """Return what holds of the trip on pieces of time."""
+        """Return what holds of the trip on pieces of time, if there is time for it."""
+        look_at_the_clock(self.deadline)
         trajectory = self.trajectory
         path, length, count = trajectory.path, trajectory.space.length, len(pieces.middle)
         half = pieces.half * trajectory.travel_time

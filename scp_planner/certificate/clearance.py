@@ -171,9 +171,12 @@ class _Search:
         return self._told(self._refined(pieces, _Open(interval, zones), float(crude[far].min(initial=np.inf)), nearest))
 
     def _refined(self, pieces: Pieces, left: _Open, certified: float, nearest: _Nearest) -> _Bound:
-        """Halve pieces on which a zone's bound does not decide, until all are decided or one is touched."""
+        """Quarter pieces on which a zone's bound does not decide, until all are decided or one is touched.
+
+        Quarters, since rounds cost most: the bound comes nearer by a factor of 16 each time.
+        """
         disc = self.disc
-        for _ in range(MAX_HALVINGS):
+        for _ in range(MAX_HALVINGS // 2):
             if not len(left.interval):
                 return _Bound(certified, nearest)
             bound = ZoneBounds(self.batch).fine(left.zone, left.interval, disc.center)
@@ -197,11 +200,9 @@ class _Search:
                 break
             keep = np.zeros(len(pieces.middle), dtype=bool)
             keep[open_pieces] = True
-            pieces = pieces.halves(keep)
-            left = _Open(
-                np.concatenate([inverse, inverse + len(open_pieces)]),
-                np.concatenate([left.zone[~done], left.zone[~done]]),
-            )
+            pieces = pieces.quarters(keep)
+            parts = np.arange(len(pieces.middle) // len(open_pieces))[:, None]
+            left = _Open((inverse + len(open_pieces) * parts).ravel(), np.tile(left.zone[~done], len(parts)))
             disc = Disc.on(self.checked.enclosed(pieces), disc.offset, self.checked.tube)
         return _Bound(-np.inf, nearest)
 

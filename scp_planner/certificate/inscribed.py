@@ -14,7 +14,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 
 CORNERS = 48  # of the polygon inside each zone
 BESIDE = 1e-9  # rad
-TINY = 1e-300
+LEAST_DIVISOR = 1e-300
 
 
 def polygons_inside(batch: ZoneBatch, times: Array, low: Array, high: Array) -> Iterator[tuple[Index, Array]]:
@@ -81,5 +81,6 @@ def _ellipse_points(matrix: Array, directions: Array) -> Array:
     xx, xy, yy = np.moveaxis(matrix, -1, 0)
     x, y = directions[..., 0], directions[..., 1]
     return (
-        np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1) / np.maximum(support(matrix, directions), TINY)[..., None]
+        np.stack([xx * x + xy * y, xy * x + yy * y], axis=-1)
+        / np.maximum(support(matrix, directions), LEAST_DIVISOR)[..., None]
     )

@@ -106,7 +106,7 @@ class _Bounded:
     bound: Array
 
 
-def _bend(checked: CheckedTrip, name: str, enclosure: Enclosure) -> _Bounded:
+def _bounded(checked: CheckedTrip, name: str, enclosure: Enclosure) -> _Bounded:
     """What one limit bounds."""
     match name:
         case "curvature":
@@ -132,7 +132,7 @@ def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, e
     allowed = limit * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = -1.0, 0.0, False
     for _ in range(MAX_HALVINGS // 2):
-        quantity = _bend(checked, name, enclosure)
+        quantity = _bounded(checked, name, enclosure)
         worst = int(np.argmax(np.abs(quantity.value)))
         if abs(quantity.value[worst]) > best:
             best, best_sigma = float(abs(quantity.value[worst])), float(pieces.middle[worst])

@@ -16,7 +16,7 @@ class Clearance:
     Attributes
     ----------
     minimum : float
-        m; a certified lower bound if the plan is certified; inf without obstacles.
+        m; a certified lower bound if the plan is certified; inf without obstacles, -inf if nothing is known.
     obstacle : str or None
         Id of the obstacle.
     time : float or None
@@ -28,7 +28,9 @@ class Clearance:
     time: float | None = None
 
     def __str__(self) -> str:
-        return "no obstacles" if self.obstacle is None else f"{self.minimum:.4g} m clear of {self.obstacle}"
+        if self.obstacle is None:
+            return "no obstacles" if self.minimum > 0.0 else "clearance not known"
+        return f"{self.minimum:.4g} m clear of {self.obstacle}"
 
     def outside(self, units: NaturalUnits) -> Clearance:
         """Return a clearance in the units of its scene in SI units."""

@@ -112,7 +112,10 @@ def batch(
 
     settings = replace(Settings(), **planning.values)
     options = jobs.Options(planning.method, settings, planning.time_limit, planning.samples)
-    files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
+    try:
+        files = scenario_files(folder, pattern, [output, *([plans] if plans is not None else [])])
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--pattern") from None
     if not files:
         raise bad_option("DIR", folder, f"holds no scenario files{f' like {pattern}' if pattern else ''}")
     with ExitStack() as stack:

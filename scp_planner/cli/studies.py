@@ -205,6 +205,10 @@ class FitOptions:
             help="Standard deviation of observed coordinates, m; default: fitted. Smoothed tracks show none.",
         ),
     ] = None
+    tails: Annotated[
+        bool,
+        typer.Option("--tails/--no-tails", help="Fit how often errors are large, too; that needs 10 tracks or more."),
+    ] = True
 
     def check(self) -> None:
         """Refuse what is no probability, and a noise that is none."""
@@ -245,7 +249,9 @@ def fit_motion(
 
     tracks = Tracks.joined(tracks_files)
     fitted = tracks.halves()[0] if half else tracks
-    model = fit_motion_model(fitted, fit.kind, window=fit.window, conformal=fit.conformal, noise=fit.noise)
+    model = fit_motion_model(
+        fitted, fit.kind, window=fit.window, conformal=fit.conformal, noise=fit.noise, tails=fit.tails
+    )
     if source is not None and model.fitted_to is not None:
         model = model.model_copy(update={"fitted_to": model.fitted_to.model_copy(update={"source": source})})
     model.save(output)

@@ -22,7 +22,7 @@ def of_plan(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "arrival_time": plan.arrival_time,
         "travel_time": plan.travel_time,
         "lower_bound": plan.lower_bound,
-        "relative_gap": plan.gap,
+        "relative_gap": plan.gap if plan.certified else None,
         "converged": plan.converged,
         "least_clearance": plan.clearance.minimum,
         "nearest_obstacle": plan.clearance.obstacle,

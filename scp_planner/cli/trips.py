@@ -170,6 +170,8 @@ def plan(
     if picture.plot is not None:
         made.draw(scenario, picture.plot, picture.view)
     report(summaries.of_plan(scenario, made), printing)
+    if made.certified and not printing.quiet:
+        _tell_of_discs(scenario)
     _finish(scenario_file, made.certified, f"{made.status}: {made.reason}" if made.reason else str(made.status))
 
 
@@ -276,6 +278,15 @@ def _prefixed(prefix: str, summary: dict[str, object]) -> dict[str, object]:
     return {f"{prefix}_{key}": summary[key] for key in kept}
 
 
+def _tell_of_discs(scenario: Scenario) -> None:
+    from scp_planner.scenario.units import NaturalUnits
+    from scp_planner.threat_zones.of_scenario import ZonesOf, taken_for_discs
+
+    zones = ZonesOf(NaturalUnits.of(scenario).scenario(scenario)).of_others
+    for told in taken_for_discs(scenario.obstacles, zones):
+        tell(f"{told}: give shape.heading if you know it")
+
+
 def _finish(source: str, certified: bool, reason: str) -> None:
     if not certified:
         tell(f"{source}: not certified: {reason}")
@@ -286,6 +297,8 @@ def _finish_run(source: str, run: Run) -> None:
     faults = [] if run.arrived else [f"did not arrive in {run.travel_time:g} s: {run.records[-1].reason}"]
     if run.contact:
         faults.append(f"touched an obstacle, {-run.least_clearance:.3g} m deep")
+    if run.contact_standing:
+        tell(f"{source}: an obstacle touched the vehicle while it stood; least clearance is that while it moved")
     if faults:
         tell(f"{source}: {'; '.join(faults)}")
         raise typer.Exit(ExitCode.NOT_CERTIFIED)

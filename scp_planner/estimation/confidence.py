@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from scp_planner.estimation.motion_estimate import MotionEstimate
 
 LEVELS = ("per_time", "per_obstacle", "joint")
+LARGEST_ALPHA = 1.0 - 2.0**-53  # the largest number below 1: what holds with hardly any probability has some region
 _SCALE_TOLERANCE = 1e-13  # of log q
 
 
@@ -81,7 +82,7 @@ def region_scale(
     """
     if level not in LEVELS:
         raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")
-    alpha = 1.0 - _checked(probability)
+    alpha = outside_probability(probability)
     if level == "per_time":
         return estimate.errors.pointwise_scale(alpha)
     if level == "joint":
@@ -135,7 +136,7 @@ def alpha_of_one(level: str, probability: float, obstacles: int) -> float:
     """
     if level not in LEVELS:
         raise EstimationError(f"level: {level!r} is not one of {', '.join(LEVELS)}")
-    alpha = 1.0 - _checked(probability)
+    alpha = outside_probability(probability)
     return shared_alpha(alpha, obstacles) if level == "joint" else alpha
 
 
@@ -159,6 +160,19 @@ def course_scale(level: str, alpha: float, times: int) -> float:
     if level != "per_time":
         alpha = shared_alpha(alpha, times)
     return -2.0 * math.log(alpha)  # the quantile of chi-square with 2 degrees of freedom
+
+
+def outside_probability(probability: float) -> float:
+    """Give alpha, the probability to be outside of what holds with a probability.
+
+    Raises
+    ------
+    EstimationError
+        For a probability outside (0, 1).
+    """
+    if not 0.0 < probability < 1.0:
+        raise EstimationError(f"probability: {probability!r} is not between 0 and 1")
+    return min(1.0 - probability, LARGEST_ALPHA)
 
 
 def shared_alpha(alpha: float, obstacles: int) -> float:
@@ -244,9 +258,3 @@ def _solve(tail: Callable[[float], float], alpha: float, floor: float) -> float:
         now, f_now = step, excess(step)
         low, high = (now, high) if f_now > 0.0 else (low, now)
     return max(math.exp(now), floor)
-
-
-def _checked(probability: float) -> float:
-    if not 0.0 < probability < 1.0:
-        raise EstimationError(f"probability: {probability!r} is not between 0 and 1")
-    return probability

@@ -230,7 +230,9 @@ def prediction_errors(
     """
     stretches, targets = stretches_of(tracks, window, lead_times)
     if not len(stretches.times):
-        raise EstimationError(f"tracks: none has more than {window} positions")
+        raise EstimationError(
+            f"tracks: none has more than {window} positions, which a prediction is made from (window)"
+        )
     state = _run_filter(model, stretches.times, stretches.positions)
     dynamics = dynamics_of(model)
     errors = []
@@ -257,13 +259,14 @@ def prediction_errors(
 def fit_tails(errors: Sequence[PredictionErrors]) -> Tails:
     """Fit Student tails to prediction errors; lead times that too few tracks reach are left out."""
     usable = [e for e in errors if len(np.unique(e.tracks)) >= _FEWEST_TRACKS]
+    if not usable:
+        raise EstimationError(
+            f"tracks: fewer than {_FEWEST_TRACKS} reach any of the lead times, too few to fit the tails to: how often "
+            "errors are large; without them, tails=False or --no-tails, regions hold less than they say"
+        )
     for e in errors:
         if e not in usable:
             _logger.warning("lead time %g s: fewer than %d tracks reach it; left out", e.lead_time, _FEWEST_TRACKS)
-    if not usable:
-        raise EstimationError(
-            f"tracks: fewer than {_FEWEST_TRACKS} reach any of the lead times, too few to fit the tails to"
-        )
     quantiles = np.array([_tail_quantiles(e) for e in usable])
     degrees = _common_degrees(quantiles)
     inflations = quantiles[:, _MATCHED] / _student_quantiles(degrees)[_MATCHED]

@@ -13,6 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.errors import MISSING, EstimationError, Fault, TracksError
+from scp_planner.trips.sample_files import NAMES, delimiter_of, plain_name
 
 OBSMAT_STEP = 0.4  # s between the rows of one person
 DUT_FRAME_RATE = 23.98  # 1/s
@@ -98,8 +99,10 @@ def _read(path: Path) -> list[Track]:
         form = _Format("id", "frame", "x", "y", None)
         rows = list(_rows(((i, _obsmat_fields(line)) for i, line in lines), form, faults))
     else:
-        form = _csv_format(path, lines[0][1])
-        reader = csv.DictReader((line for _, line in lines), restkey="", restval=None)
+        header, mark = lines[0][1], delimiter_of(lines[0][1])
+        names = [plain_name(name) for name in header.split(mark)]
+        form = _csv_format(path, header, set(names))
+        reader = csv.DictReader((line for _, line in lines[1:]), names, restkey="", restval=None, delimiter=mark)
         numbered = zip((i for i, _ in lines[1:]), reader, strict=False)
         rows = list(_rows(numbered, form, faults, path.stem))
     if faults:
@@ -146,15 +149,16 @@ def _is_obsmat(line: str) -> bool:
         return False
 
 
-def _csv_format(path: Path, header: str) -> _Format:
-    columns = {name.strip() for name in header.split(",")}
-    if columns >= {"id", "time", "x", "y"}:
-        return _Format("id", "time", "x", "y", 1.0)
+def _csv_format(path: Path, header: str, columns: set[str]) -> _Format:
     if columns >= {"id", "frame", "x_est", "y_est"}:
         return _Format("id", "frame", "x_est", "y_est", 1.0 / DUT_FRAME_RATE)
     if columns >= {"timestamp", "x", "y"}:
         return _Format(None, "timestamp", "x", "y", 1.0)
-    raise TracksError(str(path), [Fault("line 1", header, "must be a header with the columns id, time, x and y")])
+    time, x, y = (next(filter(columns.__contains__, NAMES[what]), None) for what in ("time", "x", "y"))
+    if "id" in columns and time and x and y:
+        return _Format("id", time, x, y, 1.0)
+    text = "must be a header with the columns id, time, x and y; with their units time_s, x_m and y_m"
+    raise TracksError(str(path), [Fault("line 1", header, text)])
 
 
 def _rows(

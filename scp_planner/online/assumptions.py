@@ -13,7 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.online.plan import OnlinePlan
-from scp_planner.online.vetting import NOTHING, TINY, Moment
+from scp_planner.online.vetting import NOTHING, TINY_TIME, Moment
 from scp_planner.scenario.units import NaturalUnits
 
 INSIDE = 1e-9
@@ -58,7 +58,7 @@ class Assumptions:
             return ()
         found = self._escaped(before, now)
         late = now.state.time - before.state.time
-        if late > self._period * (1.0 + LATE) + TINY:
+        if late > self._period * (1.0 + LATE) + TINY_TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
         points, _ = last.trip.at(now.state.time)
         (place,) = last.trip.frame.to_world(points.path.position)
@@ -88,14 +88,14 @@ class Assumptions:
         if old.covariances is not None:
             some = old.slot[first] >= 0
             spread = old.covariances.grid(elapsed)[0, old.slot[first[some]]]
-            allowed[some] += _reach(moved[some] @ before.frame.rotation, spread)
+            allowed[some] += _radii_towards(moved[some] @ before.frame.rotation, spread)
         return {
             new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
             for k in np.flatnonzero(apart > allowed)
         }
 
 
-def _reach(moved: Array, covariances: Array) -> Array:
+def _radii_towards(moved: Array, covariances: Array) -> Array:
     """How far ellipses x' C^-1 x = 1, (n, 3) as (xx, xy, yy), reach in the directions of vectors (n, 2): (n,) m."""
     x, y = moved.T
     xx, xy, yy = (covariances + NOTHING**2 * np.array([1.0, 0.0, 1.0])).T

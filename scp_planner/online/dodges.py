@@ -24,13 +24,13 @@ from scp_planner.trips.space import CELLS_PER_SPAN, TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-LOOKS = 48
+TIMES_LOOKED_AT = 48
 """Samples of a dodge."""
 BEND_PEAK = 1.5
 """The largest slope of the step by which a course turns."""
 PATH_PIECES = (4, 8, 16)
 """Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn."""
-NEAR = 0.1
+EXACT_WITHIN = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
@@ -243,7 +243,7 @@ class Dodges:
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
             families = tuple(Family.of(Courses.turning(each), profiles, limits, radius, 0.0) for each in ways)
-        times = np.linspace(0.0, float((profiles.stands + wait).max()), LOOKS)
+        times = np.linspace(0.0, float((profiles.stands + wait).max()), TIMES_LOOKED_AT)
         driven = [family.driven(times) for family in families]
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
         return cls(families, wait, times, position, headings)
@@ -288,7 +288,7 @@ class Dodges:
             found = [self._from_rounds(zones, place)]
             if len(others):
                 times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
-                away = shaped.distances(times, points, NEAR)
+                away = shaped.distances(times, points, EXACT_WITHIN)
                 found.append(away.T.reshape(-1, *self.heading.shape))
             if len(border):
                 found.append(box.room(place)[None])
@@ -320,6 +320,6 @@ class Dodges:
         if batch.size == 0:
             return np.zeros(0, dtype=np.intp)
         here = np.zeros((len(self.times), 2))
-        away = batch.distances(self.times, here, NEAR)
-        reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest + NEAR
+        away = batch.distances(self.times, here, EXACT_WITHIN)
+        reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest + EXACT_WITHIN
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))

@@ -17,7 +17,7 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY, Stop, Vetted, refused
+from scp_planner.online.vetting import TINY_TIME, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
@@ -110,7 +110,7 @@ class Fallback:
         if moment.state.acceleration is None or last is None or last.stop is None:
             return None
         stop = Stop(last.stop, last.branch_time)
-        begun = moment.state.time > stop.branch + TINY
+        begun = moment.state.time > stop.branch + TINY_TIME
         if begun or stop.stands <= moment.state.time or not self._means.vetting.is_on(moment, stop.trip):
             return None
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
@@ -191,7 +191,7 @@ class Fallback:
         last = now.last
         if last is not None and last.stop is not None and self._means.vetting.is_on(moment, last.stop):
             # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
-            if moment.state.acceleration is None or moment.state.time <= last.branch_time + TINY:
+            if moment.state.acceleration is None or moment.state.time <= last.branch_time + TINY_TIME:
                 yield last.stop
         if ahead is not None:
             along = self._means.braking.stop_now(ahead.path, moment.state)

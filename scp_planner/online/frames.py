@@ -15,7 +15,7 @@ import numpy as np
 
 from scp_planner.online.noticing import Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import Seen, Track
+from scp_planner.online.track import ObstacleTrack, Seen
 
 
 def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen]) -> list[str | None]:
@@ -57,7 +57,7 @@ def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen
     return said
 
 
-def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[Track], seen: Sequence[Seen]) -> list[int]:
+def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:
     """Let a bank take in all that it can of what is seen of its tracks; return the numbers of the others."""
     slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
     times = np.fromiter((one.time for one in seen), float, len(seen))

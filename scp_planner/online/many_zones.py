@@ -18,7 +18,7 @@ from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.suspicions import Suspicions
-from scp_planner.online.track import Track
+from scp_planner.online.track import ObstacleTrack
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
@@ -57,7 +57,7 @@ class Level:
 
 
 def zones_together(
-    tracks: Sequence[Track],
+    tracks: Sequence[ObstacleTrack],
     roots: SquareRoots,
     start: float,
     level: Level,
@@ -68,7 +68,7 @@ def zones_together(
 
     Parameters
     ----------
-    tracks : sequence of Track
+    tracks : sequence of ObstacleTrack
     roots : SquareRoots
         What their estimates are made from.
     start : float
@@ -117,12 +117,14 @@ def zones_together(
     )
 
 
-def zones_of_mixtures(tracks: Sequence[Track], mixtures: Mixture, start: float, level: Level) -> list[ThreatZone]:
+def zones_of_mixtures(
+    tracks: Sequence[ObstacleTrack], mixtures: Mixture, start: float, level: Level
+) -> list[ThreatZone]:
     """Make the zones of motions that mixtures of filters predict, all at once.
 
     Parameters
     ----------
-    tracks : sequence of Track
+    tracks : sequence of ObstacleTrack
     mixtures : Mixture
         Of each, at the start.
     start : float
@@ -205,7 +207,7 @@ def _even(blocks: Array) -> Array:
 
 
 def _made(
-    tracks: Sequence[Track], start: float, center: Array, covariance: Array, scales: Sequence[float]
+    tracks: Sequence[ObstacleTrack], start: float, center: Array, covariance: Array, scales: Sequence[float]
 ) -> list[ThreatZone]:
     """Zones of centres (K, p, 2) and covariances (K, m, 3), polynomials of the time since the start, and scales."""
     first = tracks[0].estimator

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import marginal_scale
+from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
@@ -42,10 +42,10 @@ from scp_planner.online.suspicions import (
 from scp_planner.online.track import (
     MOST_LATE,
     NoticingTrack,
+    ObstacleTrack,
     PolynomialTrack,
     ProcessTrack,
     Seen,
-    Track,
     TrackEstimator,
 )
 from scp_planner.scenario.estimates import Estimate
@@ -94,14 +94,14 @@ class ObstacleTracks:
         self.newcomers = newcomers or SceneNewcomers()
         self.watch = watch or Watch()
         self.manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
-        self.tracks: dict[str, Track] = {}
+        self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
-        self.scales = AdaptiveScales(1.0 - confidence.probability, len(regions.HORIZONS))
+        self.scales = AdaptiveScales(outside_probability(confidence.probability), len(regions.HORIZONS))
         self._banks: dict[int, Bank] = {}
 
     def add(self, *obstacles: Obstacle) -> None:
         """Take in obstacles of a scenario, with their motions or their observations."""
-        together: list[Track] = []
+        together: list[ObstacleTrack] = []
         for obstacle in obstacles:
             track = self._new_track(obstacle.id, obstacle.shape, obstacle.model, obstacle.margin)
             self.tracks[track.id] = track
@@ -117,7 +117,7 @@ class ObstacleTracks:
             if track.estimator is None:
                 track.relearn(self.newcomers, self._make)
 
-    def _learn_together(self, tracks: Sequence[Track]) -> None:
+    def _learn_together(self, tracks: Sequence[ObstacleTrack]) -> None:
         """Learn from what has been seen of obstacles before: first how much noise there is, then how they move."""
         for track in tracks:
             track.begin(self._make)
@@ -127,7 +127,7 @@ class ObstacleTracks:
         for order, bank in self._banks.items():
             self._replay(bank, [track for track in tracks if track.model.order == order])
 
-    def _replay(self, bank: Bank, tracks: list[Track]) -> None:
+    def _replay(self, bank: Bank, tracks: list[ObstacleTrack]) -> None:
         """Let a bank learn from all that has been seen of obstacles, but for outliers."""
         gate = -2.0 * math.log(self.watch.gate_probability) if self.watch.gate_probability > 0.0 else math.inf
         wild: dict[str, list[int]] = {track.id: [] for track in tracks}
@@ -150,7 +150,7 @@ class ObstacleTracks:
             for name in ("times", "positions", "covariances"):
                 setattr(track, name, [one for k, one in enumerate(getattr(track, name)) if k not in left_out])
 
-    def _make(self, track: Track) -> TrackEstimator:
+    def _make(self, track: ObstacleTrack) -> TrackEstimator:
         """Make the estimator of a track."""
         process, covariance = track.model.process, track.covariance
         if process is not None:
@@ -198,9 +198,9 @@ class ObstacleTracks:
         track = self.tracks[name]
         track.fixed, track.suspects = motion, []
 
-    def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> Track:
+    def _new_track(self, name: str, shape: Shape, model: Model, margin: float) -> ObstacleTrack:
         margin += self.margin
-        return Track(name, shape, model, margin, estimated_body(shape, model), noise_factor=self.noise.factor)
+        return ObstacleTrack(name, shape, model, margin, estimated_body(shape, model), noise_factor=self.noise.factor)
 
     def observe(
         self, name: str, time: float, position: tuple[float, float], covariance: Array | None = None
@@ -247,7 +247,7 @@ class ObstacleTracks:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
         return None
 
-    def remember(self, tracks: Sequence[Track], seen: Sequence[Seen]) -> None:
+    def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
         if self.watch.regions is Regions.ADAPTIVE:
             regions.compare(self.scales, tracks, seen, self.newcomers)
@@ -295,15 +295,15 @@ class ObstacleTracks:
         every = ((made[track.id],) if track.fixed is None else self._given(track, estimated) for track in tracks)
         return tuple(chain.from_iterable(every))
 
-    def _given(self, track: Track, uncertain: int) -> tuple[ThreatZone, ...]:
+    def _given(self, track: ObstacleTrack, uncertain: int) -> tuple[ThreatZone, ...]:
         """Zones of a track whose motion is given, beside how many that are not known exactly."""
         assert track.fixed is not None
         return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
 
-    def _together(self, tracks: Sequence[Track], start: float, level: Level) -> dict[str, ThreatZone]:
+    def _together(self, tracks: Sequence[ObstacleTrack], start: float, level: Level) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        groups: dict[int, list[tuple[Track, SquareRoots]]] = {}
-        alarmed: dict[int, list[Track]] = {}
+        groups: dict[int, list[tuple[ObstacleTrack, SquareRoots]]] = {}
+        alarmed: dict[int, list[ObstacleTrack]] = {}
         for track in tracks:
             if track.fixed is not None or track.estimator is None or not track.simple:
                 continue
@@ -330,7 +330,7 @@ class ObstacleTracks:
                 track.zone = made[track.id] = zone
         return made
 
-    def _suspicions(self, tracks: Sequence[Track], roots: SquareRoots, level: Level) -> Suspicions | None:
+    def _suspicions(self, tracks: Sequence[ObstacleTrack], roots: SquareRoots, level: Level) -> Suspicions | None:
         """Changes of acceleration of some tracks of one order that are likely enough to matter."""
         if self.watch.changes <= 0.0 or not all(isinstance(track.estimator, NoticingTrack) for track in tracks):
             return None
@@ -341,7 +341,7 @@ class ObstacleTracks:
         found = self._changes([tracks[k] for k in some.tolist()], roots.of(some)).suspicions(self.watch.changes)
         return found.among(some, len(tracks), LEFT_OUT * level.alpha)
 
-    def _mixtures(self, tracks: Sequence[Track], bank: Bank, start: float) -> Mixture:
+    def _mixtures(self, tracks: Sequence[ObstacleTrack], bank: Bank, start: float) -> Mixture:
         """What is predicted of tracks of one order that are alarmed: by the filters, and by a single change."""
         estimators = [track.estimator for track in tracks if track.estimator is not None]
         slots = np.array([one.slot for one in estimators], dtype=np.intp)
@@ -356,18 +356,18 @@ class ObstacleTracks:
         odds = np.clip(bank.gain[slots[some]] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
         return mixtures.blended(some, changed, 1.0 / (1.0 + np.exp(odds)))
 
-    def _changes(self, tracks: Sequence[Track], roots: SquareRoots) -> Changes:
+    def _changes(self, tracks: Sequence[ObstacleTrack], roots: SquareRoots) -> Changes:
         slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
         bank, deviation = self._banks[tracks[0].model.order], self.newcomers.acceleration_deviation
         return changes_of(roots, bank.looks(slots), bank.noise_of(slots), deviation)
 
-    def _bounds_headings(self, tracks: Collection[Track]) -> bool:
+    def _bounds_headings(self, tracks: Collection[ObstacleTrack]) -> bool:
         """Whether shapes that turn with an estimated motion are more than the discs that cover them."""
         if self.watch.regions is Regions.ADAPTIVE:
             return False  # regions that are scaled by what came of them are of positions alone
         return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
-    def _alone(self, track: Track, start: float, level: Level) -> ThreatZone:
+    def _alone(self, track: ObstacleTrack, start: float, level: Level) -> ThreatZone:
         estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
             estimate = estimate.with_manoeuvre(self.manoeuvre)
@@ -411,7 +411,7 @@ class ObstacleTracks:
         """Give what is known as obstacles of a scenario, with the planner's margin."""
         return tuple(self._as_obstacle(track) for track in self.tracks.values() if track.seen)
 
-    def _as_obstacle(self, track: Track) -> Obstacle:
+    def _as_obstacle(self, track: ObstacleTrack) -> Obstacle:
         common: dict[str, Any] = {"id": track.id, "shape": track.shape, "margin": track.margin}
         if track.fixed is not None:
             return Obstacle.model_construct(**common, motion=track.fixed, observations=None, model=track.model)
@@ -441,7 +441,7 @@ class ObstacleTracks:
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)
 
 
-def _remember(track: Track, seen: Observations) -> None:
+def _remember(track: ObstacleTrack, seen: Observations) -> None:
     """Put down what has been seen of an obstacle."""
     each: list[Array | None] = [None] * len(seen.time)
     if seen.covariance is not None:

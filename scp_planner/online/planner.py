@@ -267,13 +267,13 @@ class Planner:
             If the id is taken or a value is not allowed.
         """
         if not isinstance(obstacle, str):
-            whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle.model_validate(obstacle)
+            whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle(**obstacle)
             self._check_new(whole.id)
             self._obstacles.add(self._units.obstacle(whole))
             return
         still = {"position": [0.0, 0.0]}
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
-        checked = self._units.obstacle(Obstacle.model_validate(parts))
+        checked = self._units.obstacle(Obstacle(**parts))
         self._check_new(obstacle)
         noise = None if covariance is None else _covariance(covariance) / self._units.length**2
         self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)

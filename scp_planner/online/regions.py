@@ -13,7 +13,7 @@ from scp_planner.estimation.conformal import AdaptiveScales, region_score
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import times_linear
-from scp_planner.online.track import Seen, Track
+from scp_planner.online.track import ObstacleTrack, Seen
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -25,7 +25,9 @@ _HORIZONS = HORIZONS.tolist()
 _LATE = LATENESS * max(_HORIZONS)
 
 
-def compare(scales: AdaptiveScales, tracks: Sequence[Track], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
+def compare(
+    scales: AdaptiveScales, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers
+) -> None:
     """Learn from what is seen of some obstacles, one observation of each, how large regions have to be."""
     told: list[Prediction] = []
     whom: list[tuple[int, str]] = []  # horizons and names
@@ -68,7 +70,7 @@ def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
     return where[:, 1:] - values[0], values[1]
 
 
-def scaled(scales: AdaptiveScales, track: Track, zone: ThreatZone) -> ThreatZone:
+def scaled(scales: AdaptiveScales, track: ObstacleTrack, zone: ThreatZone) -> ThreatZone:
     """A zone whose covariances are sized by what has come of predictions, linearly between the horizons."""
     covariances = zone.covariances
     if covariances is None or track.predicted is None:

@@ -47,7 +47,7 @@ WAY_BACK_TIMES = 8.0
 """...or this many times its distance from it, if that is more."""
 CATCHING_UP = 0.3
 """Share of the limits of acceleration that is used to get back to the planned speed."""
-TINY = 1e-9
+TINY_SHARE = 1e-9
 """Of the time of a trip: rounding."""
 GUIDE_STEP = 0.25
 """Units of length, between the points of a curved guide that nearest ones are looked for among."""
@@ -236,5 +236,5 @@ def eased(problem: Problem, ahead: Trajectory, share: float) -> Array:
         beta[0] = least
         return beta
     breaks = problem.space.acceleration.breakpoints
-    beta[breaks <= breaks[-1] - breaks[-2] + TINY] = least
+    beta[breaks <= breaks[-1] - breaks[-2] + TINY_SHARE] = least
     return _from(problem.ends.start_acceleration, beta, _most_change(problem, ahead.travel_time))

@@ -228,12 +228,12 @@ class ProcessTrack(TrackEstimator):
         return self.filter.estimate()
 
 
-EstimatorMaker = Callable[["Track"], TrackEstimator]
+EstimatorMaker = Callable[["ObstacleTrack"], TrackEstimator]
 """Makes the estimator of a track, which has seen nothing."""
 
 
 @dataclass
-class Track:
+class ObstacleTrack:
     """One obstacle, and all that was seen of it.
 
     Attributes

@@ -52,7 +52,7 @@ DEEP = 0.1
 for a while."""
 NOTHING = 1e-6
 """Units of length."""
-TINY = 1e-9
+TINY_TIME = 1e-9
 """Units of time."""
 _SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
 
@@ -334,7 +334,7 @@ class Vetting:
         """
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
-        first = int(np.searchsorted(breaks, driven + self.period - TINY))
+        first = int(np.searchsorted(breaks, driven + self.period - TINY_TIME))
         last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
         last = min(max(last, first), len(breaks) - 1)
         if first > last:
@@ -342,7 +342,7 @@ class Vetting:
             return
         spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
-            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY))
+            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
         batch = now.batch_in(trip.frame)
         room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
         # The latest of those with plenty of room: it will do for the most replans.
@@ -410,7 +410,7 @@ class Vetting:
 
     def vet_kept_stop(self, now: Moment, last: Trip, stop: Stop) -> Vetted | None:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""
-        if now.state.time + self.period > stop.branch + TINY or not self.is_on(now, last):
+        if now.state.time + self.period > stop.branch + TINY_TIME or not self.is_on(now, last):
             return None
         certificate = self.certify_stop(now, stop, now.state.time)
         return Vetted(last, certificate, stop) if certificate.holds else None

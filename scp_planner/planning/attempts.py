@@ -21,7 +21,7 @@ HARDLY = 0.15  # largest violation of a run that hardly fails: another one may m
 GOOD_ENOUGH = 1e-3  # relative distance to the lower bound at which no other way is looked for
 
 
-class Run(Protocol):
+class MethodRun(Protocol):
     """A run of any method."""
 
     @property
@@ -39,7 +39,7 @@ class Start(Protocol):
         ...
 
 
-RunT = TypeVar("RunT", bound=Run)
+RunT = TypeVar("RunT", bound=MethodRun)
 StartT = TypeVar("StartT", bound=Start)
 
 
@@ -49,7 +49,7 @@ class Attempt(Generic[RunT]):
 
     Attributes
     ----------
-    run : Run
+    run : MethodRun
     certificate : Certificate or None
         None if the run was cut off.
     """
@@ -223,6 +223,8 @@ class OuterSearch(ABC, Generic[StartT, RunT]):
             None if there are no starts.
         """
         for start in starts:
+            if self.incumbent is not None and self.out_of_time:
+                break
             attempt = self.tried(start)
             if attempt.better_than(self.incumbent):
                 self.incumbent, self.estimate = attempt, start.estimate

@@ -29,6 +29,7 @@ FEWEST_PENALTIES = 1e-3  # units of time; less is rounding
 LOOKED_AHEAD = 2.0
 """Times the kinematic bound: trips up to this long are proved to be impossible, where there is no latest arrival."""
 
+UNCHECKED = "No time was left to check the trip"
 MOST_CULPRITS = 4
 MOST_NAMED = 3
 """Of many obstacles that are alike."""
@@ -105,13 +106,12 @@ def explain(
         the penalty that is left; the least relaxation that would make this attempt acceptable.
     """
     told = grave_violations(scenario, trip, certificate)
-    parts = ["; ".join(map(str, told)), *_causes(scenario, threat_zones, trip, told, prove_until)]
+    parts = ["; ".join(map(str, told)) or UNCHECKED, *_causes(scenario, threat_zones, trip, told, prove_until)]
     ways = "1 way round" if ending.tried == 1 else f"{ending.tried} ways round"
     penalty = f"; penalty left {ending.penalty:.3g} s" if ending.penalty > 0.0 else ""
+    parts.append(f"Best of {ways}; {_ENDS[ending.status]}{penalty}")
     helps = "; ".join(_relaxations(scenario, told))
-    return ". ".join(
-        [*parts, f"Best of {ways}; {_ENDS[ending.status]}{penalty}", f"It would be acceptable with {helps}"]
-    )
+    return ". ".join([*parts, f"It would be acceptable with {helps}"] if helps else parts)
 
 
 def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -> list[Violation]:
@@ -128,8 +128,8 @@ def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -
 
 def _relaxations(scenario: Scenario, told: Sequence[Violation]) -> Iterator[str]:
     for each in told:
-        whole = each.obstacle is not None and -each.value > _extent(scenario)
-        # by how much says nothing where it is all of the scene
+        whole = each.obstacle is not None and -each.value > 0.5 * _extent(scenario)
+        # by how much says nothing where it is most of the scene
         yield f"far smaller zones of {each.obstacle}" if whole else _relaxation(each)
 
 
@@ -232,7 +232,9 @@ def _model_to_change(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], 
         return f"{told}: no model says anything so late; replan while driving (simulate, Planner), or ask for less"
     names = " or ".join([", ".join(NAMES[:-1]), NAMES[-1]])
     order = max(believed)
-    return f"{told}: the model, order {order} ({_ORDERS[order]}), says nothing so late; if one fits, set model: {names}"
+    keeps = "if it keeps its velocity, set order: 1; " if order > 1 else ""
+    told += f": the model, order {order} ({_ORDERS[order]}), says nothing so late; "
+    return f"{told}{keeps}if one fits, set model: {names}"
 
 
 def _extent(scenario: Scenario) -> float:

@@ -14,7 +14,7 @@ from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.other_guides import with_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refined
-from scp_planner.planning.runs import CheckedRuns, Given, ScpAttempt, Task
+from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpAttempt, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from scp_planner.estimation.tracking import TrackingTube
     from scp_planner.scp.given import UserConstraints
 
+CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
 PROOF_TIME = 1.0  # s of wall time; what a proof that there is no trip may take
 
 
@@ -67,13 +68,15 @@ def plan(
     Raises
     ------
     ValueError
-        If no solver has that name; if there are constraints and the solver is another than CVXPY; if a constraint is
-        not convex by the rules of CVXPY.
+        If the time limit is negative; if no solver has that name; if there are constraints and the solver is another
+        than CVXPY; if a constraint is not convex by the rules of CVXPY.
     TypeError
-        If ``constraints`` returns something else than constraints.
+        If the scenario is none, or ``constraints`` returns something else than constraints.
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
     """
+    if time_limit is not None and not time_limit >= 0.0:
+        raise ValueError(f"time_limit: {time_limit!r} must not be negative")
     if tube is not None:
 
         def without(roomier: Scenario, left: float | None) -> Plan:
@@ -91,13 +94,15 @@ def plan(
     any_time = at_any_time(inside)
     found = ZonesOf(any_time)
     tell_of_discs(scenario.obstacles, found.of_others)
+    limit = np.inf if time_limit is None else time_limit
     task = Task(
         any_time,
         found,
         for_scene(settings, units),
-        np.inf if time_limit is None else began + time_limit,
+        began + limit,
+        began + (1.0 + CHECKING) * limit + LEAST_CHECKING,
         own_solver=solver,
-        given=None if constraints is None else Given(constraints, units),
+        given=None if constraints is None else OwnConstraints(constraints, units),
         arrival_step=inside.goal.arrival_step,
     )
     runs = CheckedRuns(task)

@@ -55,13 +55,20 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
         return [(runs, best)]
     guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
     again = CheckedRuns(task, guide)
-    estimate = float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1])
-    if best.holds and best.travel_time <= DETOUR * estimate:
+    if again.task.out_of_time:
         return [(runs, best)]
-    other = WaysRound(again).best()
+    estimate = float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1])
+    if best.holds:
+        if best.travel_time <= DETOUR * estimate or (guide.straight and problem.space.guide.straight):
+            return [(runs, best)]
+        # Trips that are the same but for rounding are not chosen between by that.
+        other = WaysRound(again).faster_than(best.travel_time * (1.0 - NOTABLE))
+    else:
+        other = WaysRound(again).best()
+    if other is None:
+        return [(runs, best)]
     logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
-    # Trips that are the same but for rounding are not chosen between by that.
-    if other.better_than(best) and not (best.holds and other.travel_time > best.travel_time * (1.0 - NOTABLE)):
+    if other.better_than(best):
         return [(again, other)]
     hopeful = not other.holds and other.run.evaluation.worst_violation < HARDLY
     if hopeful and other.travel_time * DETOUR < best.travel_time:

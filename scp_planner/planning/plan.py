@@ -254,11 +254,7 @@ class Plan:
                 "coefficients": trajectory.beta.tolist(),
                 "start_speed": space.start_speed,
             },
-            "clearance": {
-                "minimum": self.clearance.minimum if isfinite(self.clearance.minimum) else None,
-                "obstacle": self.clearance.obstacle,
-                "time": self.clearance.time,
-            },
+            "clearance": _clearance_written(self.clearance),
             "limits": {
                 name: {"worst": use.worst, "limit": use.limit, "time": use.time} for name, use in self.limits.items()
             },
@@ -396,7 +392,6 @@ class Plan:
         trip = trip_in(reader)
         clearance = reader.part("clearance")
         limits = reader.part("limits")
-        minimum = clearance.get("minimum")
         try:
             status = PlanStatus(reader.get("status"))
         except ValueError:
@@ -410,11 +405,7 @@ class Plan:
             solver=str(reader.get("solver")),
             iterations=reader.integer("iterations", 0, None),
             wall_time=reader.number("wall_time"),
-            clearance=Clearance(
-                float("inf") if minimum is None else clearance.number("minimum"),
-                clearance.get("obstacle"),
-                clearance.get("time"),
-            ),
+            clearance=_clearance_read(clearance),
             limits={
                 key: LimitUse(part.number("worst"), part.get("limit"), part.number("time"))
                 for key in limits.data
@@ -434,3 +425,20 @@ class Plan:
         trajectory = self.trip.trajectory
         times: Array = self.start_time + trajectory.travel_time * trajectory.space.acceleration.breakpoints
         return times
+
+
+def _clearance_written(clearance: Clearance) -> dict[str, Any]:
+    """A clearance for a file: null without obstacles, no number at all if it is not known."""
+    minimum = {"minimum": clearance.minimum if isfinite(clearance.minimum) else None}
+    return {
+        **(minimum if clearance.minimum > -inf else {}),
+        "obstacle": clearance.obstacle,
+        "time": clearance.time,
+    }
+
+
+def _clearance_read(part: Reader) -> Clearance:
+    minimum = -inf
+    if "minimum" in part.data:
+        minimum = inf if part.get("minimum") is None else part.number("minimum")
+    return Clearance(minimum, part.get("obstacle"), part.get("time"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
@@ -24,6 +26,7 @@ from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import ArrivalSteps
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QpSolver, solver_named
@@ -39,13 +42,14 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 CONTINUATIONS = 4  # how often a run that is at its limit of iterations goes on
+SPARING = replace(LOOP, spared=3.0)  # a run leaves time for its last iteration and for its certificate
 HOPELESS_AFTER = 8  # iterations, after which a run from a way that is far from feasible makes room for other ways
 
 ScpAttempt: TypeAlias = Attempt[LoopRun]
 
 
 @dataclass(frozen=True)
-class Given:
+class OwnConstraints:
     """A user's own constraints, and the units of the scene, in which they are not written."""
 
     constraints: UserConstraints
@@ -63,8 +67,10 @@ class Task:
     settings : Settings
     deadline : float
         Value of :func:`time.perf_counter` at which it ends.
+    last_check : float
+        The same, at which the certificate of what was found by then is given up.
     own_solver : QpSolver, optional
-    given : Given, optional
+    given : OwnConstraints, optional
     arrival_step : float, optional
         s; what the scenario does not ask for: the trip is brought to one of these at last.
     tally : Tally
@@ -75,8 +81,9 @@ class Task:
     threat_zones: Sequence[ThreatZone]
     settings: Settings
     deadline: float
+    last_check: float = np.inf
     own_solver: QpSolver | None = None
-    given: Given | None = None
+    given: OwnConstraints | None = None
     arrival_step: float | None = None
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
@@ -126,13 +133,17 @@ class CheckedRuns:
         self.task = task
         with task.tally.timed("build"):
             everything = build_problem(task.scenario, task.threat_zones, task.settings, breakpoints, guide, spans)
-            self.solver, fallback = task.solvers()
+            self.solver, self._fallback = task.solvers()
             if task.given is not None:
                 everything, self.solver = _with_given(everything, task.given, self.solver)
             ready = ReadyProblem.of(everything)
             self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
-            self.loop = ScpLoop(self.problem, self.solver, fallback, HOPELESS_AFTER, steps=task.steps)
-            self.patient_loop = ScpLoop(self.problem, self.solver, fallback, steps=task.steps)
+            self.loop = self._loop(self.problem, HOPELESS_AFTER, task.steps)
+
+    @cached_property
+    def patient_loop(self) -> ScpLoop:
+        """A loop whose runs go on where others would make room for other ways."""
+        return self._loop(self.problem, steps=self.task.steps)
 
     @classmethod
     def along(cls, task: Task, path: Path) -> CheckedRuns:
@@ -149,7 +160,8 @@ class CheckedRuns:
         """Return a run with what a certificate, for the task's scenario or another, and a user's constraints say."""
         with self.task.tally.timed("certificate"):
             trip = Trip(self.problem.frame, run.evaluation.trajectory.settled())
-            certificate = certify_trip(scenario or self.task.scenario, trip, self.task.threat_zones)
+            scope = Scope(deadline=self.task.last_check)
+            certificate = certify_trip(scenario or self.task.scenario, trip, self.task.threat_zones, scope)
             if self.problem.given is not None:
                 certificate = self.problem.given.judged(certificate, run.evaluation.trajectory)
         return Attempt(run, certificate)
@@ -179,15 +191,14 @@ class CheckedRuns:
         on_time = self._on_its_step(attempt.trajectory)
         if on_time.holds or self.task.out_of_time:
             return on_time
-        patient = ScpLoop(self.problem, self.solver, loop.fallback)
-        return self._checked(self.problem, patient, attempt.trajectory, cutoff, rival)
+        return self._checked(self.problem, self._loop(self.problem), attempt.trajectory, cutoff, rival)
 
     def _on_its_step(self, trajectory: Trajectory) -> ScpAttempt:
         """Go on from a trip to one that arrives on the next step of time."""
         assert self.task.steps is not None
         limit = EarliestArrival(self.task.steps.after(trajectory.travel_time), self.problem.step_size)
         problem = replace(self.problem, optional=(*self.problem.optional, limit))
-        return self._checked(problem, ScpLoop(problem, self.solver, self.loop.fallback), trajectory, np.inf, None)
+        return self._checked(problem, self._loop(problem), trajectory, np.inf, None)
 
     def _checked(
         self, problem: Problem, loop: ScpLoop, start: Trajectory, cutoff: float, rival: ScpAttempt | None
@@ -207,9 +218,12 @@ class CheckedRuns:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
             problem = self._asking_for_more(problem, certificate, URGENCY**repeat)
-            loop = ScpLoop(problem, self.solver, loop.fallback)
+            loop = self._loop(problem)
             start = run.evaluation.trajectory
         return attempt
+
+    def _loop(self, problem: Problem, hopeless_after: int | None = None, steps: ArrivalSteps | None = None) -> ScpLoop:
+        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, SPARING, steps)
 
     def _asking_for_more(self, problem: Problem, certificate: Certificate, urgency: float) -> Problem:
         if met_what_was_left_out(problem, certificate):
@@ -239,7 +253,7 @@ def promise(run: LoopRun) -> tuple[bool, float]:
     return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
 
 
-def _with_given(problem: Problem, given: Given, solver: QpSolver) -> tuple[Problem, QpSolver]:
+def _with_given(problem: Problem, given: OwnConstraints, solver: QpSolver) -> tuple[Problem, QpSolver]:
     """A problem with a user's own constraints, and the solver that keeps them."""
     # CVXPY takes a second to load, and hardly anyone needs it.
     from scp_planner.scp.given import GivenConstraints

@@ -58,6 +58,8 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         self.settings, self.tally = runs.task.settings, runs.task.tally
         super().__init__(runs.lower_bound, self.settings.effort, runs.task.deadline, runs.task.arrival_step)
         self._failed: list[Branch] = []
+        self._known = np.inf  # s; the travel time of a trip over another guide, that is to be beaten
+        self._near: ScpAttempt | None = None  # the one that fails by the least of those that may beat it
 
     def best(self) -> ScpAttempt:
         """Return the best attempt from any way, or from bows; one attempt where the goal is covered for good."""
@@ -78,6 +80,15 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         assert best is not None, "the first start is never cut off"
         return best
 
+    def faster_than(self, known: float) -> ScpAttempt | None:
+        """Return the best attempt that is faster than a travel time in s, or the one that fails to be by the least.
+
+        Other than with :meth:`best`, nothing is tried where no way leads to one: runs that can hardly be so fast end.
+        """
+        self._known = known
+        best = self.try_all(self._branches())
+        return best if self.certified else self._near
+
     def _goal_is_covered(self) -> bool:
         """Whether it is proved that what stands there lets no trip arrive."""
         zones, task = self.problem.zones, self.runs.task
@@ -94,11 +105,15 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         self.tally.tried += 1
         attempt = self.runs.attempt(start.start(SMOOTHING), cutoff, rival)
         run = attempt.run
-        if run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY:
+        hardly = run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY
+        if hardly and not self.out_of_time:
             self.tally.tried += 1
             again = self.runs.attempt(start.start(CLOSE_SMOOTHING), cutoff, rival)
             attempt = again if again.better_than(attempt) else attempt
-        start.touched = _touched(self.problem, attempt.run)
+        if not self.out_of_time:
+            start.touched = _touched(self.problem, attempt.run)
+        if attempt.travel_time < self._known < np.inf and not attempt.run.feasible:
+            self._near = attempt if self._near is None or attempt.wrongs < self._near.wrongs else self._near
         if not (attempt.run.feasible or self.certified or attempt.holds):
             self._failed.append(start)
         logger.debug("a way of about %.4f s led to %.4f s", start.estimate, attempt.travel_time)
@@ -117,9 +132,11 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """Run the loop from bows, in a race, where the search finds no way, or leads to none that is fast."""
         logger.info("starting from bows")
         cutoff = self._cutoff(rival)
+        if self.out_of_time:
+            self.tally.tried += 1
+            return self.runs.attempt(next(bows(self.problem)), cutoff)
         with self.tally.timed("scp"):
             starts, most = list(bows(self.problem)), self.settings.max_iterations
-            starts = starts[:1] if self.out_of_time else starts
             runs = self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True)
         self.tally.iterations += sum(len(run.record) for run in runs)
         self.tally.tried += len(runs)
@@ -131,7 +148,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
 
     def _cutoff(self, rival: ScpAttempt | None) -> float:
         """What another trip has to be faster than, s."""
-        return np.inf if rival is None else to_beat(rival.travel_time, self.arrival_step)
+        return self._known if rival is None else to_beat(rival.travel_time, self.arrival_step)
 
     def _may_be_poor(self, best: ScpAttempt) -> bool:
         """Whether bows are worth a trial, with more effort than usual: the search itself hardly ever needs them."""
@@ -140,10 +157,8 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
 
     def _within(self, search: WaySearch) -> float:
         """Estimates above this, s, are of ways that hardly lead to a faster trip."""
-        if self.incumbent is None or not self.incumbent.holds:
-            return np.inf
         error = ESTIMATE_ERROR * search.grid.delay_step * (1.0 + log2(max(self.settings.effort, 1.0)))
-        return self._cutoff(self.incumbent) + error
+        return self._cutoff(self.incumbent if self.certified else None) + error
 
     def _branches(self) -> Iterator[Branch]:
         """Ways round with starts for the loop."""

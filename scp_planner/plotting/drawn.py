@@ -14,6 +14,8 @@ CROWD = 12
 LARGE, UNSURE = 0.24, 1.5
 """Outlines of zones that are far away are left out if they are larger than this part of the trip's extent, and so
 many times as large as the obstacle: so little is known that they would only hide what matters."""
+COVERS = 0.5
+"""Zones larger than this part of the trip's extent are not filled: they would paint over the whole map."""
 STILL = 1e-3
 """What moves and grows by less than this part of the trip's extent stands."""
 EDGE = 0.02
@@ -72,25 +74,47 @@ def map_extent(recording: Recording, indices: Index) -> tuple[Array, Array]:
         m.
     """
     low, high = recording.extent()
-    box, most = (low, high), max(length_of(recording), 4.0 * recording.radius)
-    edge = EDGE * most
-    for obstacle in recording.bodies:
-        times = [nearest(obstacle)] if stands(recording, obstacle) else [int(index) for index in indices]
-        for index in times:
-            for points in _drawn_at(recording, obstacle, index):
-                least, greatest = points.min(axis=0), points.max(axis=0)
-                met = bool(((greatest > box[0]) & (least < box[1])).all())
-                if met and (greatest - least).max() <= most:
-                    low, high = np.minimum(low, least - edge), np.maximum(high, greatest + edge)
+    shown = [
+        (obstacle, int(index))
+        for obstacle in recording.bodies
+        for index in ([nearest(obstacle)] if stands(recording, obstacle) else indices)
+    ]
+    zones = [
+        obstacle.zone_at(index).reshape(-1, 2) for obstacle, index in shown if _has_zone(recording, obstacle, index)
+    ]
+    low, high = _with(recording, low, high, zones)
+    truths = [(obstacle, index, obstacle.truth_at(index)) for obstacle, index in shown]
+    # what really was is looked at with the room that zones have made
+    return _with(recording, low, high, [one.body_at(index, at) for one, index, at in truths if at is not None])
+
+
+def _with(recording: Recording, low: Array, high: Array, parts: list[Array]) -> tuple[Array, Array]:
+    """Widen a box by parts, (n, 2) m each, that reach into it, and are not too large."""
+    box, edge = (low, high), EDGE * _most(recording)
+    for points in parts:
+        least, greatest = points.min(axis=0), points.max(axis=0)
+        met = bool(((greatest > box[0]) & (least < box[1])).all())
+        if met and (greatest - least).max() <= _most(recording):
+            low, high = np.minimum(low, least - edge), np.maximum(high, greatest + edge)
     return low, high
 
 
-def _drawn_at(recording: Recording, obstacle: ObstacleRecord, index: int) -> list[Array]:
-    """Points of all that is drawn of an obstacle at a time, (n, 2) m each."""
-    parts = []
-    if not np.isnan(obstacle.center[index]).any() and is_shown(recording, obstacle, index):
-        parts.append(obstacle.zone_at(index).reshape(-1, 2))
-    center = obstacle.truth_at(index)
-    if center is not None:
-        parts.append(obstacle.body_at(index, center))
-    return parts
+def is_cut_off(recording: Recording, points: Array, low: Array, high: Array) -> bool:
+    """Whether points (n, 2) m hang over the edge of a map that had room for all that the trip alone shows."""
+    least, greatest = points.min(axis=0), points.max(axis=0)
+    return bool((least < low).any() or (greatest > high).any()) and (greatest - least).max() <= _most(recording)
+
+
+def covers_all(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
+    """Whether an obstacle's zone is so large that it would paint over the whole map."""
+    return float(np.ptp(obstacle.zone_at(index).reshape(-1, 2), axis=0).min()) > COVERS * length_of(recording)
+
+
+def _most(recording: Recording) -> float:
+    """Extent of the largest zone that a map has room for, m."""
+    return max(length_of(recording), 4.0 * recording.radius)
+
+
+def _has_zone(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:
+    """Whether a zone is known and drawn at a time."""
+    return not np.isnan(obstacle.center[index]).any() and is_shown(recording, obstacle, index)

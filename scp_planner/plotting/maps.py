@@ -10,7 +10,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.plotting.borders import borders_of
-from scp_planner.plotting.drawn import CROWD, is_near, is_shown, map_extent, nearest, stands
+from scp_planner.plotting.drawn import CROWD, covers_all, is_cut_off, is_near, is_shown, map_extent, nearest, stands
 from scp_planner.plotting.ground import (
     FORBIDDEN_LOOK,
     GUIDE_LOOK,
@@ -211,16 +211,18 @@ def _key_to_times(recording: Recording, indices: Index) -> Key:
 def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, index: int, colour: str) -> None:
     """Draw an obstacle at a time: its zone, filled if near to the vehicle, else an outline; and its shape.
 
-    What would only hide what matters is left out: large zones that are far away, and in a crowd all that are.
+    What would only hide what matters is left out: large zones that are far away, in a crowd all that are, the inside of
+    zones that cover all of the map, and what is beyond the trip and would be cut off.
     """
     from matplotlib.patches import PathPatch, Polygon
 
     near, shown = is_near(recording, obstacle, index), is_shown(recording, obstacle, index)
     if not shown and len(recording.bodies) > CROWD:
         return
-    if shown:
+    low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    if shown and (near or not is_cut_off(recording, obstacle.zone_at(index).reshape(-1, 2), low, high)):
         edge = (colour, 0.9 if near else 0.35)
-        fill: Any = (colour, 0.22) if near else "none"
+        fill: Any = (colour, 0.22) if near and not covers_all(recording, obstacle, index) else "none"
         if len(obstacle.boundary[index]) == 1:
             outline = outline_of(obstacle, index)
             axes.add_patch(PathPatch(outline, facecolor=fill, edgecolor=edge, linewidth=1.0, zorder=2))

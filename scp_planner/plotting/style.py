@@ -103,7 +103,7 @@ def settle(figure: Figure) -> None:
     if engine is not None:
         for _ in range(2):
             engine.execute(figure)
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # "none" would be one that does nothing, for which saving draws once more
     # The solver of the layout is not repeatable to the last bit, but files of the same figure are to be the same.
     for axes in figure.findobj(Axes):
         for which in ("original", "active"):

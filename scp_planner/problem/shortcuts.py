@@ -23,7 +23,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 
 MOST_NODES = 2500
 NEIGHBOURS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and those opposite
-LOOKS = 4  # at a straight leg, in the distance of two nodes
+LOOKS_A_STEP = 4  # at a straight leg, in the distance of two nodes
 MOST_LOOKS = 200_000  # points times zones that are looked at together
 PASSES = 3  # of pulling tight
 SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
@@ -101,7 +101,7 @@ def fastest_way(problem: Problem, slow: tuple[Stretch, ...]) -> Array | None:
     if points is None:
         return None
     for _ in range(PASSES):
-        before, points = len(points), _pulled_tight(points, ground, grid.step / LOOKS)
+        before, points = len(points), _pulled_tight(points, ground, grid.step / LOOKS_A_STEP)
         if len(points) == before:
             break
     return points

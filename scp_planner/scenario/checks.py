@@ -16,7 +16,7 @@ from typing import Any
 from scp_planner.errors import MISSING
 from scp_planner.mathematics import corridor, planar
 from scp_planner.scenario.obstacle_checks import headings_turn_slowly, one_position_a_time, times_increase
-from scp_planner.scenario.validation import Problem, Unknown
+from scp_planner.scenario.validation import Objection, Unknown
 
 SCHEMA_VERSION = 1
 
@@ -36,108 +36,108 @@ SAME_PLACE = 1e-9
 AXES = ("x", "y")
 
 
-def version_is_known(scenario: Any) -> Iterator[Problem]:
+def version_is_known(scenario: Any) -> Iterator[Objection]:
     """`schema` is a version that this package reads."""
     if scenario.schema_ != SCHEMA_VERSION:
-        yield Problem(("schema",), scenario.schema_, f"must be {SCHEMA_VERSION}")
+        yield Objection(("schema",), scenario.schema_, f"must be {SCHEMA_VERSION}")
 
 
-def goal_is_elsewhere(scenario: Any) -> Iterator[Problem]:
+def goal_is_elsewhere(scenario: Any) -> Iterator[Objection]:
     """The goal, with its radius, does not hold the start."""
     start, goal = scenario.start.position, scenario.goal.position
     if scenario.goal.region is not None:
         middle = _ahead(scenario.start, scenario.vehicle.centre)
         region = scenario.goal.region
         if not any(_polygon_faults(region)) and planar.distance_to_polygon(middle, region) == 0.0:
-            yield Problem(("goal", "region"), region, "must not hold the middle of the vehicle at the start")
+            yield Objection(("goal", "region"), region, "must not hold the middle of the vehicle at the start")
     if _same(start, goal):
-        yield Problem(("goal", "position"), goal, "must not be the start's position")
+        yield Objection(("goal", "position"), goal, "must not be the start's position")
     elif math.dist(start, goal) <= scenario.goal.radius:
         text = f"must be less than {math.dist(start, goal):g}, the distance from start to goal"
-        yield Problem(("goal", "radius"), scenario.goal.radius, text)
+        yield Objection(("goal", "radius"), scenario.goal.radius, text)
 
 
-def start_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
+def start_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
     """The start's speed is within the vehicle's limit."""
     yield from _speed("start", scenario.start.speed, scenario.vehicle.max_speed)
 
 
-def goal_speed_is_allowed(scenario: Any) -> Iterator[Problem]:
+def goal_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
     """The goal's speed is within the vehicle's limit."""
     if scenario.goal.speed is not None:
         yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
     given, top = scenario.goal.speed_range, scenario.vehicle.max_speed
     if given is not None and given[0] > top:
         text = f"must be at most vehicle.max_speed, {top:g} m/s"
-        yield Problem(("goal", "speed_range", 0), given[0], text)
+        yield Objection(("goal", "speed_range", 0), given[0], text)
 
 
-def discs_have_a_reference(vehicle: Any) -> Iterator[Problem]:
+def discs_have_a_reference(vehicle: Any) -> Iterator[Objection]:
     """One disc is where the point is that follows the path, and none is given twice."""
     if 0.0 not in vehicle.discs:
-        yield Problem(("discs",), vehicle.discs, "must have one entry that is 0, the point that follows the path")
+        yield Objection(("discs",), vehicle.discs, "must have one entry that is 0, the point that follows the path")
     for i, offset in enumerate(vehicle.discs):
         if offset in vehicle.discs[:i]:
-            yield Problem(("discs", i), offset, "must differ from the entries before it")
+            yield Objection(("discs", i), offset, "must differ from the entries before it")
 
 
-def long_vehicles_steer_ahead(vehicle: Any) -> Iterator[Problem]:
+def long_vehicles_steer_ahead(vehicle: Any) -> Iterator[Objection]:
     """What turns where it stands sweeps no more than it covers."""
     if len(vehicle.discs) > 1 and vehicle.steering != "ahead":
-        yield Problem(("steering",), vehicle.steering, "must be ahead for a vehicle of more than one disc")
+        yield Objection(("steering",), vehicle.steering, "must be ahead for a vehicle of more than one disc")
 
 
-def arrival_is_possible(goal: Any) -> Iterator[Problem]:
+def arrival_is_possible(goal: Any) -> Iterator[Objection]:
     """The latest arrival is not before the earliest one."""
     earliest, latest = goal.earliest_arrival, goal.latest_arrival
     if earliest is not None and latest is not None and latest < earliest:
-        yield Problem(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
+        yield Objection(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
 
 
-def region_is_simple(goal: Any) -> Iterator[Problem]:
+def region_is_simple(goal: Any) -> Iterator[Objection]:
     """The region's edges bound one area and meet only at its vertices."""
-    for problem in _polygon_faults(goal.region) if goal.region is not None else ():
-        yield Problem(("region", *problem.location[1:]), problem.value, problem.message)
+    for objection in _polygon_faults(goal.region) if goal.region is not None else ():
+        yield Objection(("region", *objection.location[1:]), objection.value, objection.message)
 
 
-def goal_is_told_once(goal: Any) -> Iterator[Problem]:
+def goal_is_told_once(goal: Any) -> Iterator[Objection]:
     """Where a region or a range is given, there is no radius or value besides it."""
     if goal.region is not None and goal.radius > 0.0:
-        yield Problem(("radius",), goal.radius, "must be 0 where a region is given")
+        yield Objection(("radius",), goal.radius, "must be 0 where a region is given")
     for key in ("heading", "speed"):
         value = getattr(goal, key)
         if value is not None and getattr(goal, f"{key}_range") is not None:
-            yield Problem((key,), value, f"must be null where {key}_range is given")
+            yield Objection((key,), value, f"must be null where {key}_range is given")
     if goal.region is not None and goal.heading is not None:
-        yield Problem(("heading",), goal.heading, "must be null where a region is given; heading_range may be given")
+        yield Objection(("heading",), goal.heading, "must be null where a region is given; heading_range may be given")
 
 
-def ranges_are_not_empty(goal: Any) -> Iterator[Problem]:
+def ranges_are_not_empty(goal: Any) -> Iterator[Objection]:
     """A range's first value is not above its second one."""
     for key in ("heading_range", "speed_range"):
         given = getattr(goal, key)
         if given is not None and given[1] < given[0]:
-            yield Problem((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
+            yield Objection((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
 
 
-def arrival_is_after_start(scenario: Any) -> Iterator[Problem]:
+def arrival_is_after_start(scenario: Any) -> Iterator[Objection]:
     """The trip takes time."""
     start = scenario.start.time
     for key in ("earliest_arrival", "latest_arrival"):
         value = getattr(scenario.goal, key)
         if value is not None and value <= start:
-            yield Problem(("goal", key), value, f"must be later than start.time, {start:g} s")
+            yield Objection(("goal", key), value, f"must be later than start.time, {start:g} s")
 
 
-def start_acceleration_is_allowed(scenario: Any) -> Iterator[Problem]:
+def start_acceleration_is_allowed(scenario: Any) -> Iterator[Objection]:
     """The start's acceleration is within the vehicle's limits."""
     value, vehicle = scenario.start.acceleration, scenario.vehicle
     if value is not None and not -vehicle.max_deceleration <= value <= vehicle.max_acceleration:
         allowed = f"[{-vehicle.max_deceleration:g}, {vehicle.max_acceleration:g}]"
-        yield Problem(("start", "acceleration"), value, f"must be in {allowed}, the vehicle's limits in m/s2")
+        yield Objection(("start", "acceleration"), value, f"must be in {allowed}, the vehicle's limits in m/s2")
 
 
-def heading_is_in_radians(end: Any) -> Iterator[Problem]:
+def heading_is_in_radians(end: Any) -> Iterator[Objection]:
     """A heading of several turns is a legal one, but hardly meant: say so."""
     if end.heading is not None and abs(end.heading) > LIKELY_DEGREES:
         logger.warning(
@@ -149,62 +149,62 @@ def heading_is_in_radians(end: Any) -> Iterator[Problem]:
     yield from ()
 
 
-def box_is_not_empty(bounds: Any) -> Iterator[Problem]:
+def box_is_not_empty(bounds: Any) -> Iterator[Objection]:
     """The upper corner lies above and to the right of the lower one."""
     for i, axis in enumerate(AXES):
         if bounds.max[i] <= bounds.min[i]:
-            yield Problem(("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}")
+            yield Objection(("max", i), bounds.max[i], f"must be greater than min, whose {axis} is {bounds.min[i]:g}")
 
 
-def start_is_in_bounds(scenario: Any) -> Iterator[Problem]:
+def start_is_in_bounds(scenario: Any) -> Iterator[Objection]:
     """The vehicle's disc at the start lies in the bounds."""
     yield from _in_bounds("start", scenario)
 
 
-def goal_is_in_bounds(scenario: Any) -> Iterator[Problem]:
+def goal_is_in_bounds(scenario: Any) -> Iterator[Objection]:
     """The vehicle's disc at the goal lies in the bounds."""
     yield from _in_bounds("goal", scenario)
 
 
-def guide_begins_at_start(scenario: Any) -> Iterator[Problem]:
+def guide_begins_at_start(scenario: Any) -> Iterator[Objection]:
     """The first point of the guide is the start."""
     if scenario.guide is not None and not _same(scenario.guide[0], scenario.start.position):
         text = f"must be start.position, {list(scenario.start.position)}"
-        yield Problem(("guide", 0), scenario.guide[0], text)
+        yield Objection(("guide", 0), scenario.guide[0], text)
 
 
-def guide_ends_at_goal(scenario: Any) -> Iterator[Problem]:
+def guide_ends_at_goal(scenario: Any) -> Iterator[Objection]:
     """The last point of the guide is the goal."""
     if scenario.guide is not None and not _same(scenario.guide[-1], scenario.goal.position):
         text = f"must be goal.position, {list(scenario.goal.position)}"
-        yield Problem(("guide", len(scenario.guide) - 1), scenario.guide[-1], text)
+        yield Objection(("guide", len(scenario.guide) - 1), scenario.guide[-1], text)
 
 
-def guide_moves_on(scenario: Any) -> Iterator[Problem]:
+def guide_moves_on(scenario: Any) -> Iterator[Objection]:
     """No point of the guide is repeated at once."""
     guide = scenario.guide or ()
     for i in range(1, len(guide)):
         if _same(guide[i - 1], guide[i]):
-            yield Problem(("guide", i), guide[i], "must differ from the point before it")
+            yield Objection(("guide", i), guide[i], "must differ from the point before it")
 
 
-def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Problem]:
+def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Objection]:
     """Each polygon of the corridor is simple and convex."""
     yield from _not_convex("corridor", scenario.corridor or ())
 
 
-def _not_convex(key: str, polygons: Any) -> Iterator[Problem]:
+def _not_convex(key: str, polygons: Any) -> Iterator[Objection]:
     for i, polygon in enumerate(polygons):
         faults = [
-            Problem((key, i, *problem.location[1:]), problem.value, problem.message)
-            for problem in _polygon_faults(polygon)
+            Objection((key, i, *objection.location[1:]), objection.value, objection.message)
+            for objection in _polygon_faults(polygon)
         ]
         yield from faults
         if not faults and not planar.is_convex(polygon):
-            yield Problem((key, i), polygon, "must be convex")
+            yield Objection((key, i), polygon, "must be convex")
 
 
-def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
+def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Objection]:
     """From a polygon that holds the start one can get to one that holds the goal by those that overlap."""
     polygons = scenario.corridor
     if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
@@ -213,7 +213,7 @@ def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
     reached = {i for i, polygon in enumerate(polygons) if planar.distance_to_polygon(start, polygon) == 0.0}
     for place, position in (("start", start), ("goal", goal)):
         if all(planar.distance_to_polygon(position, polygon) > 0.0 for polygon in polygons):
-            yield Problem((place, "position"), position, "must be in the corridor")
+            yield Objection((place, "position"), position, "must be in the corridor")
             return
     fresh = set(reached)
     while fresh:
@@ -222,10 +222,10 @@ def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Problem]:
         reached |= fresh
     if all(planar.distance_to_polygon(goal, polygons[i]) > 0.0 for i in reached):
         text = "must have polygons that overlap from the one with start.position to the one with goal.position"
-        yield Problem(("corridor",), polygons, text)
+        yield Objection(("corridor",), polygons, text)
 
 
-def ends_are_in_corridor(scenario: Any) -> Iterator[Problem]:
+def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
     """The vehicle's disc at start and goal lies in the corridor; at the goal anywhere within its radius."""
     polygons = scenario.corridor
     if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
@@ -238,10 +238,10 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Problem]:
         in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
         if in_it and room < radius - reach:
             text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"
-            yield Problem((place, "position"), position, text)
+            yield Objection((place, "position"), position, text)
 
 
-def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
+def corridor_has_its_name(scenario: Any) -> Iterator[Objection]:
     """No obstacle is called what the outside of the corridor, or the walls, are called."""
     taken = {
         corridor.NAME: "the corridor itself" if scenario.corridor is not None else "",
@@ -250,15 +250,15 @@ def corridor_has_its_name(scenario: Any) -> Iterator[Problem]:
     for i, obstacle in enumerate(scenario.obstacles):
         name = _known(obstacle, "id")
         if taken.get(name):
-            yield Problem(("obstacles", i, "id"), name, f"must not be {name!r}, which is {taken[name]}")
+            yield Objection(("obstacles", i, "id"), name, f"must not be {name!r}, which is {taken[name]}")
 
 
-def walls_are_convex(scenario: Any) -> Iterator[Problem]:
+def walls_are_convex(scenario: Any) -> Iterator[Objection]:
     """Each wall is a simple and convex polygon."""
     yield from _not_convex("walls", scenario.walls)
 
 
-def start_is_clear_of_walls(scenario: Any) -> Iterator[Problem]:
+def start_is_clear_of_walls(scenario: Any) -> Iterator[Objection]:
     """At the start no disc of the vehicle touches a wall."""
     start, radius = scenario.start, scenario.vehicle.radius
     discs = _disc_centres(start, scenario)
@@ -266,24 +266,24 @@ def start_is_clear_of_walls(scenario: Any) -> Iterator[Problem]:
         room = min(planar.distance_to_polygon(centre, polygon) for centre in discs)
         if room < radius:
             text = f"must be at least {radius:g} m, the radius, from walls[{i}]; it is {room:.6g} m"
-            yield Problem(("start", "position"), start.position, text)
+            yield Objection(("start", "position"), start.position, text)
 
 
-def stretch_is_not_empty(limit: Any) -> Iterator[Problem]:
+def stretch_is_not_empty(limit: Any) -> Iterator[Objection]:
     """A stretch ends behind its beginning."""
     if limit.to is not None and limit.to <= limit.from_:
-        yield Problem(("to",), limit.to, f"must be greater than from, {limit.from_:g}")
+        yield Objection(("to",), limit.to, f"must be greater than from, {limit.from_:g}")
 
 
-def line_moves_on(limit: Any) -> Iterator[Problem]:
+def line_moves_on(limit: Any) -> Iterator[Objection]:
     """No point of a line is repeated at once."""
     line = limit.line or ()
     for i in range(1, len(line)):
         if _same(line[i - 1], line[i]):
-            yield Problem(("line", i), line[i], "must differ from the point before it")
+            yield Objection(("line", i), line[i], "must differ from the point before it")
 
 
-def stretches_begin_on_their_lines(scenario: Any) -> Iterator[Problem]:
+def stretches_begin_on_their_lines(scenario: Any) -> Iterator[Objection]:
     """A stretch begins before its line ends."""
     for i, limit in enumerate(scenario.speed_limits):
         first, line = _known(limit, "from_"), _line_of(limit, scenario)
@@ -291,10 +291,12 @@ def stretches_begin_on_their_lines(scenario: Any) -> Iterator[Problem]:
             continue
         length = sum(math.dist(p, q) for p, q in itertools.pairwise(line))
         if first >= length:
-            yield Problem(("speed_limits", i, "from"), first, f"must be less than {length:g} m, the length of its line")
+            yield Objection(
+                ("speed_limits", i, "from"), first, f"must be less than {length:g} m, the length of its line"
+            )
 
 
-def speeds_keep_to_places(scenario: Any) -> Iterator[Problem]:
+def speeds_keep_to_places(scenario: Any) -> Iterator[Objection]:
     """The speeds at start and goal are within the limits there."""
     for i, limit in enumerate(scenario.speed_limits):
         first, top, line = _known(limit, "from_"), _known(limit, "speed"), _line_of(limit, scenario)
@@ -305,19 +307,19 @@ def speeds_keep_to_places(scenario: Any) -> Iterator[Problem]:
             end = getattr(scenario, place)
             if end.speed is not None and end.speed > top and first <= planar.station(end.position, line) <= last:
                 text = f"must be at most {top:g} m/s, the limit of speed_limits[{i}] there"
-                yield Problem((place, "speed"), end.speed, text)
+                yield Objection((place, "speed"), end.speed, text)
 
 
-def ids_are_unique(scenario: Any) -> Iterator[Problem]:
+def ids_are_unique(scenario: Any) -> Iterator[Objection]:
     """No two obstacles have the same id."""
     first: dict[str, int] = {}
     for i, obstacle in enumerate(scenario.obstacles):
         name = _known(obstacle, "id")
         if name is not None and first.setdefault(name, i) != i:
-            yield Problem(("obstacles", i, "id"), name, f"must be unique; obstacles[{first[name]}] has it too")
+            yield Objection(("obstacles", i, "id"), name, f"must be unique; obstacles[{first[name]}] has it too")
 
 
-def start_is_free(scenario: Any) -> Iterator[Problem]:
+def start_is_free(scenario: Any) -> Iterator[Objection]:
     """At the start's time no disc of the vehicle touches an obstacle whose place then is known exactly."""
     radius, start = scenario.vehicle.radius, scenario.start
     discs = _disc_centres(start, scenario)
@@ -334,7 +336,7 @@ def start_is_free(scenario: Any) -> Iterator[Problem]:
             name = _known(obstacle, "id")
             which = f"obstacles[{i}]" if name is None else f"obstacles[{i}] ({name:.40})"
             text = f"must be at least {radius:g} m, the radius, from {which}; it is {distance:.6g} m"
-            yield Problem(("start", "position"), start.position, text)
+            yield Objection(("start", "position"), start.position, text)
 
 
 def _is_exact(motion: Any) -> bool:
@@ -342,19 +344,21 @@ def _is_exact(motion: Any) -> bool:
     return motion is not None and all(_known(motion, key) is None for key in ("covariance", "futures"))
 
 
-def observations_are_past(scenario: Any) -> Iterator[Problem]:
+def observations_are_past(scenario: Any) -> Iterator[Objection]:
     """Nothing has been observed after the start, and no tracker's estimate is of later."""
     start = scenario.start.time
     for i, obstacle in enumerate(scenario.obstacles):
         time = _known(obstacle, "estimate", "time")
         if time is not None and time > start + _rounding_of((time,)):
-            yield Problem(("obstacles", i, "estimate", "time"), time, f"must not be later than start.time, {start:g} s")
+            yield Objection(
+                ("obstacles", i, "estimate", "time"), time, f"must not be later than start.time, {start:g} s"
+            )
         times = _known(obstacle, "observations", "time") or ()
         latest = start + _rounding_of(times)
         late = next((k for k, time in enumerate(times) if time > latest), None)
         if late is not None:
             path = ("obstacles", i, "observations", "time", late)
-            yield Problem(path, times[late], f"must not be later than start.time, {start:g} s")
+            yield Objection(path, times[late], f"must not be later than start.time, {start:g} s")
 
 
 def _rounding_of(times: Any) -> float:
@@ -363,7 +367,7 @@ def _rounding_of(times: Any) -> float:
     return SAME_TIME * step + CLOCK_DIGITS * max((math.ulp(time) for time in (*times[:1], *times[-1:])), default=0.0)
 
 
-def polygon_is_simple(shape: Any) -> Iterator[Problem]:
+def polygon_is_simple(shape: Any) -> Iterator[Objection]:
     """The polygon's edges bound one area and meet only at its vertices."""
     yield from _polygon_faults(shape.polygon)
 
@@ -372,26 +376,26 @@ def _is_no_convex(polygon: Any) -> bool:
     return any(True for _ in _polygon_faults(polygon)) or not planar.is_convex(polygon)
 
 
-def _polygon_faults(vertices: Any) -> Iterator[Problem]:
+def _polygon_faults(vertices: Any) -> Iterator[Objection]:
     repeated = [i for i, vertex in enumerate(vertices) if vertex == vertices[i - 1]]
     for i in repeated:
-        yield Problem(("polygon", i), vertices[i], "must differ from the vertex before it")
+        yield Objection(("polygon", i), vertices[i], "must differ from the vertex before it")
     if repeated:
         return
     extent = max(math.dist(vertices[0], vertex) for vertex in vertices)
     if abs(planar.area(vertices)) <= SAME_PLACE * extent**2:
-        yield Problem(("polygon",), vertices, "must have an area greater than 0")
+        yield Objection(("polygon",), vertices, "must have an area greater than 0")
     elif crossing := planar.first_crossing(vertices):
         text = f"must not cross or touch itself; the edges after vertices {crossing[0]} and {crossing[1]} do"
-        yield Problem(("polygon",), vertices, text)
+        yield Objection(("polygon",), vertices, text)
 
 
-def _speed(place: str, speed: float, limit: float) -> Iterator[Problem]:
+def _speed(place: str, speed: float, limit: float) -> Iterator[Objection]:
     if speed > limit:
-        yield Problem((place, "speed"), speed, f"must be at most vehicle.max_speed, {limit:g} m/s")
+        yield Objection((place, "speed"), speed, f"must be at most vehicle.max_speed, {limit:g} m/s")
 
 
-def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
+def _in_bounds(place: str, scenario: Any) -> Iterator[Objection]:
     if scenario.bounds is None:
         return
     position, radius = getattr(scenario, place).position, scenario.vehicle.radius
@@ -402,7 +406,7 @@ def _in_bounds(place: str, scenario: Any) -> Iterator[Problem]:
         is_box = scenario.bounds.min[i] < scenario.bounds.max[i]  # else that is the fault
         if is_box and not low <= position[i] <= high:
             text = f"must have its {axis} in [{low:g}, {high:g}]: the vehicle's disc stays inside the bounds"
-            yield Problem((place, "position"), position, text)
+            yield Objection((place, "position"), position, text)
 
 
 def _ahead(end: Any, distance: float) -> planar.Point:

@@ -8,34 +8,34 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from scp_planner.scenario.validation import Part, Problem, Rule
+from scp_planner.scenario.validation import Objection, Part, Rule
 from scp_planner.scenario.values import Number, Rate, RateNumber, Vector
 
 LOPSIDED = 1e-9
 """Relative: entries of a covariance that should be the same may differ by so much."""
 
 
-def _covariance_is_of_the_state(estimate: Any) -> Iterator[Problem]:
+def _covariance_is_of_the_state(estimate: Any) -> Iterator[Objection]:
     """The covariance has a row for each component, is symmetric and positive definite."""
     matrix, accelerates = estimate.covariance, estimate.acceleration is not None
     size, names = (6, "position, velocity and acceleration") if accelerates else (4, "position and velocity")
     if len(matrix) != size or any(len(row) != size for row in matrix):
         order = "x, y, vx, vy, ax, ay" if accelerates else "x, y, vx, vy"
         text = f"must have {size} rows of {size} numbers: of {names}, in the order {order}"
-        yield Problem(("covariance",), matrix, text)
+        yield Objection(("covariance",), matrix, text)
         return
     scale = [math.sqrt(max(matrix[k][k], 0.0)) for k in range(size)]
     for i in range(size):
         for j in range(i):
             if abs(matrix[i][j] - matrix[j][i]) > LOPSIDED * scale[i] * scale[j]:
-                yield Problem(
+                yield Objection(
                     ("covariance", i, j),
                     matrix[i][j],
                     f"must be the same as that beyond the diagonal, {matrix[j][i]!r}",
                 )
                 return
     if not _is_definite(matrix, scale):
-        yield Problem(("covariance",), matrix, "must be positive definite")
+        yield Objection(("covariance",), matrix, "must be positive definite")
 
 
 def _is_definite(matrix: Any, scale: list[float]) -> bool:

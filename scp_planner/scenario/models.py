@@ -425,6 +425,8 @@ class Scenario(Part):
         """
         _check_count(path)
         data, faults = files.read(path)
+        if data is not None and "travel_time" in data:
+            raise ScenarioError(str(path), [Fault("", MISSING, "this is a plan or a run, not a scenario")])
         faults = [*faults, *read_processes(data, Path(path).parent)]
         try:
             scenario = cls.model_validate(data) if data is not None else None

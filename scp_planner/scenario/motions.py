@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Discriminator, Field, Tag
 
 from scp_planner.scenario import obstacle_checks
-from scp_planner.scenario.validation import Part, Problem, Row, Rule, variant
+from scp_planner.scenario.validation import Objection, Part, Row, Rule, variant
 from scp_planner.scenario.values import Matrix, Number, Rate, Vector
 
 WEIGHTS_ROUNDING = 1e-6
@@ -86,11 +86,11 @@ class Future(Part):
     motion: KnownMotion = Field(description="as that of an obstacle: exact, or with a covariance")
 
 
-def _weights_add_up(futures: Any) -> Iterator[Problem]:
+def _weights_add_up(futures: Any) -> Iterator[Objection]:
     """The weights of all futures are a probability of 1."""
     total = math.fsum(future.weight for future in futures.futures)
     if abs(total - 1.0) > WEIGHTS_ROUNDING:
-        yield Problem(("futures",), total, f"the weights must add up to 1; they add up to {total:.9g}")
+        yield Objection(("futures",), total, f"the weights must add up to 1; they add up to {total:.9g}")
 
 
 class Futures(Part):

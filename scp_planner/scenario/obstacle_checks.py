@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from scp_planner.errors import MISSING
-from scp_planner.scenario.validation import Problem
+from scp_planner.scenario.validation import Objection
 
 MOST_TURN = 3.0
 """rad from one heading of a course to the next: half a turn could be to either side."""
@@ -21,31 +21,31 @@ WHEREABOUTS = ("motion", "observations", "estimate")
 """Of which an obstacle has one."""
 
 
-def one_of_the_whereabouts(obstacle: Any) -> Iterator[Problem]:
+def one_of_the_whereabouts(obstacle: Any) -> Iterator[Objection]:
     """An obstacle has a motion, observations or an estimate."""
     # A faulty one is there all the same: what is left of it is not None.
     values = {name: getattr(obstacle, name) for name in WHEREABOUTS}
     given = [name for name in WHEREABOUTS if values[name] is not None]
     for name in given[1:]:
-        yield Problem((name,), values[name], f"must be left out where {given[0]} is given")
+        yield Objection((name,), values[name], f"must be left out where {given[0]} is given")
     if not given:
-        yield Problem(("motion",), MISSING, "missing; either motion or observations or an estimate must be given")
+        yield Objection(("motion",), MISSING, "missing; either motion or observations or an estimate must be given")
 
 
-def no_prior_of_an_estimate(obstacle: Any) -> Iterator[Problem]:
+def no_prior_of_an_estimate(obstacle: Any) -> Iterator[Objection]:
     """What was known before is in what a tracker says."""
     if obstacle.estimate is not None and obstacle.model.prior is not None:
-        yield Problem(("model", "prior"), obstacle.model.prior, "must be null where an estimate is given")
+        yield Objection(("model", "prior"), obstacle.model.prior, "must be null where an estimate is given")
 
 
-def enough_observations(obstacle: Any) -> Iterator[Problem]:
+def enough_observations(obstacle: Any) -> Iterator[Objection]:
     """There are enough observations for the model's order, and for the covariance if it is estimated."""
     if obstacle.observations is None:
         return
     model, count = obstacle.model, len(obstacle.observations.time)
     if model.process is not None:
         if not count:
-            yield Problem(("observations", "time"), obstacle.observations.time, "must have at least 1 entry")
+            yield Objection(("observations", "time"), obstacle.observations.time, "must have at least 1 entry")
         return
     order, prior = model.order, model.prior
     # order + 1 coefficients. The quantile of F(2, n - order - 2) and an invertible 2 x 2 estimate of the
@@ -59,58 +59,58 @@ def enough_observations(obstacle: Any) -> Iterator[Problem]:
     if count < least:
         why = "the covariance to be estimated (null)" if estimated else "a known covariance"
         text = f"too few: order {order} and {why} need at least {least} observations, not {count}"
-        yield Problem(("observations", "time"), obstacle.observations.time, text)
+        yield Objection(("observations", "time"), obstacle.observations.time, text)
 
 
-def prior_says_something(prior: Any) -> Iterator[Problem]:
+def prior_says_something(prior: Any) -> Iterator[Objection]:
     """A prior gives at least one deviation."""
     if prior.velocity_deviation is None and prior.acceleration_deviation is None:
-        yield Problem((), MISSING, "must give velocity_deviation, acceleration_deviation or both")
+        yield Objection((), MISSING, "must give velocity_deviation, acceleration_deviation or both")
 
 
-def prior_or_process(model: Any) -> Iterator[Problem]:
+def prior_or_process(model: Any) -> Iterator[Objection]:
     """A motion with process noise has its own prior."""
     if model.prior is not None and model.process is not None:
-        yield Problem(("prior",), model.prior, "must be null where process is given")
+        yield Objection(("prior",), model.prior, "must be null where process is given")
     if model.manoeuvre > 0.0 and model.process is not None:
-        yield Problem(
+        yield Objection(
             ("manoeuvre",), model.manoeuvre, "must be 0 where process is given, which has manoeuvres of its own"
         )
 
 
-def times_increase(observations: Any) -> Iterator[Problem]:
+def times_increase(observations: Any) -> Iterator[Objection]:
     """Each observation is later than the one before."""
     times = observations.time
     for i in range(1, len(times)):
         if times[i] <= times[i - 1]:
-            yield Problem(("time", i), times[i], f"must be later than the time before it, {times[i - 1]!r} s")
+            yield Objection(("time", i), times[i], f"must be later than the time before it, {times[i - 1]!r} s")
 
 
-def one_position_a_time(observations: Any) -> Iterator[Problem]:
+def one_position_a_time(observations: Any) -> Iterator[Objection]:
     """There are as many positions as times."""
     count = len(observations.time)
     if len(observations.position) != count:
         text = f"must have as many entries as time, {count}, not {len(observations.position)}"
-        yield Problem(("position",), observations.position, text)
+        yield Objection(("position",), observations.position, text)
 
 
-def headings_turn_slowly(course: Any) -> Iterator[Problem]:
+def headings_turn_slowly(course: Any) -> Iterator[Objection]:
     """There are as many headings as times, each less than half a turn from the one before, and no covariance."""
     if course.heading is None:
         return
     if course.covariance is not None:
-        yield Problem(("heading",), course.heading, "must be null where a covariance is given")
+        yield Objection(("heading",), course.heading, "must be null where a covariance is given")
     if len(course.heading) != len(course.time):
         text = f"must have as many entries as time, {len(course.time)}, not {len(course.heading)}"
-        yield Problem(("heading",), course.heading, text)
+        yield Objection(("heading",), course.heading, text)
     for i, (before, after) in enumerate(itertools.pairwise(course.heading), start=1):
         if abs(math.remainder(after - before, 2.0 * math.pi)) >= MOST_TURN:
-            yield Problem(
+            yield Objection(
                 ("heading", i), after, f"must be less than {MOST_TURN:g} rad from the one before it, {before:g}"
             )
 
 
-def covariance_is_one_or_each(observations: Any) -> Iterator[Problem]:
+def covariance_is_one_or_each(observations: Any) -> Iterator[Objection]:
     """There is one covariance, or as many as times."""
     covariance = observations.covariance
     if covariance is None or not _is_list_of_matrices(covariance):
@@ -118,10 +118,10 @@ def covariance_is_one_or_each(observations: Any) -> Iterator[Problem]:
     count = len(observations.time)
     if len(covariance) != count:
         text = f"must be one matrix or as many as time has entries, {count}, not {len(covariance)}"
-        yield Problem(("covariance",), covariance, text)
+        yield Objection(("covariance",), covariance, text)
 
 
-def covariance_is_definite(observations: Any) -> Iterator[Problem]:
+def covariance_is_definite(observations: Any) -> Iterator[Objection]:
     """Each covariance is symmetric and positive definite."""
     covariance = observations.covariance
     if covariance is None:
@@ -132,9 +132,9 @@ def covariance_is_definite(observations: Any) -> Iterator[Problem]:
         path = ("covariance", i) if each else ("covariance",)
         scale = math.sqrt(max(xx, 0.0)) * math.sqrt(max(yy, 0.0))
         if abs(xy - yx) > SYMMETRY * scale and xy != yx:
-            yield Problem(path, matrix, "must be symmetric")
+            yield Objection(path, matrix, "must be symmetric")
         elif not (scale > 0 and (xy / scale) ** 2 < 1 - DEFINITE):
-            yield Problem(path, matrix, "must be positive definite")
+            yield Objection(path, matrix, "must be positive definite")
 
 
 def _is_list_of_matrices(covariance: Any) -> bool:

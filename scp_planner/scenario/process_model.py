@@ -17,7 +17,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError
 
 from scp_planner import files
 from scp_planner.errors import Fault, MotionModelError
-from scp_planner.scenario.validation import Part, Problem, Row, Rule, faults_of, variant
+from scp_planner.scenario.validation import Objection, Part, Row, Rule, faults_of, variant
 
 SCHEMA_VERSION = 1
 
@@ -84,15 +84,15 @@ Process = Annotated[
 ]
 
 
-def _leads_increase(tails: Any) -> Iterator[Problem]:
+def _leads_increase(tails: Any) -> Iterator[Objection]:
     """Lead times are positive and increase, and each has its inflation."""
     leads = tails.lead_time
     for i, lead in enumerate(leads):
         if lead <= (leads[i - 1] if i else 0.0):
-            yield Problem(("lead_time", i), lead, "must be positive and greater than the one before it")
+            yield Objection(("lead_time", i), lead, "must be positive and greater than the one before it")
     if len(tails.inflation) != len(leads):
         text = f"must have as many entries as lead_time, {len(leads)}, not {len(tails.inflation)}"
-        yield Problem(("inflation",), tails.inflation, text)
+        yield Objection(("inflation",), tails.inflation, text)
 
 
 class Tails(Part):
@@ -164,10 +164,10 @@ def read_processes(data: Any, folder: Path) -> list[Fault]:
     return faults
 
 
-def _version_is_known(model: Any) -> Iterator[Problem]:
+def _version_is_known(model: Any) -> Iterator[Objection]:
     """`schema` is a version that this package reads."""
     if model.schema_ != SCHEMA_VERSION:
-        yield Problem(("schema",), model.schema_, f"must be {SCHEMA_VERSION}")
+        yield Objection(("schema",), model.schema_, f"must be {SCHEMA_VERSION}")
 
 
 class ProcessModel(Part):

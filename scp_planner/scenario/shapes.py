@@ -33,6 +33,8 @@ class Rectangle(Part):
         default=None, description="rad; null: along the velocity, standing as last known, or 0"
     )
 
+    rules: ClassVar[tuple[Rule, ...]] = (checks.heading_is_in_radians,)
+
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""
         turned = planar.turned(point, -(heading if self.heading is None else self.heading))
@@ -59,6 +61,8 @@ class Ellipse(Part):
     heading: Number | None = Field(
         default=None, description="rad; null: along the velocity, standing as last known, or 0"
     )
+
+    rules: ClassVar[tuple[Rule, ...]] = (checks.heading_is_in_radians,)
 
     def distance(self, point: planar.Point, heading: float) -> float:
         """Compute the distance in m to a point relative to the centre; 0 inside. `heading` of the motion in rad."""

@@ -12,7 +12,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
@@ -57,6 +57,9 @@ class NaturalUnits(Units):
     @classmethod
     def of(cls, scenario: Scenario) -> NaturalUnits:
         """Return the units of a scene: by its trip, and the highest speed that the vehicle can reach on it."""
+        if not hasattr(scenario, "vehicle"):  # the first that all who are given a scenario ask for
+            made = "Scenario(**data) makes one of a dictionary, Scenario.load(path) reads one"
+            raise TypeError(f"scenario: must be a Scenario, not {type(scenario).__name__}; {made}")
         vehicle, start = scenario.vehicle, scenario.start
         line = scenario.guide or (scenario.goal.position,)
         trip = max(dist(start.position, point) for point in line)  # however winding it is
@@ -293,9 +296,9 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
     return part.model_copy(update=values)
 
 
-def _names(part: Any) -> frozenset[str]:
-    fields: Mapping[str, object] = type(part).model_fields
-    return frozenset(fields)
+def _names(part: object) -> KeysView[str]:
+    fields: Mapping[str, object] = cast(Any, type(part)).model_fields
+    return fields.keys()
 
 
 AS_GIVEN = NaturalUnits()

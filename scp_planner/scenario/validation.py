@@ -6,7 +6,7 @@ one of them is faulty. Here each part has *rules*, generators of faults, which r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
@@ -50,7 +50,7 @@ _FAULT = "fault"  # the error type of what is already in our own words
 
 
 @dataclass(frozen=True)
-class Problem:
+class Objection:
     """What a rule finds: a location below the part that it looks at, the value there, what is allowed."""
 
     location: Location
@@ -75,7 +75,7 @@ class Salvage:
         return repr(self.__dict__)
 
 
-Rule = Callable[[Any], Iterator[Problem]]
+Rule = Callable[[Any], Iterator[Objection]]
 
 
 class _Many:
@@ -112,6 +112,34 @@ class Part(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise ScenarioError(type(self).__name__, faults_of(error)) from None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in type(self).model_fields:
+            copy = f"model_copy(update={{'{name}': ...}})"
+            raise ValueError(f"{type(self).__name__}.{name} is frozen; {copy} is a changed copy")
+        super().__setattr__(name, value)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Copy with some fields changed; dictionaries and lists are read, and the whole is checked, as in a file.
+
+        Parameters
+        ----------
+        update : mapping of str to value, optional
+        deep : bool
+            Of pydantic: copy what the parts hold, too.
+
+        Raises
+        ------
+        ScenarioError
+            If there is no such field, or what was read is not allowed.
+        """
+        changes, fields = update or {}, type(self).model_fields
+        unknown = [unknown_key(name, value, fields) for name, value in changes.items() if name not in fields]
+        if unknown:
+            raise ScenarioError(type(self).__name__, unknown)
+        if any(isinstance(value, dict | list) for value in changes.values()):
+            return type(self)(**{**dict(self), **changes})
+        return super().model_copy(update=update, deep=deep)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         for name, value in super().__repr_args__():
@@ -172,16 +200,29 @@ def _path(location: Location) -> str:
 
 
 def _without_arrays(data: Any) -> Any:
-    """Turn numpy arrays, which have `tolist`, into lists without importing numpy."""
-    if not isinstance(data, Mapping):
-        return data
-    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in data.items()}
+    """Turn arrays, data frames and lists of arrays into lists without importing numpy or pandas."""
+    return {key: _listed(value) for key, value in data.items()} if isinstance(data, Mapping) else data
+
+
+def _listed(value: Any) -> Any:
+    if hasattr(value, "to_numpy"):
+        value = value.to_numpy()
+    if isinstance(value, list) and value and hasattr(value[0], "tolist"):
+        return [_listed(each) for each in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _details(location: Location, value: object, message: str) -> InitErrorDetails:
     # The message is an argument of its template: it may hold braces of its own.
     kind = PydanticCustomError(_FAULT, "{message}", {"message": message})
     return InitErrorDetails(type=kind, loc=location, input=value)
+
+
+def unknown_key(name: object, value: object, known: Iterable[str]) -> Fault:
+    """Give the fault of a key that there is not, with the nearest one that is."""
+    near = nearest(name, known)
+    message = f"unknown key; did you mean {near!r}?" if near else "unknown key"
+    return Fault(str(name), value, f"{message} (known here: {', '.join(known)})")
 
 
 def _in_our_words(part: type[Part], error: ValidationError) -> list[InitErrorDetails]:
@@ -195,9 +236,7 @@ def _in_our_words(part: type[Part], error: ValidationError) -> list[InitErrorDet
         if kind == _FAULT:
             message = e["msg"]
         elif _is_unknown_key(e):
-            near = misspelt[location[0]]
-            message = f"unknown key; did you mean {near!r}?" if near else "unknown key"
-            message += f" (known here: {', '.join(keys)})"
+            message = unknown_key(location[0], value, keys).message
         elif kind == "missing" and isinstance(location[-1], str):
             if location[0] in misspelt.values():
                 continue

@@ -80,10 +80,18 @@ class Iterations:
         The first one.
     limits : RunLimits
     cutoff : Cutoff
+    begun : float
+        Value of :func:`time.perf_counter` when the start was about to be looked at.
     """
 
     def __init__(
-        self, setup: LoopSetup, start: Evaluation, trust: TrustRegion, limits: RunLimits, cutoff: Cutoff
+        self,
+        setup: LoopSetup,
+        start: Evaluation,
+        trust: TrustRegion,
+        limits: RunLimits,
+        cutoff: Cutoff,
+        begun: float,
     ) -> None:
         self.setup = setup
         self.limits = limits
@@ -95,6 +103,7 @@ class Iterations:
         self._active: ActiveSet | None = None
         self._last: LastStep | None = None
         self._trial: Trial | None = None
+        self._begun = begun  # then the last iteration, or what came before it
 
     def steps(self) -> RunInStep:
         """Iterate until the run has ended."""
@@ -110,8 +119,10 @@ class Iterations:
 
     def _iteration(self, number: int) -> Generator[Wish, Evaluation | Rows, bool]:
         """Linearise, solve, look at where the step leads, and judge it. Whether the run has ended with that."""
-        if perf_counter() > self.limits.deadline:
+        now = perf_counter()
+        if now + self.setup.parameters.spared * (now - self._begun) > self.limits.deadline:
             return self._end(LoopStatus.TIME_LIMIT)
+        self._begun = now
         rows = yield from linearised(self.run.evaluation, self.trust)
         sub = self._subproblem(rows)
         solution = self.setup.solver.solve(sub.program, self.limits.deadline)

@@ -21,7 +21,7 @@ from scp_planner.solvers.interface import QuadraticProgram, Solution
 from scp_planner.trips.trajectory import Trajectory
 
 DAMPING = 0.2  # least curvature along the step that is believed, relative to the model's
-TINY = 1e-14  # units of time; of a step's curvature term, below which nothing is learnt from it
+TINY_CURVATURE = 1e-14  # units of time; of a step's curvature term, below which nothing is learnt from it
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class LastStep:
         change = self.gradient_change(problem, rows) + proximal * step
         expected = hessian @ step
         curvature, actual = float(step @ expected), float(step @ change)
-        if curvature < TINY:
+        if curvature < TINY_CURVATURE:
             return
         if actual < DAMPING * curvature:
             share = (1.0 - DAMPING) * curvature / (curvature - actual)

@@ -97,7 +97,7 @@ def linearise_trips(
             ],
         ]
     )
-    return rows.shares(np.flatnonzero(_reach(problem, rows, trusts) >= rows.gap), len(bases))
+    return rows.shares(np.flatnonzero(_usable(problem, rows, trusts) >= rows.gap), len(bases))
 
 
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
@@ -126,7 +126,7 @@ def _optional_rows(problem: Problem, limit: OptionalLimit, number: int, owner: i
     )
 
 
-def _reach(problem: Problem, rows: Rows, trusts: Sequence[TrustRegion]) -> Array:
+def _usable(problem: Problem, rows: Rows, trusts: Sequence[TrustRegion]) -> Array:
     """Most that a step inside the trust region can use of each row's gap."""
     free = problem.ends.free
     count = free.stop - free.start

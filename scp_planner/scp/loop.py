@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from time import perf_counter
 
 import numpy as np
 
@@ -15,10 +16,11 @@ from scp_planner.scp.iterations import Iterations, LoopSetup
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.projection import Projection, trip_after
-from scp_planner.scp.record import LoopRun
+from scp_planner.scp.record import FEASIBILITY, LoopRun
+from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.step_solver import StepSolver
-from scp_planner.scp.together import RunInStep, evaluated, run_together
+from scp_planner.scp.together import RunInStep, Wish, evaluated, linearised, run_together
 from scp_planner.solvers.interface import QpSolver
 from scp_planner.trips.trajectory import Trajectory
 
@@ -151,6 +153,25 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
     """A run of the loop. A start that breaks a user's constraints is moved to where it keeps them, if it can be."""
     if setup.problem.given is not None:
         start = setup.projection.kept(start, limits.deadline)
+    begun = perf_counter()
     evaluation = yield from evaluated(start)
-    run = yield from Iterations(setup, evaluation, trust, limits, cutoff).steps()
+    run = yield from Iterations(setup, evaluation, trust, limits, cutoff, begun).steps()
+    missed = setup.projection.misses_goal_speed(run.evaluation.trajectory)
+    if missed and run.evaluation.worst_violation <= setup.parameters.grave and setup.problem.given is None:
+        run.evaluation = yield from _at_goal_speed(run, setup, limits.deadline)
     return run
+
+
+def _at_goal_speed(run: LoopRun, setup: LoopSetup, deadline: float) -> Generator[Wish, Evaluation | Rows, Evaluation]:
+    """What a run came to, at the goal's speed: the loop's own tolerance is coarse beside what that can be met to."""
+    projection, found = setup.projection, run.evaluation
+    deadline = max(deadline, perf_counter() + setup.parameters.last_mend)
+    for _ in range(setup.parameters.projections):
+        if not projection.misses_goal_speed(found.trajectory):
+            break
+        rows = yield from linearised(found, setup.parameters.retry_trust)
+        nearest = projection.mended(found.trajectory, rows, len(run.penalties.weights), deadline)
+        if nearest is None:
+            return run.evaluation
+        found = yield from evaluated(nearest)
+    return found if found.worst_violation <= max(FEASIBILITY, run.evaluation.worst_violation) else run.evaluation

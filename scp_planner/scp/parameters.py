@@ -58,8 +58,13 @@ class LoopParameters:
         Times the next step's gain that a run may still become faster.
     same_way : float
         Units of length; trips that are never farther apart than this end as one.
+    spared : float
+        Iterations, in the time of the last one, that are left of the time when a run ends: the next one, which has not
+        begun, and what comes after the run.
     shortest_solve : float
         s, that a solver is given at least: some take 0 for no limit.
+    last_mend : float
+        s, that the trip of a run that is out of time may take to meet the speed of the goal.
     projections : int
         Onto what every step must keep; the length of the path is linearised in each.
     projection_trust : TrustRegion
@@ -93,7 +98,9 @@ class LoopParameters:
     settled: float = 0.4 * FEASIBILITY
     hope: float = 4.0
     same_way: float = 0.2
+    spared: float = 0.0
     shortest_solve: float = 1e-3
+    last_mend: float = 0.01
     projections: int = 3
     projection_trust: TrustRegion = field(default=TrustRegion(theta=1e3, beta=1e2, rho=0.9))
     acceleration_nearness: float = 0.1

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.certificate.verdict import END_TOLERANCE
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.parameters import LoopParameters
 from scp_planner.scp.record import FEASIBILITY
@@ -78,22 +79,49 @@ class Projection:
         -------
         Trajectory
         """
-        problem, parameters = self.problem, self.parameters
-        count = problem.step_size
-        none = Rows.none(count)
-        nearness = np.full(count, parameters.acceleration_nearness)
-        nearness[: problem.ends.free.stop - problem.ends.free.start] = 1.0
-        nearness[-1] = parameters.time_nearness
         near = start
-        for _ in range(parameters.projections):
-            sub = build_subproblem(problem, self.kinematics, near, none, np.zeros(0), parameters.projection_trust)
-            program = replace(sub.program, hessian=np.diag(nearness), gradient=np.zeros(count))
-            solution = self.solver.solve(program, deadline)
-            moved = None if solution is None else trip_after(problem, near, solution.x)
+        for _ in range(self.parameters.projections):
+            moved = self._nearest(near, Rows.none(self.problem.step_size), np.zeros(0), deadline)
             if moved is None:
                 return start
             near = moved
         return near
+
+    def misses_goal_speed(self, trip: Trajectory) -> bool:
+        """Whether a trip arrives at another speed than the goal's, by more than rounding."""
+        goal = self.problem.ends.goal_speed
+        return goal is not None and abs(trip.final_speed - goal) > END_TOLERANCE
+
+    def mended(self, trip: Trajectory, rows: Rows, groups: int, deadline: float) -> Trajectory | None:
+        """Return the nearest trip that keeps all that and everything else, to first order; None if none is found.
+
+        Parameters
+        ----------
+        trip : Trajectory
+        rows : Rows
+            Of everything else, linearised at the trip.
+        groups : int
+            Number of violations that these may be of.
+        deadline : float
+            Value of :func:`time.perf_counter`, s.
+
+        Returns
+        -------
+        Trajectory or None
+        """
+        return self._nearest(trip, rows, np.full(groups, self.parameters.last_penalty), deadline)
+
+    def _nearest(self, start: Trajectory, rows: Rows, weights: Array, deadline: float) -> Trajectory | None:
+        """The nearest trip that keeps all that, and rows at their prices beside it, to first order."""
+        problem, parameters = self.problem, self.parameters
+        sub = build_subproblem(problem, self.kinematics, start, rows, weights, parameters.projection_trust)
+        count = problem.step_size
+        nearness = np.full(len(sub.program.gradient), parameters.acceleration_nearness)
+        nearness[: problem.ends.free.stop - problem.ends.free.start] = 1.0
+        nearness[count - 1] = parameters.time_nearness
+        gradient = np.where(np.arange(len(nearness)) < count, 0.0, sub.program.gradient)
+        solution = self.solver.solve(replace(sub.program, hessian=np.diag(nearness), gradient=gradient), deadline)
+        return None if solution is None else trip_after(problem, start, solution.x)
 
     def within_limits(self, trip: Trajectory, deadline: float) -> Trajectory | None:
         """Return the nearest trip within speed and acceleration, if this one is not; None if nothing better is found.

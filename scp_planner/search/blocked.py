@@ -26,7 +26,7 @@ STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
-FEW_CUTS = 10_000  # that are made in no time: the clock is not looked at before
+FEW_CELLS = 100_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at
 MOST_MARKED = 1_000_000  # cells at a time
 
 
@@ -189,6 +189,11 @@ class Cells:
         """Lines and half offsets."""
         return len(self.grid.lines), len(self.grid.half_offsets)
 
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the deadline has passed, if the grid is so large that it takes time."""
+        return self.shape[0] * self.shape[1] > FEW_CELLS and perf_counter() > self.deadline
+
     def look(self, delays: int) -> None:
         """See to it that at so many delays cells are known; at further ones they may be as if free."""
         until = min(STRETCH * ceil(delays / STRETCH), DELAYS)
@@ -197,14 +202,12 @@ class Cells:
         new = range(self._looked, until)
         self._looked = until
         self._closed.clear()
-        marked = 0
         for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size), new):
-            if marked > FEW_CUTS and perf_counter() > self.deadline:
-                self.cut_off = True
-                break
-            marked += len(cuts.line)
             for lines, words in self._blocked(cuts, 0, new):
                 self._free[lines] &= ~words
+                if self.out_of_time:
+                    self.cut_off = True
+                    return
             if self._kept is not None:
                 self._kept.append(cuts)
                 if sum(len(some.line) for some in self._kept) > MOST_KEPT:
@@ -235,12 +238,11 @@ class Cells:
             found = (some.only(np.flatnonzero(some.zone == zone)) for some in self._kept)
         return [part for cuts in found for part in self._blocked(cuts, side, known)]
 
-    def _blocked(self, cuts: Cuts, side: int, delays: range) -> Closure:
-        """Words of what zones block, or that and all to one side of it, line by line; only of lines that they meet."""
+    def _blocked(self, cuts: Cuts, side: int, delays: range) -> Iterator[tuple[Index, Words]]:
+        """Yield words of what zones block, or that and all to one side of it, on lines that they meet."""
         lines, place = np.unique(cuts.line, return_inverse=True)
         cuts = replace(cuts, line=place, delay=cuts.delay - delays.start)
         at_once = max(1, MOST_MARKED // (self.shape[1] * len(delays)))
-        found = []
         for begin in range(0, len(lines), at_once):
             some = lines[begin : begin + at_once]
             part = cuts
@@ -249,8 +251,7 @@ class Cells:
                 part = replace(part, line=part.line - begin)
             blocked = np.zeros((len(some), self.shape[1], len(delays)), dtype=np.bool_)
             self._mark(blocked, part, side)
-            found.append((some, _words(blocked) << np.uint64(delays.start)))
-        return found
+            yield some, _words(blocked) << np.uint64(delays.start)
 
     def _mark(self, blocked: Mask, cuts: Cuts, side: int) -> None:
         """Mark what zones block, or that and all to one side of it."""
@@ -318,8 +319,9 @@ def _parts(index: Index, each: int) -> Iterator[Index]:
 
 
 def _words(bits: Mask) -> Words:
-    """Words of 64 bits each, the first delay the lowest; of as many or fewer delays."""
-    packed = np.packbits(bits, axis=-1, bitorder="little")
+    """Words of 64 bits each, the first delay the lowest; of as many or fewer delays, whole bytes of them."""
+    # NUMPY-CALLS: row by row packing takes seven times as long
+    packed = np.packbits(bits.ravel(), bitorder="little").reshape(*bits.shape[:-1], -1)
     room = np.zeros((*packed.shape[:-1], DELAYS // 8), dtype=np.uint8)
     room[..., : packed.shape[-1]] = packed
     words: Words = room.view("<u8")[..., 0]

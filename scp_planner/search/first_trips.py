@@ -18,7 +18,7 @@ SMOOTHING = 1.0  # m^2: weight of bending against offsets, in fitting a path to 
 CLOSE_SMOOTHING = 0.1  # m^2; smooth paths start faster runs, close ones do not cut the corners of walls
 ARRIVAL_WEIGHT = 10.0  # of arriving in time, against being in time on the way
 DRIVE_SMOOTHING = 1e-2  # m^2 per (m/s^2)^2
-TINY = 1e-9  # s, m/s: against division by zero
+LEAST_DIVISOR = 1e-9  # s, m/s: against division by zero
 
 
 def trip_along(problem: Problem, way: Way, smoothing: float = SMOOTHING) -> Trajectory:
@@ -113,10 +113,10 @@ def _highest(problem: Problem, times: Array, driven: Array) -> Array:
         return problem.highest_accelerations
     breakpoints = tuple(basis.breakpoints.tolist())
     sites = greville_sites(breakpoints, basis.coefficients.shape[1] - 1) * times[-1]
-    passed = np.maximum(np.diff(times), TINY)
+    passed = np.maximum(np.diff(times), LEAST_DIVISOR)
     speed = np.interp(sites, times[:-1] + 0.5 * passed, np.diff(driven) / passed)
     least = power / problem.limits.speed
-    return np.minimum(problem.highest_accelerations, np.maximum(power / np.maximum(speed, TINY), least))
+    return np.minimum(problem.highest_accelerations, np.maximum(power / np.maximum(speed, LEAST_DIVISOR), least))
 
 
 def bows(problem: Problem) -> Iterator[Trajectory]:

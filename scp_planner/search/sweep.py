@@ -20,9 +20,9 @@ from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
 ONE = np.uint64(1)
 WORD_BYTES = DELAYS // 8
-FIRST_DELAYS: Words = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype=np.uint64)
+FIRST_DELAYS = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype="<u8")[:, None].view(np.uint8)
 STRETCH = 64  # stations whose cells are made into integers together
-LOOK_EACH = 32  # stations: at the clock
+LOOK_EACH = 16  # stations: at the clock
 MOST_KEPT = 1e8  # bytes, were all classes reached everywhere, beyond which it is not kept of all stations
 WAITS = tuple(2**power for power in range(6))  # doubled, they reach all delays of a word
 
@@ -89,6 +89,11 @@ class Layout:
         Bits of a word.
     bytes : int
         Of an integer.
+    offsets : int
+        The first delay of each offset of one case.
+    early : list of int
+        By numbers of delays, less than a word's: all delays but the last so many, which stay in their words when they
+        become so much longer.
     """
 
     def __init__(self, first: int, size: int, beside: int, cases: int, delays: int) -> None:
@@ -98,9 +103,10 @@ class Layout:
         self.word = (1 << self.length) - 1
         self._room = size + beside
         self._cases = _repeated(1, self.length * self._room, cases)
-        self._every = _repeated(1, self.length, self._room * cases)
+        self.offsets = _repeated(1, self.length, size)
+        every = _repeated(1, self.length, self._room * cases)
+        self.early = [every * (self.word >> delays) for delays in range(self.length)]
         self.bytes = self._bytes * self._room * cases
-        self._early: dict[int, int] = {}
 
     def bit(self, offset: int, delay: int, case: int) -> int:
         """The number of a bit."""
@@ -109,15 +115,24 @@ class Layout:
     def of_cases(self, words: Words) -> list[int]:
         """Integers of rows of words that differ from case to case, (rows, O, C)."""
         rows, size, cases = words.shape
-        room = np.zeros((rows, cases, self._room, self._bytes), dtype=np.uint8)
         some = words.transpose(0, 2, 1).astype("<u8", order="C")
-        room[:, :, :size] = some.view(np.uint8).reshape(rows, cases, size, WORD_BYTES)[..., : self._bytes]
-        data, length = room.tobytes(), cases * self._room * self._bytes
-        return [int.from_bytes(data[k : k + length], "little") for k in range(0, len(data), length)]
+        return self._of_bytes(some.view(np.uint8).reshape(rows, cases, size, WORD_BYTES))
 
     def of_each(self, words: Words) -> list[int]:
         """Integers of rows of words that are the same in all cases, (rows, O)."""
         return [bits * self._cases for bits in self.of_cases(words[:, :, None])]
+
+    def of_counts(self, counts: Counts) -> list[int]:
+        """Integers of rows of words whose first so many delays are set, the same in all cases, (rows, O)."""
+        return [bits * self._cases for bits in self._of_bytes(FIRST_DELAYS[counts[:, None]])]
+
+    def _of_bytes(self, words: NDArray[np.uint8]) -> list[int]:
+        """Integers of rows of words byte by byte, (rows, C, O, 8)."""
+        rows, cases, size, _ = words.shape
+        room = np.zeros((rows, cases, self._room, self._bytes), dtype=np.uint8)
+        room[:, :, :size] = words[..., : self._bytes]
+        data, length = room.tobytes(), cases * self._room * self._bytes
+        return [int.from_bytes(data[k : k + length], "little") for k in range(0, len(data), length)]
 
     def words(self, bits: int) -> Words:
         """The words of an integer, (C, O)."""
@@ -129,29 +144,10 @@ class Layout:
         words: Words = found.view("<u8")[..., 0].astype(np.uint64, copy=False)
         return words
 
-    def early(self, delays: int) -> int:
-        """All delays but the last so many: those that stay in their words when they become so much longer."""
-        if delays not in self._early:
-            self._early[delays] = self._every * (self.word >> delays)
-        return self._early[delays]
-
 
 def _repeated(bits: int, length: int, count: int) -> int:
     """The same bits so many times, so far apart."""
     return bits * (((1 << length * count) - 1) // ((1 << length) - 1))
-
-
-def _moved(bits: int, by: int) -> int:
-    return bits << by if by >= 0 else bits >> -by
-
-
-def _spread(some: dict[int, int], by: int, count: int) -> dict[int, int]:
-    """What is reached with each of so many classes, after changes by up to so many classes."""
-    spread: dict[int, int] = {}
-    for m, bits in some.items():
-        for near in range(max(m - by, 0), min(m + by + 1, count)):
-            spread[near] = spread[near] | bits if near in spread else bits
-    return spread
 
 
 class Sweep:
@@ -174,6 +170,8 @@ class Sweep:
     reached : list of Reached or None
         What is reached at each station, up to the last one at which anything is; of large grids only at some stations:
         from these the others are found again where a way is followed back.
+    cut_off : bool
+        Whether the deadline has passed before the goal was reached.
     """
 
     def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Counts, deadline: float = np.inf) -> None:
@@ -184,20 +182,26 @@ class Sweep:
         # A delay is never made up for: one that is too long at the goal is too long everywhere.
         self.layout = Layout(first, last + 1 - first, beside, free.shape[2], int(in_time[-1].max()))
         self._sides: list[int] = grid.sidesteps.tolist()
+        self._aside = [self.layout.length * side for side in self._sides]
+        speeds, count = range(len(grid.speeds)), len(self._sides)
+        self._from = [speeds[max(k - grid.falls, 0) : k + grid.rises + 1] for k in speeds]
+        self._near = [[range(max(m - by, 0), min(m + by + 1, count)) for m in range(count)] for by in grid.turn_counts]
         self._loaded = range(0)
         classes = len(grid.speeds) * len(grid.slopes)
         self._thin = classes * grid.columns * self.layout.bytes > MOST_KEPT
         start = 0
         for case in range(free.shape[2]):
             start |= 1 << self.layout.bit(grid.middle, 0, case)
-        speeds, slopes = range(len(grid.speeds)), range(len(grid.slopes))
+        slopes = range(len(grid.slopes))
         there = range(len(grid.speeds))[grid.first_speeds]
         before: Reached = [dict.fromkeys(slopes[ends.first_slopes], start) if k in there else {} for k in speeds]
         self.reached: list[Reached | None] = [before]
         self.arrivals: Reached = [{} for _ in speeds]
+        self.cut_off = False
         for i in range(1, grid.columns + 1):
             before = self._advanced(i, before)
-            if not any(before) or (i % LOOK_EACH == 0 and perf_counter() > deadline):
+            self.cut_off = i % LOOK_EACH == 0 and perf_counter() > deadline
+            if self.cut_off or not any(before):
                 return
             self.reached.append(before)
             if self._thin and (i - 1) % STRETCH:
@@ -220,7 +224,7 @@ class Sweep:
         self._even = layout.of_cases(between[:, ::2])
         self._odd = layout.of_cases(between[:, 1::2])
         speeds = len(self.grid.speeds)
-        timely = layout.of_each(FIRST_DELAYS[self.in_time[begin:end, :, first:last].reshape(-1, layout.size)])
+        timely = layout.of_counts(self.in_time[begin:end, :, first:last].reshape(-1, layout.size))
         self._timely = [timely[row : row + speeds] for row in range(0, len(timely), speeds)]
 
     def _at(self, i: int) -> Reached:
@@ -246,23 +250,27 @@ class Sweep:
             self._load(i - (i - 1) % STRETCH)
         place = i - self._loaded.start
         line = EACH_STATION * (i - 1)
-        first, second = grid.shift_lists[line], grid.shift_lists[line + 1]
+        free, early, aside = self._free[place], layout.early, self._aside
         halfway: dict[int, int] = {}
         reached: Reached = []
         for k, timely in enumerate(self._timely[place]):
             here: dict[int, int] = {}
             reached.append(here)
-            open_ = timely & self._free[place]
+            open_ = timely & free
             if not open_:
                 continue
+            first, second = grid.shift_lists[line][k], grid.shift_lists[line + 1][k]
             for m, bits in self._left(before, k).items():
-                side, delays, more = self._sides[m], first[k][m], second[k][m]
-                bits &= layout.early(delays + more)
+                delays, more = first[m], second[m]
+                if delays + more >= layout.length:
+                    continue
+                bits &= early[delays + more]
                 if not bits:
                     continue
                 if m not in halfway:
-                    halfway[m] = self._halfway(place, side)
-                bits = (_moved(bits, layout.length * side + delays) & halfway[m]) << more & open_
+                    halfway[m] = self._halfway(place, m)
+                by = aside[m] + delays
+                bits = ((bits << by if by >= 0 else bits >> -by) & halfway[m]) << more & open_
                 if bits:
                     here[m] = bits
         if reached[-1]:
@@ -271,25 +279,30 @@ class Sweep:
 
     def _left(self, before: Reached, k: int) -> dict[int, int]:
         """What leaves a station with a class of speed, after changes of speed and slope; of each slope."""
-        grid = self.grid
         driven: dict[int, int] = {}
-        for some in before[max(k - grid.falls, 0) : k + grid.rises + 1]:
-            for m, bits in some.items():
+        for speed in self._from[k]:
+            for m, bits in before[speed].items():
                 driven[m] = driven[m] | bits if m in driven else bits
-        return _spread(driven, grid.turn_counts[k], len(self._sides))
+        left: dict[int, int] = {}
+        near = self._near[k]
+        for m, bits in driven.items():
+            for other in near[m]:
+                left[other] = left[other] | bits if other in left else bits
+        return left
 
-    def _halfway(self, place: int, side: int) -> int:
-        """Free cells halfway to each offset from so many offsets to the side."""
-        whole, half = divmod(side, 2)
+    def _halfway(self, place: int, m: int) -> int:
+        """Free cells halfway to each offset with a slope."""
+        whole, half = divmod(self._sides[m], 2)
         cells = self._odd[place] if half else self._even[place]
-        return _moved(cells, self.layout.length * (whole + half))
+        by = self.layout.length * (whole + half)
+        return cells << by if by >= 0 else cells >> -by
 
     def _wait(self, slowest: dict[int, int], open_: int) -> None:
         """Let the slowest wait while their cell stays free."""
         for delays in WAITS:
             if delays >= self.layout.length:
                 break
-            early = self.layout.early(delays)
+            early = self.layout.early[delays]
             for m, bits in slowest.items():
                 slowest[m] = bits | (bits & early) << delays & open_
             open_ &= (open_ & early) << delays
@@ -320,38 +333,40 @@ class Sweep:
 
     def _arriving(self, delay: int, case: int) -> Iterator[tuple[int, int, int]]:
         """Classes of speed and slope, and offsets, with which the goal is reached."""
+        layout = self.layout
+        first = layout.bit(layout.first, delay, case)
         for k, some in enumerate(self.arrivals):
             for m in sorted(some):
-                words = self.layout.words(some[m])[case]
-                for place in np.flatnonzero(words >> np.uint64(delay) & ONE).tolist():
-                    yield k, m, self.layout.first + place
+                bits = some[m] >> first & layout.offsets
+                while bits:
+                    least = bits & -bits
+                    yield k, m, layout.first + (least.bit_length() - 1) // layout.length
+                    bits ^= least
 
     def _detour(self, state: tuple[int, int, int]) -> int:
         """How slow, steep and far from the guide a state is."""
         speed, slope, offset = state
         return speed + abs(self._sides[slope]) + abs(offset - self.grid.middle)
 
-    def _earlier(self, i: int, m: int, k: int) -> Iterator[tuple[int, int, int]]:
-        """Classes of speed and slope at the station before from which others can be had, and what is reached there."""
-        grid, turns, before = self.grid, self.grid.turn_counts[k], self._at(i - 1)
-        for speed in range(max(k - grid.falls, 0), min(k + grid.rises + 1, len(before))):
-            some = before[speed]
-            for slope in range(m - turns, m + turns + 1):
-                if slope in some:
-                    yield speed, slope, some[slope]
-
     def _before(self, i: int, m: int, k: int, bit: int) -> tuple[int, int]:
         """Speed and slope at the station before, with the least change."""
-        possible = [(speed, slope) for speed, slope, bits in self._earlier(i, m, k) if bits >> bit & 1]
-        return min(possible, key=lambda state: 2 * abs(state[1] - m) + abs(state[0] - k))
+        turns, before, possible = self.grid.turn_counts[k], self._at(i - 1), []
+        for speed in self._from[k]:
+            for slope, bits in before[speed].items():
+                if -turns <= slope - m <= turns and bits >> bit & 1:
+                    possible.append((2 * abs(slope - m) + abs(speed - k), speed, slope))
+        _, speed, slope = min(possible)
+        return speed, slope
 
     def _came(self, case: int, i: int, m: int, offset: int, delay: int) -> int:
         """The delay at which the slowest came to a station where they then waited until another."""
         grid, k, side = self.grid, len(self.grid.speeds) - 1, self._sides[m]
         line = EACH_STATION * (i - 1) + 1
-        left = 0
-        for _, _, bits in self._earlier(i, m, k):
-            left |= bits
+        left, turns, before = 0, grid.turn_counts[k], self._at(i - 1)
+        for speed in self._from[k]:
+            for slope, bits in before[speed].items():
+                if -turns <= slope - m <= turns:
+                    left |= bits
         came = left >> self.layout.bit(offset - side, 0, case) & self.layout.word
         came = came << grid.shift_lists[line - 1][k][m] & int(self.free[line, 2 * offset - side, case])
         came = came << grid.shift_lists[line][k][m] & int(self.free[line + 1, 2 * offset, case])

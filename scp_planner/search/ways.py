@@ -136,13 +136,17 @@ class WaySearch:
         left = list(range(len(cases)))
         together = max(1, MOST_TOGETHER // (len(grid.lines) * len(grid.half_offsets)))
         for latest in self._windows(within):
+            if self.cells.out_of_time:
+                return found
             in_time = self._in_time(latest)
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
                 free = self.cells.without_each([cases[k] for k in some], int(in_time[-1].max()))
-                if self.cells.cut_off:
+                if self.cells.cut_off or self.cells.out_of_time:
                     return found
                 sweep = Sweep(grid, free, self.ends, in_time, self.deadline)
+                if sweep.cut_off:
+                    return found
                 for case, k in enumerate(some):
                     found[k] = self._way(sweep, case)
             left = [k for k in left if found[k] is None]
@@ -174,14 +178,18 @@ class WaySearch:
 
     @cached_property
     def _earliest(self) -> Array:
-        """When each class of speed reaches the goal at best, less the time from its station, (n + 1, K, O)."""
+        """When each class of speed reaches the goal at best, less the time from its station, (n + 1, K, O to one side).
+
+        The sides are mirrors of each other; the guide comes first.
+        """
         grid, acceleration = self.grid, self.problem.limits.acceleration
         speed, top = grid.speeds[:, None], float(grid.speeds[0])
         ramp = (top * top - speed * speed) / (2.0 * acceleration)
-        earliest: Array = np.empty((len(grid.stations), len(speed), len(grid.offsets)))
+        aside = grid.offsets[grid.middle :]
+        earliest: Array = np.empty((len(grid.stations), len(speed), len(aside)))
         for some in self._some_stations():
             left = grid.lines[-1] - grid.stations[some]
-            far = np.hypot(left[:, None], grid.offsets)[:, None, :]
+            far = np.hypot(left[:, None], aside)[:, None, :]
             reached = np.sqrt(speed * speed + 2.0 * acceleration * np.minimum(far, ramp))
             least = (reached - speed) / acceleration + np.maximum(far - ramp, 0.0) / top
             earliest[some] = least + grid.fastest[::EACH_STATION][some, None, None]
@@ -198,11 +206,12 @@ class WaySearch:
         """With how many delays each class of speed may reach the goal in time, (n + 1, K, O)."""
         grid = self.grid
         latest = min(within, float(grid.fastest[-1]) + DELAYS * grid.delay_step)
-        counts: Counts = np.empty(self._earliest.shape, dtype=np.uint8)
+        counts: Counts = np.empty((*self._earliest.shape[:2], len(grid.offsets)), dtype=np.uint8)
         for some in self._some_stations():
             # Rounding takes a delay
             delays = np.floor((latest - self._earliest[some]) / grid.delay_step) + 2.0
-            counts[some] = np.clip(delays, 0, DELAYS)
+            counts[some, :, grid.middle :] = np.clip(delays, 0, DELAYS)
+        counts[:, :, : grid.middle] = counts[:, :, : grid.middle : -1]
         return counts
 
     def _sides(self, offsets: Array, times: Array) -> tuple[tuple[int, int], ...]:
@@ -217,12 +226,10 @@ class WaySearch:
         ahead, middle = self.cells.lines.seen(line[:, None], zones.centers.grid(when))
         met, zone = np.nonzero(np.abs(ahead) < zones.reach(when))
         gap = position[met] - middle[met, zone]
-        found: dict[int, tuple[float, int]] = {}
-        for entry in np.argsort(-np.abs(gap), kind="stable"):
-            distance = float(gap[entry])
-            found[int(zone[entry])] = (abs(distance), 1 if distance > 0 else -1)
-        order = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
-        return tuple((zone, side) for zone, (_, side) in order)
+        farthest_first = np.argsort(-np.abs(gap), kind="stable")
+        found: dict[int, float] = dict(zip(zone[farthest_first].tolist(), gap[farthest_first].tolist(), strict=True))
+        order = sorted(found.items(), key=lambda item: (abs(item[1]), item[0]))
+        return tuple((zone, 1 if distance > 0.0 else -1) for zone, distance in order)
 
 
 class WayTree:

@@ -177,7 +177,7 @@ class ZoneBounds:
             return self._of_ellipses(index, times, half, position, velocity, own)
         contacts = batch.contacts(index, times, position)
         slope = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
-        bend = self.bend(index, times, half, contacts.normal, position, velocity, own)
+        bend = self.second_bound(index, times, half, contacts.normal, position, velocity, own)
         return DistanceBounds(contacts.distance, contacts.distance - np.abs(slope) * half - 0.5 * bend * half * half)
 
     def _of_ellipses(
@@ -223,7 +223,7 @@ class ZoneBounds:
         batch = self.batch
         return _magnitude_bound(batch.velocities.derivative, index, times, half)
 
-    def bend(
+    def second_bound(
         self,
         index: Index,
         times: Array,
@@ -257,7 +257,7 @@ class ZoneBounds:
         """
         batch = self.batch
         bound = acceleration + self.acceleration(index, times, half)
-        growth = self.growth_bend(index, times, half, normal)
+        growth = self.growth_second_bound(index, times, half, normal)
         rows = np.flatnonzero(batch.turning[index]) if batch.any_turning else _NONE
         if len(rows) == 0:
             return bound + growth
@@ -268,7 +268,7 @@ class ZoneBounds:
         bound[rows] += 2.0 * spin * speed + (spin * spin + spin_rate) * gap
         blurred = np.flatnonzero(batch.slot[zone] >= 0)
         if batch.covariances is not None and len(blurred):
-            growth[rows[blurred]] = self._turning_growth_bend(
+            growth[rows[blurred]] = self._turning_growth_second_bound(
                 batch.slot[zone[blurred]],
                 t[blurred],
                 h[blurred],
@@ -294,10 +294,10 @@ class ZoneBounds:
             spin_rate = np.where(least > 0.0, change / least + 2.0 * turn * gain / least**2, np.inf)
         return spin, spin_rate
 
-    def _turning_growth_bend(
+    def _turning_growth_second_bound(
         self, slot: Index, times: Array, half: Array, normal: Array, spin: Array, spin_rate: Array
     ) -> Array:
-        """As :meth:`growth_bend`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
+        """As :meth:`growth_second_bound`, for nu that turns: with B the covariance seen from the zone, s = nu' B nu.
 
         |s'| <= |C'| + 2 |phi'| |C| and |s''| <= |C''| + 4 |phi'| |C'| + (4 phi'^2 + 2 |phi''|) |C|.
         """
@@ -313,7 +313,7 @@ class ZoneBounds:
         with np.errstate(invalid="ignore"):
             return np.where(least > 0.0, second / (2.0 * np.sqrt(np.maximum(least, 1e-300))), np.inf)
 
-    def growth_bend(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
+    def growth_second_bound(self, index: Index, times: Array, half: Array, normal: Array) -> Array:
         """Upper bound of the second time derivative of sqrt(nu' C nu) at fixed nu on intervals, (n,) m/s^2.
 
         With s = nu' C nu, (sqrt s)'' <= max(s'', 0) / (2 sqrt s), since the other term is negative.

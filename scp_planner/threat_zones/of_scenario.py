@@ -14,7 +14,7 @@ vehicle's reference point.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import atan2, hypot
@@ -71,6 +71,12 @@ def zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
 
 
 def tell_of_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequence[ThreatZone]]) -> None:
+    """Log which shapes are taken for the discs that cover them; for the parameters see `taken_for_discs`."""
+    for told in taken_for_discs(obstacles, several):
+        logger.info(told)
+
+
+def taken_for_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequence[ThreatZone]]) -> Iterator[str]:
     """Say which shapes are taken for the discs that cover them.
 
     Parameters
@@ -78,13 +84,18 @@ def tell_of_discs(obstacles: Sequence[Obstacle], several: Mapping[str, Sequence[
     obstacles : sequence of Obstacle
     several : mapping of str to sequence of ThreatZone
         Of these but discs, by id.
+
+    Yields
+    ------
+    str
+        A line for each.
     """
     for obstacle in obstacles:
         # most are discs, whose zones need not be made for this
         shape = obstacle.shape
         if isinstance(shape, Rectangle | Ellipse) and is_taken_for_a_disc(shape, several[obstacle.id]):
             kind, radius = type(shape).__name__.lower(), covering_radius(shape)
-            logger.info("%s: taken for a disc of %.3g m, the heading of its %s is not known", obstacle.id, radius, kind)
+            yield f"{obstacle.id}: taken for a disc of {radius:.3g} m, the heading of its {kind} is not known"
 
 
 class ZonesOf(SortedZones):

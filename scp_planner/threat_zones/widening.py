@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.estimation.confidence import region_scale, shared_alpha, uniform_scale
+from scp_planner.estimation.confidence import outside_probability, region_scale, shared_alpha, uniform_scale
 from scp_planner.estimation.dynamics import RandomWalk
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.process_estimate import ProcessEstimate
@@ -68,7 +68,7 @@ class Split:
     @classmethod
     def of(cls, confidence: Confidence, obstacles: int) -> Split:
         """Split what a confidence leaves to each of the obstacles that are not known exactly."""
-        alpha, level = 1.0 - confidence.probability, confidence.level
+        alpha, level = outside_probability(confidence.probability), confidence.level
         if level is ConfidenceLevel.JOINT:
             alpha, level = shared_alpha(alpha, obstacles), ConfidenceLevel.PER_OBSTACLE
         return cls(str(level), 1.0 - (1.0 - HEADING_SHARE) * alpha, 1.0 - HEADING_SHARE * alpha)
@@ -146,13 +146,13 @@ def _speed_errors(estimate: MotionEstimate, probability: float, times: Array) ->
         if velocity.regressors is None:
             scale = region_scale("per_obstacle", probability, velocity, start=float(times[0]), stop=float(times[-1]))
         else:  # for all regressors, those of times too: a little more than is needed, and the same for all obstacles
-            scale = uniform_scale(1.0 - probability, math.inf, velocity.errors, velocity.regressors)
+            scale = uniform_scale(outside_probability(probability), math.inf, velocity.errors, velocity.regressors)
         # largest variances are convex functions of time, largest at ends
         size = np.sqrt(scale * np.linalg.eigvalsh(velocity.covariance(times))[:, -1])
         return np.maximum(size[:-1], size[1:])
     if isinstance(estimate, ProcessEstimate) and isinstance(estimate.dynamics, RandomWalk):
         # Lévy: a sum of independent symmetric terms was once beyond a size with at most twice the chance that it is now
-        chance = 0.5 * (1.0 - probability) / EARLY
+        chance = 0.5 * outside_probability(probability) / EARLY
         scale = estimate.errors.pointwise_scale(chance)
         leads = times[1:] - estimate.reference_time
         variance = np.linalg.eigvalsh(estimate.state_covariance[2:, 2:])[-1] + estimate.dynamics.diffusion * leads

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from pathlib import Path
@@ -24,9 +25,13 @@ NAMES = {
     "heading": ("heading", "heading_rad", "yaw", "yaw_rad", "theta"),
     "speed": ("speed", "speed_m_per_s", "v"),
 }
-"""What columns may be called, in letters of either case."""
+"""What columns may be called, in letters of either case; a unit may stand in brackets, too: ``time [s]``."""
 
 _NEEDED = ("time", "x", "y")
+_UNITS = {"time": "s", "x": "m", "y": "m", "heading": "rad", "speed": "m/s"}
+_OTHER_UNITS = "ms us ns min h km cm mm ft deg degree degrees ° km_per_h kmh kph mph kn knots".split()
+_BRACKETS = re.compile(r"(.*?)\s*[\[(](.*)[\])]")
+_DELIMITERS = ",;\t"
 
 
 def read_columns(path: str | PathLike[str]) -> dict[str, Array]:
@@ -89,7 +94,7 @@ def of_json(source: str, data: Any) -> dict[str, Array]:
         data = _columns_of_rows(source, data)
     if not isinstance(data, dict):
         raise SamplesError(source, [Fault("", data, "must be columns by their names, or a list of rows")])
-    columns = {str(name).lower(): column for name, column in data.items()}
+    columns = {plain_name(str(name)): column for name, column in data.items()}
     position = columns.pop("position", None)
     if position is not None:
         columns["x"], columns["y"] = _axes(source, position)
@@ -143,7 +148,7 @@ def _axes(source: str, position: Any) -> Iterable[list[Any]]:
 def _of_npz(source: str) -> dict[str, Sequence[Any]]:
     try:
         with np.load(source, allow_pickle=False) as arrays:
-            return {str(name).lower(): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
+            return {plain_name(str(name)): arrays[name].tolist() for name in arrays.files if arrays[name].ndim == 1}
     except (ValueError, EOFError, AttributeError) as error:
         raise SamplesError(source, [Fault("", MISSING, f"not a file of arrays: {error}")]) from None
 
@@ -153,7 +158,9 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise SamplesError(source, [Fault("", f"byte {error.start}", "must be UTF-8 text")]) from None
-    reader = csv.reader(text.splitlines())
+    lines = ["" if line.startswith("#") else line for line in text.splitlines()]
+    first = next(filter(str.strip, lines), "")
+    reader = csv.reader(lines, delimiter=delimiter_of(first))
     try:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
@@ -161,7 +168,9 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
     if not rows:
         raise SamplesError(source, [Fault("", text, "must hold samples; it is empty")])
     (_, header), *rest = rows
-    names = [name.strip().lower() for name in header]
+    if all(_is_number(cell) for cell in header):
+        raise SamplesError(source, [Fault("first row", first, "must name the columns: t,x,y or t,x,y,heading,speed")])
+    names = [plain_name(name) for name in header]
     faults = [
         Fault(f"line {line}", ",".join(row), f"must have {len(names)} values, as the first line has, not {len(row)}")
         for line, row in rest
@@ -176,6 +185,26 @@ def _of_csv(source: str, path: Path) -> dict[str, Array]:
     return _joined(source, columns, lambda column, row: f"line {rest[row][0]}, {column}")
 
 
+def delimiter_of(header: str) -> str:
+    """What stands between the columns of a table: the first mark there is of comma, semicolon and tab."""
+    return next((mark for mark in _DELIMITERS if mark in header), ",")
+
+
+def plain_name(name: str) -> str:
+    """A column's name as `NAMES` has it: small, and a unit in brackets as a part of it."""
+    name = name.strip().lower()
+    found = _BRACKETS.fullmatch(name)
+    return f"{found[1]}_{found[2].replace('/', '_per_')}" if found else name
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def _joined(source: str, columns: dict[str, Sequence[Any]], place_of: Callable[[str, int], str]) -> dict[str, Array]:
     """Columns by what they are, checked; text is read as numbers."""
     there = {what: [name for name in names if name in columns] for what, names in NAMES.items()}
@@ -184,11 +213,15 @@ def _joined(source: str, columns: dict[str, Sequence[Any]], place_of: Callable[[
         for what, found in there.items()
         if len(found) > 1
     ]
-    faults += [
-        Fault(what, MISSING, f"no such column; called {' or '.join(NAMES[what])}; there are {', '.join(columns)}")
-        for what in _NEEDED
-        if not there[what]
-    ]
+    for what in (what for what, found in there.items() if not found):
+        other = next(
+            (f"{name}_{unit}" for name in NAMES[what] for unit in _OTHER_UNITS if f"{name}_{unit}" in columns), None
+        )
+        if other is not None:
+            faults.append(Fault(f"column {other}", MISSING, f"must be in {_UNITS[what]}: {', '.join(NAMES[what])}"))
+        elif what in _NEEDED:
+            told = f"no such column; called {' or '.join(NAMES[what])}; there are {', '.join(columns)}"
+            faults.append(Fault(what, MISSING, told))
     if faults:
         raise SamplesError(source, faults)
     # The name in the file, for messages, of what a column is.
@@ -214,5 +247,6 @@ def _numbers(column: Sequence[Any], name: str, place_of: Callable[[str, int], st
                 raise TypeError
             found[row] = float(value)
         except (TypeError, ValueError, OverflowError):
-            faults.append(Fault(place_of(name, row), value, "must be a number"))
+            comma = ", with a decimal point" if isinstance(value, str) and "," in value else ""
+            faults.append(Fault(place_of(name, row), value, f"must be a number{comma}"))
     return found

@@ -37,7 +37,8 @@ from scp_planner.scp.merit import LIMIT_NAMES, Penalties
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.of_scenario import zones
 
-SMOOTHER = Settings(acceleration_degree=1, path_degree=4)
+SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
+SMOOTHER = replace(SMALL, acceleration_degree=1, path_degree=4)
 
 
 def seen(name: str, position: tuple[float, float], velocity: tuple[float, float]) -> dict[str, Any]:
@@ -55,10 +56,10 @@ def seen(name: str, position: tuple[float, float], velocity: tuple[float, float]
 
 
 SCENES = {
-    "known obstacles": (scene(*CROSSERS), Settings()),
+    "known obstacles": (scene(*CROSSERS), SMALL),
     "estimated obstacles": (
         scene(CROSSERS[0], seen("seen", (12.0, -3.0), (-0.2, 1.0)), seen("far", (15.0, 9.0), (0.0, -0.5))),
-        Settings(),
+        SMALL,
     ),
     "box, goal speed and heading": (
         scene(
@@ -66,7 +67,7 @@ SCENES = {
             bounds={"min": [-1.0, -1.5], "max": [21.0, 1.0]},
             goal={"position": [20.0, 0.0], "speed": 1.5, "heading": 0.2},
         ),
-        Settings(max_offset=1.0),
+        replace(SMALL, max_offset=1.0),
     ),
     "from rest, linear acceleration": (
         scene(*CROSSERS, start={"speed": 0.0, "heading": None}),
@@ -80,7 +81,7 @@ SCENES = {
             bounds={"min": [-1.0, -1.0], "max": [21.0, 2.0]},
             start={"heading": None},
         ),
-        Settings(),
+        SMALL,
     ),
     "turned, on another clock": (
         scene(
@@ -92,7 +93,7 @@ SCENES = {
             start={"time": 1000.0, "position": [1100.0, -1010.0], "heading": None},
             goal={"position": [1100.0, -990.0]},
         ),
-        Settings(acceleration_degree=2),
+        replace(SMALL, acceleration_degree=2),
     ),
 }
 

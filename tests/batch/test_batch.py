@@ -442,6 +442,7 @@ def test_command_tells_counts_and_what_is_not_certified(folder: Path, tmp_path: 
         (["--workers", "0"], "0: must be at least 1"),
         (["--workers", "2", "--dask", "tcp://127.0.0.1:1"], "not with --dask"),
         (["--pattern", "*.yml"], "holds no scenario files like *.yml"),
+        *((["--pattern", odd], "must be of paths within") for odd in ("/", "/x/*", "**x", "../*", ".", "./")),
         (["--set", "path_spam=2"], "did you mean 'path_span'?"),
         (["--solver", "gurobi"], "gurobi"),
         (["--dask", "nowhere"], "Dask"),

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import observed, scene
 from scipy import integrate, optimize, stats
 
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.confidence import LEVELS, excursion_bound, region_scale, shared_alpha, uniform_scale
 from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalErrors, StudentErrors
-from scp_planner.estimation.estimate import estimate_motion
+from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.motion_estimate import MotionEstimate
 
 pytestmark = pytest.mark.numerics
@@ -125,6 +126,14 @@ def test_shares_of_alpha_multiply_to_the_whole(alpha: float, obstacles: int) -> 
     each = shared_alpha(alpha, obstacles)
     assert alpha / obstacles <= each * (1 + 1e-12)  # never less than Bonferroni's
     assert -math.expm1(obstacles * math.log1p(-each)) == pytest.approx(alpha, rel=1e-9)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("probability", [5e-324, 1e-300, 1e-17, 1e-9])
+def test_a_region_of_hardly_any_probability_is_small(level: str, probability: float) -> None:
+    scenario = scene(observed("seen", 3))
+    scale = region_scale(level, probability, estimate_obstacle(scenario.obstacles[0]), obstacles=4, start=0.0, stop=5.0)
+    assert 0.0 < scale < region_scale(level, 0.5, estimate_obstacle(scenario.obstacles[0]), start=0.0, stop=5.0)
 
 
 @given(st.sampled_from(LAWS), st.floats(1e-5, 0.4), st.floats(0.0, 20.0))

@@ -37,6 +37,15 @@ class TestFiles:
         assert tracks[0].positions.tolist() == [[3.0, 4.0], [1.0, 2.0]]
         assert (tracks.start, tracks.stop, tracks.observations) == (0.0, 1.0, 3)
 
+    def test_csv_of_other_programs(self, tmp_path: Path) -> None:
+        """Units in the names, spaces, semicolons, and what spreadsheets put before and behind lines."""
+        for header in ("id,time_s,x_m,y_m", "ID; t [s]; x [m]; y [m]"):
+            rows = [header, "a,0,1,2", "a,0.5,1.5,2"]
+            text = "\r\n".join(row.replace(",", ";") if ";" in header else row for row in rows)
+            (tmp_path / "tracks.csv").write_bytes(text.encode("utf-8-sig"))
+            (track,) = Tracks.load(tmp_path / "tracks.csv")
+            assert (track.times.tolist(), track.positions.tolist()) == ([0.0, 0.5], [[1.0, 2.0], [1.5, 2.0]])
+
     def test_saved_tracks_keep_every_bit(self, tmp_path: Path) -> None:
         rng = np.random.default_rng(1)
         tracks = Tracks(

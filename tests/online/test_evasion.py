@@ -12,7 +12,7 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.assumptions import _reach
+from scp_planner.online.assumptions import _radii_towards
 from scp_planner.online.courses import Profiles
 from scp_planner.online.decision import Waiting
 from scp_planner.online.dodges import Dodges
@@ -428,7 +428,7 @@ def test_ellipses_reach_as_far_as_their_inverses_say() -> None:
     rng = np.random.default_rng(0)
     roots, vectors = rng.normal(size=(40, 2, 2)), rng.normal(size=(40, 2))
     matrices = roots @ roots.transpose(0, 2, 1)
-    found = _reach(vectors, matrices[:, [0, 0, 1], [0, 1, 1]])
+    found = _radii_towards(vectors, matrices[:, [0, 0, 1], [0, 1, 1]])
     points = found[:, None] * vectors / np.linalg.norm(vectors, axis=1)[:, None]
     assert np.einsum("ni,nij,nj->n", points, np.linalg.inv(matrices), points) == pytest.approx(np.ones(40), rel=1e-6)
 

@@ -17,7 +17,7 @@ from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures
 from scp_planner.online.mixtures import Mixture, Widening
 from scp_planner.online.noticing import EVIDENCE, Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
-from scp_planner.online.track import Track
+from scp_planner.online.track import ObstacleTrack
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.scenario.shapes import Disc
@@ -89,7 +89,7 @@ def test_zone_of_one_filter_is_that_of_its_motion() -> None:
     bank, slots = bank_of(1)
     drive(bank, slots, places)
     level = Level(sp.Confidence(probability=0.95, level="per_obstacle"), 1)
-    track = Track("a", Disc(disc=0.3), Model(), 0.0, Body(0.3), covariance=NOISE**2 * np.eye(2))
+    track = ObstacleTrack("a", Disc(disc=0.3), Model(), 0.0, Body(0.3), covariance=NOISE**2 * np.eye(2))
     for number, motion in enumerate(WIDENING.filters):
         model = ProcessModel(process=motion, velocity_deviation=1.5, noise_deviation=1.0)
         estimate = estimate_process(times, places[:, 0], model, NOISE**2 * np.eye(2))

@@ -10,9 +10,12 @@ from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.lower_bound import no_trip_within
 from scp_planner.certificate.verdict import Certificate, Clearance, Violation
-from scp_planner.planning.explain import grave_violations
+from scp_planner.planning.explain import Ending, explain, grave_violations
+from scp_planner.scp.record import LoopStatus
 
 BOX = {"min": [-1.0, -3.0], "max": [21.0, 3.0]}
 
@@ -55,6 +58,15 @@ def test_a_proof_waits_for_no_time_limit(time_limit: float, proved: bool, monkey
     plan = sp.plan(scene(disc("crate", (20.0, 0.3), radius=1.0)), time_limit=time_limit)
     assert plan.reason is not None
     assert ("No trip at all" in plan.reason) is proved
+
+
+def test_a_trip_that_there_was_no_time_to_check_is_told_from_one_that_breaks_something() -> None:
+    scenario, plan = scene(), sp.plan(scene())
+    cut_off = certify_trip(scenario, plan.trip, (), Scope(deadline=-np.inf))
+    assert not cut_off.holds and not cut_off.violations
+    ending = Ending(LoopStatus.TIME_LIMIT, 0.0, 1)
+    text = explain(scenario, (), plan.trip, ending, cut_off, prove_until=-np.inf)
+    assert text == "No time was left to check the trip. Best of 1 way round; the time limit was reached"
 
 
 def test_an_obstacle_is_named_once_whichever_of_its_futures_is_in_the_way() -> None:
@@ -174,7 +186,10 @@ def test_zones_larger_than_the_scene_name_the_model_to_change() -> None:
     text = hasty(*crowd(1, {"order": 2}))
     assert "uncertain by up to" in text
     assert "more than the whole scene, 20 m: the model, order 2 (constant acceleration)" in text
-    assert "set model: pedestrian, cyclist, car, ship or drone" in text
+    assert (
+        "if it keeps its velocity, set order: 1; if one fits, set model: pedestrian, cyclist, car, ship or drone"
+        in text
+    )
     assert "far smaller zones of person0" in text
 
 

@@ -183,8 +183,8 @@ def test_after_the_time_limit_no_other_grid_is_searched_and_one_bow_is_enough(mo
 
 
 def test_the_time_limit_is_kept_and_the_best_so_far_is_returned(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a clock that goes on by a millisecond a look; what is left to do after it takes a few looks."""
-    FakeClock(1e-3).rule(monkeypatch)
+    """By a clock that goes on by half a millisecond a look; what is left to do after it takes a few looks."""
+    FakeClock(5e-4).rule(monkeypatch)
     rng = np.random.default_rng(0)
     crowd = [
         disc(f"c{k}", tuple(rng.uniform([2, -8], [18, 8])), tuple(rng.normal(size=2)), radius=0.4) for k in range(60)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import scene
+from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.planning.other_guides import with_headings, with_the_fastest_way
@@ -31,6 +31,19 @@ def test_nothing_is_tried_where_the_trip_is_hardly_slower_than_any_can_be() -> N
     tried = runs.task.tally.tried
     assert with_the_fastest_way(runs, best) == [(runs, best)]
     assert runs.task.tally.tried == tried
+
+
+def test_over_another_guide_only_what_may_be_faster_is_gone_on_with() -> None:
+    bow = [[0.0, 0.0], [10.0, 3.0], [20.0, 0.0]]
+    runs = CheckedRuns(Task(scene(disc("post", (10.0, 2.0)), guide=bow), (), for_scene(Settings()), np.inf))
+    best = WaysRound(runs).best()
+    assert best.holds
+    done = runs.task.tally.iterations
+    assert WaysRound(runs).faster_than(0.8 * best.travel_time) is None
+    assert runs.task.tally.iterations - done < 0.5 * done
+    found = WaysRound(runs).faster_than(1.01 * best.travel_time)
+    assert found is not None
+    assert found.holds
 
 
 def test_a_way_turns_into_the_headings_that_it_would_miss() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from scenes import CROSSERS, scene
 
 import scp_planner as sp
+from scp_planner.certificate.verdict import Clearance
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -100,6 +102,13 @@ def test_a_plan_without_obstacles_has_no_least_clearance(tmp_path: Path) -> None
     plan.save(tmp_path / "plan.json")
     assert json.loads((tmp_path / "plan.json").read_text())["clearance"]["minimum"] is None
     assert sp.Plan.load(tmp_path / "plan.json").clearance.minimum == np.inf
+
+
+def test_a_plan_that_was_not_checked_is_none_without_obstacles(tmp_path: Path) -> None:
+    plan = replace(sp.plan(scene()), clearance=Clearance(-np.inf))
+    plan.save(tmp_path / "plan.json")
+    assert sp.Plan.load(tmp_path / "plan.json").clearance == plan.clearance
+    assert str(plan.clearance) == "clearance not known"
 
 
 def _set(*keys: str | int, value: Any) -> Any:

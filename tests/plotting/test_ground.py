@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Circle, PathPatch, Polygon, Rectangle
 from matplotlib.text import Annotation, Text
 from scenes import disc, scene
 
@@ -126,6 +126,22 @@ def test_no_zone_that_is_drawn_is_cut_off(plan: sp.Plan) -> None:
     assert (low < [8.5, -6.0]).all() and (high > [11.5, -3.0]).all()
     axes = _map(recording)
     assert axes.get_ylim()[0] < -6.0
+
+
+def test_what_lies_beyond_the_trip_is_not_drawn_in_part(plan: sp.Plan) -> None:
+    """Room that one zone has made does not show the half of another one."""
+    over, beyond = disc("over", (10.0, -4.5), radius=1.5), disc("beyond", (3.0, -7.0), radius=1.5)
+    recording = record_plan(plan, _yard(bounds=None, obstacles=[over, beyond]), 20)
+    axes = _map(recording)
+    assert -7.0 < axes.get_ylim()[0] < -6.0
+    drawn = [patch.get_path().vertices for patch in axes.patches if isinstance(patch, PathPatch)]
+    assert len(drawn) == 1 and np.allclose(np.mean(drawn[0], axis=0), [10.0, -4.5], atol=0.1)
+
+
+def test_a_zone_over_the_whole_map_hides_nothing(plan: sp.Plan) -> None:
+    recording = record_plan(plan, _yard(obstacles=[disc("all", (80.0, 0.0), (-10.0, 0.0), radius=60.0)]), 20)
+    zones = [patch for patch in _map(recording).patches if isinstance(patch, PathPatch)]
+    assert zones and all(patch.get_facecolor()[3] == 0.0 for patch in zones)
 
 
 def test_a_zone_larger_than_the_trip_does_not_shrink_it(plan: sp.Plan) -> None:

@@ -76,7 +76,7 @@ def _case(name: str) -> Case:
         scenario = builtin.load(name)
     else:
         scenario = sp.Scenario.load(Path(__file__).parents[1] / "suite" / f"{name}.yaml")
-    return sp.plan(scenario), scenario
+    return sp.plan(scenario, sp.Settings(max_runs=1)), scenario  # any trip will do for a picture
 
 
 @pytest.fixture(scope="module")
@@ -87,13 +87,6 @@ def radar() -> Case:
 @pytest.fixture(scope="module")
 def figure(radar: Case) -> Figure:
     return plot_plan(*radar)
-
-
-@pytest.fixture
-def unsettled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out what takes most of the time: places and margins of axes, where a test looks at what they show."""
-    for module in ("figures", "space_time"):
-        monkeypatch.setattr(f"scp_planner.plotting.{module}.settle", lambda _: None)
 
 
 def _map_of(figure: Figure) -> Any:
@@ -197,12 +190,14 @@ def test_corridor_is_light_and_the_rest_is_shaded() -> None:
     assert np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() == pytest.approx(outside.length, rel=0.03)
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_animation_of_several_pieces(pocket: Case, tmp_path: Path) -> None:
     animate_plan(*pocket, tmp_path / "pocket.gif", frames_per_second=1.0)
     with Image.open(tmp_path / "pocket.gif") as film:
         assert frames_of(film) == math.ceil(pocket[0].travel_time) + 1
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_names_do_not_lie_on_each_other() -> None:
     twins = [disc(name, (10.0, 0.9)) for name in ("one", "other")]
     scenario = scene(*twins, disc("third", (15.0, -0.9)))
@@ -315,7 +310,10 @@ def _assert_legible(figure: Figure) -> None:
         assert apart, (one, other)
 
 
-@pytest.mark.parametrize("name", ["crossing", "tall", "alone", "late", "slow-past-a-school"])
+@pytest.mark.parametrize(
+    "name",
+    ["tall", "slow-past-a-school", *(pytest.param(n, marks=pytest.mark.slow) for n in ("crossing", "alone", "late"))],
+)
 def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
     """So it is in the views of "radar", below."""
     plan, scenario = _case(name)
@@ -417,20 +415,26 @@ def drive() -> sp.Run:
 
 
 @pytest.mark.parametrize("view", View)
-def test_views_of_a_plan(radar: Case, view: View, tmp_path: Path) -> None:
+def test_views_of_a_plan(radar: Case, view: View) -> None:
     plan, scenario = radar
-    figure = plan.plot(scenario, tmp_path / "plotted.svg", view)
+    _assert_legible(plan.plot(scenario, view=view))
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_plans_and_runs_are_drawn_as_they_are_plotted(radar: Case, drive: sp.Run, tmp_path: Path) -> None:
+    plan, scenario = radar
+    view = View.PROFILES
+    plan.plot(scenario, tmp_path / "plotted.svg", view)
     plan.draw(scenario, tmp_path / "drawn.svg", str(view))
     assert (tmp_path / "plotted.svg").read_bytes() == (tmp_path / "drawn.svg").read_bytes()
-    _assert_legible(figure)
+    drive.plot(tmp_path / "plotted.svg", view)
+    drive.draw(tmp_path / "drawn.svg", str(view))
+    assert (tmp_path / "plotted.svg").read_bytes() == (tmp_path / "drawn.svg").read_bytes()
 
 
 @pytest.mark.parametrize("view", View)
-def test_views_of_a_run(drive: sp.Run, view: View, tmp_path: Path) -> None:
-    figure = drive.plot(tmp_path / "plotted.svg", view)
-    drive.draw(tmp_path / "drawn.svg", str(view))
-    assert (tmp_path / "plotted.svg").read_bytes() == (tmp_path / "drawn.svg").read_bytes()
-    _assert_legible(figure)
+def test_views_of_a_run(drive: sp.Run, view: View) -> None:
+    _assert_legible(drive.plot(view=view))
 
 
 def test_unknown_view_is_refused(radar: Case, drive: sp.Run) -> None:
@@ -496,7 +500,9 @@ def test_space_time_of_a_run_tells_why_it_waited(drive: sp.Run) -> None:
     ("suffix", "begins"),
     [(".png", b"\x89PNG"), (".pdf", b"%PDF"), pytest.param(".svg", b"<?xml", marks=pytest.mark.slow)],
 )
-def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes) -> None:
+def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes, request: pytest.FixtureRequest) -> None:
+    if suffix == ".pdf":
+        request.getfixturevalue("unsettled")
     files = [tmp_path / f"{n}{suffix}" for n in (1, 2)]
     for file in files:
         plot_profiles(*radar, file)
@@ -513,6 +519,7 @@ def test_wrong_suffix_is_refused_before_anything_is_written(radar: Case, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_failure_leaves_the_old_file(radar: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "plan.png"
     target.write_bytes(b"old")
@@ -528,6 +535,7 @@ def test_failure_leaves_the_old_file(radar: Case, tmp_path: Path, monkeypatch: p
     assert list(tmp_path.iterdir()) == [target]
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_users_settings_neither_matter_nor_change(radar: Case, tmp_path: Path) -> None:
     plot_profiles(*radar, tmp_path / "before.png")
     before = dict(rcParams)
@@ -550,7 +558,7 @@ assert "matplotlib" not in sys.modules
 import scp_planner as sp
 from scp_planner import builtin
 scenario = builtin.load("headon")
-scp_planner.plotting.plot_plan(sp.plan(scenario), scenario)
+scp_planner.plotting.plot_profiles(sp.plan(scenario, sp.Settings(max_runs=1)), scenario)
 assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
 """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -561,6 +569,7 @@ assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
 # Animations
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_gif_plays_in_real_time(radar: Case, tmp_path: Path) -> None:
     plan, scenario = radar
     path = tmp_path / "plan.gif"
@@ -578,6 +587,7 @@ def test_gif_plays_in_real_time(radar: Case, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_frames_of_a_gif_are_those_of_the_film(radar: Case, tmp_path: Path) -> None:
     recording = record_plan(*radar, 6)
     animate(recording, tmp_path / "plan.gif")
@@ -594,6 +604,7 @@ def test_frames_of_a_gif_are_those_of_the_film(radar: Case, tmp_path: Path) -> N
         assert np.abs(drawn[0] - drawn[5]).max() > 100.0
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_frames_do_not_depend_on_those_before(radar: Case) -> None:
     recording = record_plan(*radar, 5)
     with style():
@@ -603,6 +614,7 @@ def test_frames_do_not_depend_on_those_before(radar: Case) -> None:
         assert np.array_equal(frame, alone.frame(2))
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_vehicle_moves_through_the_film(radar: Case) -> None:
     plan, scenario = radar
     recording = record_plan(plan, scenario, 4)
@@ -618,6 +630,7 @@ def test_vehicle_moves_through_the_film(radar: Case) -> None:
                 assert frame[row, column].max() < 60  # the vehicle's ink
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_film_of_a_closed_loop_shows_the_plan_of_each_cycle(radar: Case) -> None:
     """One path a cycle, as a closed loop has."""
     recording = record_plan(*radar, 4)
@@ -629,6 +642,7 @@ def test_film_of_a_closed_loop_shows_the_plan_of_each_cycle(radar: Case) -> None
     assert same == [True, False, False, True]
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_film_without_obstacles(tmp_path: Path) -> None:
     plan, scenario = _case("alone")
     animate_plan(plan, scenario, tmp_path / "alone.gif", frames_per_second=1.0)

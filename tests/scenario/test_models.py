@@ -342,7 +342,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 
 @given(scenario=scenarios(), suffix=st.sampled_from(SUFFIXES))
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_load_gives_back_what_save_wrote(scenario: Scenario, suffix: str, tmp_path: Path) -> None:
     file = tmp_path / f"scenario{suffix}"
     scenario.save(file)
@@ -354,7 +354,7 @@ def test_load_gives_back_what_save_wrote(scenario: Scenario, suffix: str, tmp_pa
 
 
 @given(text=st.text(min_size=1))
-@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_text_survives_yaml(text: str, tmp_path: Path) -> None:
     file = tmp_path / "text.yaml"
     files.write(file, {"text": text})
@@ -434,7 +434,7 @@ def test_reference_scenarios_load_save_and_match_the_schema(reference_scenarios:
     validator = jsonschema.Draft202012Validator(Scenario.json_schema())
     found = [file for file in sorted(reference_scenarios.glob("*.json")) if file.name != "best_known.json"]
     assert len(found) >= 50
-    for place, file in enumerate(found):
+    for place, file in enumerate(found[::3]):
         validator.validate(json.loads(file.read_text()))
         scenario = Scenario.load(file)
         for suffix in SUFFIXES if place % 7 == 0 else [".json"]:  # YAML takes its time
@@ -471,7 +471,7 @@ def test_distance_to_shapes(point: tuple[float, float], size: tuple[float, float
 
 
 @given(vertices=st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=3, max_size=8, unique=True))
-@settings(max_examples=200)
+@settings(max_examples=80)
 def test_a_polygon_is_accepted_where_it_is_simple(vertices: list[tuple[int, int]]) -> None:
     expected = shapely.Polygon(vertices)
     is_simple = planar.first_crossing([(float(x), float(y)) for x, y in vertices]) is None

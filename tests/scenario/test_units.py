@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -240,7 +241,7 @@ CORNERS = ((2.0**-20, 2.0**20), (2.0**20, 2.0**-20), (2.0**20, 2.0**20), (2.0**-
 ROOT = Path(__file__).parents[2]
 FILES = sorted((ROOT / "scp_planner" / "builtin").glob("*.yaml")) + sorted((ROOT / "tests" / "suite").glob("*.yaml"))
 SOME_FILES = [
-    pytest.param(place, path, id=path.stem, marks=() if place % 2 else pytest.mark.slow)
+    pytest.param(place, path, id=path.stem, marks=() if place % 3 == 2 else pytest.mark.slow)
     for place, path in enumerate(FILES)
 ]
 """All of them where there is time."""
@@ -257,7 +258,7 @@ def test_powers_of_two_do_not_change_a_bit_of_any_plan(place: int, path: Path) -
     assert other.iterations == plan.iterations
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(len(CORNERS)))
 def test_powers_of_two_do_not_change_a_bit_among_many(seed: int) -> None:
     rng = np.random.default_rng(seed)
     along, speed = rng.uniform(3.0, 18.0, 10), rng.uniform(-1.5, 1.5, (10, 2))
@@ -288,7 +289,7 @@ def open_plan() -> sp.Plan:
     return sp.plan(open_goal())
 
 
-@pytest.mark.parametrize(("length", "time"), [(0.02, 0.3), (700.0, 50.0)])
+@pytest.mark.parametrize(("length", "time"), [pytest.param(0.02, 0.3, marks=pytest.mark.slow), (700.0, 50.0)])
 def test_what_roads_have_is_planned_alike_in_other_units(length: float, time: float, open_plan: sp.Plan) -> None:
     plan, given = open_plan, open_goal()
     scaled = rewritten(given, length, time, shift=(9.0 * length, 4.0 * length))
@@ -356,8 +357,11 @@ def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: floa
     assert its.violations[0].time == pytest.approx(mine.violations[0].time * time, rel=1e-6)
     assert again.reason is not None and plan.reason is not None
     assert any(str(each) in again.reason for each in its.violations)
-    assert "No trip at all arrives before" in plan.reason and "No trip at all arrives before" in again.reason
-    assert sp.lower_bound(other) == pytest.approx(sp.lower_bound(scenario) * time, rel=1e-9)
+    proved, other_proved = (
+        re.search(r"No trip at all arrives before t = (\S+) s", each) for each in (plan.reason, again.reason)
+    )
+    assert proved is not None and other_proved is not None
+    assert float(other_proved[1]) == pytest.approx(float(proved[1]) * time, abs=1e-3 * time)  # three decimals
 
 
 @pytest.mark.parametrize(
@@ -366,7 +370,7 @@ def test_what_is_told_is_told_in_the_units_of_the_user(length: float, time: floa
 def test_powers_of_two_do_not_change_a_bit_of_a_drive(length: float, time: float) -> None:
     still = {**disc("post", (6.0, 0.4), radius=0.4), "margin": 0.1}
     here = scene(still, CROSSERS[0], goal={"position": (7.0, 0.0)})
-    runs = [sp.simulate(each, seed=3) for each in (here, rewritten(here, length, time))]
+    runs = [sp.simulate(here, seed=3, rate=5.0), sp.simulate(rewritten(here, length, time), seed=3, rate=5.0 / time)]
     mine, its = runs
     assert mine.arrived and not mine.contact
     assert its.travel_time == mine.travel_time * time

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import islice
+
 import pytest
 from clock import FakeClock
 from scenes import CROSSERS, scene
@@ -9,6 +12,7 @@ from scenes import CROSSERS, scene
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopStatus
 from scp_planner.search.first_trips import bows
 from scp_planner.solvers import solver_named
@@ -29,3 +33,27 @@ def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyP
     late = loop.run(START, 60, deadline=-1.0)
     assert late.status is LoopStatus.TIME_LIMIT and late.record == []
     assert late.evaluation.trajectory is START
+
+
+@pytest.mark.parametrize("speed", [0.3, 2.4])
+def test_runs_arrive_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
+    wanted = scene(*CROSSERS, goal={"speed": speed})
+    problem = build_problem(wanted, sp.zones(wanted), sp.Settings())
+    for run in ScpLoop(problem, solver_named("daqp")).run_all(list(islice(bows(problem), 1, 3)), 60):
+        assert run.status is LoopStatus.CONVERGED and run.feasible
+        assert run.evaluation.trajectory.final_speed == pytest.approx(problem.ends.goal_speed, abs=1e-6)
+
+
+def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 20 s it leaves four times what its last iteration took."""
+    ended = []
+    for spared in (0.0, 4.0):
+        clock = FakeClock(1.0)
+        clock.rule(monkeypatch)
+        loop = ScpLoop(PROBLEM, solver_named("daqp"), parameters=replace(LOOP, spared=spared))
+        run = loop.run(START, 60, deadline=20.0)
+        assert run.status is LoopStatus.TIME_LIMIT
+        ended.append(clock())
+        each = ended[-1] / (1 + len(run.record))
+    assert ended[0] > 20.0
+    assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each

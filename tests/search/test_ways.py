@@ -183,7 +183,7 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
     problem = build_problem(scenario, zones(scenario), Settings())
     assert WaySearch(problem).best() is not None
     monkeypatch.setattr(blocked, "MOST_LOOKS", 1)  # a zone at a time
-    monkeypatch.setattr(blocked, "FEW_CUTS", 0)
+    monkeypatch.setattr(blocked, "FEW_CELLS", 0)
     looked: list[Cuts] = []
     mark = Cells._mark
 
@@ -192,5 +192,10 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
         mark(cells, words, cuts, side)
 
     monkeypatch.setattr(Cells, "_mark", counted)
-    assert WaySearch(problem, deadline=-np.inf).best() is None
+    search = WaySearch(problem, deadline=-np.inf)
+    assert search.best() is None
+    assert not looked
+    assert not search.cells.cut_off
+    search.cells.look(1)
+    assert search.cells.cut_off
     assert len(looked) == 1

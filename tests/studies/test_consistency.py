@@ -214,7 +214,7 @@ def synthetic(
     return ConsistencyResult(settings, tuple(records))
 
 
-@pytest.mark.parametrize("exponent", [-0.5, -1.0])
+@pytest.mark.parametrize("exponent", [-0.5, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_the_fit_finds_the_exponent_and_its_band_covers_it(exponent: float) -> None:
     slopes = [slope for seed in range(6) for slope in synthetic(exponent, seed=seed).slopes if slope.fit == Fit.ALL]
     assert len(slopes) == 6 * len(ZoneKind) * len(METRICS)

@@ -188,7 +188,7 @@ def measure_recorded_coverage_of_polynomials(tracks: Tracks):  # type: ignore[no
     return recorded._measured("", 0.95, 0, [exact])
 
 
-@pytest.mark.parametrize("name", ["eth", "hotel", pytest.param("univ", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["hotel", *(pytest.param(name, marks=pytest.mark.slow) for name in ("eth", "univ"))])
 def test_fitted_models_cover_real_people(recorded_data: Path, name: str) -> None:
     """Fitted to half of the tracks and tested on the other, both ways: 93 to 97 % for a nominal 95 %.
 

@@ -149,7 +149,7 @@ def test_bounds_on_intervals_hold_everywhere_in_them() -> None:
     times, half = rng.uniform(0.5, 6.0, 100), rng.uniform(0.001, 0.3, 100)
     angle = rng.uniform(0, 2 * np.pi, 100)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    bend = ZoneBounds(batch).growth_bend(index, times, half, normal)
+    bend = ZoneBounds(batch).growth_second_bound(index, times, half, normal)
     turning = ZoneBounds(batch).acceleration(index, times, half)
     accelerations = batch.velocities.derivative
     step = 1e-3

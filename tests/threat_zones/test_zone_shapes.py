@@ -134,7 +134,7 @@ def test_bounds_of_turning_zones_contain_dense_samples() -> None:
     middle, half = rng.uniform(0.5, 6.0, count), rng.choice([0.3, 0.05, 0.005], count)
     place, velocity, pull = (rng.normal(size=(count, 2)) * scale for scale in (6.0, 2.0, 1.5))
     contacts = batch.contacts(index, middle, place)
-    bend = ZoneBounds(batch).bend(index, middle, half, contacts.normal, place, velocity, np.hypot(*pull.T))
+    bend = ZoneBounds(batch).second_bound(index, middle, half, contacts.normal, place, velocity, np.hypot(*pull.T))
     step = 1e-3
 
     def heading(t: Array) -> Array:

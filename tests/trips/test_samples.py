@@ -27,13 +27,16 @@ def csv(header: str, *columns: list[float]) -> str:
         "t,x,y,heading,speed",
         "time_s,x_m,y_m,heading_rad,speed_m_per_s",
         " Time , X,Y, Yaw ,v",
+        "time [s],x [m],y (m),heading [rad],speed [m/s]",
     ],
 )
 def test_tables_are_read_by_the_names_of_their_columns(header: str, tmp_path: Path) -> None:
     path = tmp_path / "trip.csv"
-    path.write_text("\ufeff" + csv(header + ",note", TIME, X, Y, HEADING, SPEED, [7.0, 7.0, 7.0]) + "\n\n")
+    path.write_text("\ufeff" + csv(header + ",v_x", TIME, X, Y, HEADING, SPEED, [7.0, 7.0, 7.0]) + "\n\n")
     assert SampledTrajectory.load(path) == WHOLE
-    path.write_text(csv("x,t,y", X, TIME, Y))
+    path.write_text(path.read_text().replace(",", ";") + "# the end")
+    assert SampledTrajectory.load(path) == WHOLE
+    path.write_text("# another planner\n" + csv("x,t,y", X, TIME, Y).replace(",", "\t"))
     assert SampledTrajectory.load(path) == SampledTrajectory(TIME, POSITION)
 
 
@@ -72,6 +75,10 @@ def test_arrays_are_read(tmp_path: Path) -> None:
         ("t,x,y,v\n0,0,0,1\n1,1,1,-2\n", ["line 3, v = -2.0: must not be negative"]),
         ("t,x,y\n0,0,0\n\n1,1\n", ["line 4 = '1,1': must have 3 values, as the first line has, not 2"]),
         ("t,x\n0,0\n1,1\n", ["y: no such column; called y or y_m; there are t, x"]),
+        ("t;x;y\n0;0;0\n1;1,5;1\n", ["line 3, x = '1,5': must be a number, with a decimal point"]),
+        ("0,0,0\n1,1,1\n", ["first row = '0,0,0': must name the columns"]),
+        ("t_ms,x,y,v_kmh\n0,0,0,1\n1,1,1,1\n", ["column t_ms: must be in s: ", "column v_kmh: must be in m/s: "]),
+        ("t,x,y,yaw [deg]\n0,0,0,90\n1,1,1,90\n", ["column yaw_deg: must be in rad: heading"]),
         ("t,time,x,y\n0,0,0,0\n1,1,1,1\n", ["time and t: say the same"]),
         ("t,x,x,y\n0,0,0,0\n1,1,1,1\n", ["column x: must be there only once"]),
         ("t,x,y\n0,0,0\n", ["time: must be a row of 2 or more times"]),

@@ -96,6 +96,23 @@ def test_every_seed_gives_the_same_plan_and_the_help_says_so(easy: Path, tmp_pat
     assert "seed" not in {each.name for each in fields(Options)}
 
 
+def test_plan_tells_of_shapes_that_became_discs(easy: Path) -> None:
+    data = yaml.safe_load(easy.read_text())
+    jitter = {"time": [0, 1, 2, 3], "position": [[10, 50], [10.01, 50.01], [10, 50.02], [9.99, 50]]}
+    data["obstacles"] = [{"id": "pallet", "shape": {"rectangle": [3.0, 1.0]}, "motion": jitter}]
+    easy.write_text(yaml.safe_dump(data))
+    told = "pallet: taken for a disc of 1.58 m, the heading of its rectangle is not known: give shape.heading"
+    assert run("plan", easy, *COARSE, "--no-bound").stderr.startswith(told)
+    assert run("plan", easy, *COARSE, "--no-bound", "--quiet").stderr == ""
+
+
+def test_a_plan_is_no_scenario_and_says_so(easy: Path, tmp_path: Path) -> None:
+    assert run("plan", easy, "-o", tmp_path / "plan.json", *COARSE, "--no-bound", "-q").exit_code == 0
+    result = run("compare", tmp_path / "plan.json", easy)
+    assert result.exit_code == 2
+    assert result.stderr.splitlines()[1:] == ["  (the whole file): this is a plan or a run, not a scenario"]
+
+
 def test_plan_writes_a_certified_plan(easy: Path, tmp_path: Path) -> None:
     result = run("plan", easy, "-o", tmp_path / "plan.json", "--samples", "50")
     assert result.exit_code == 0, result.output
@@ -149,6 +166,7 @@ def test_a_plan_that_is_not_certified_is_written_with_its_reason(hopeless: Path,
     result = run("plan", hopeless, "-o", tmp_path / "plan.json")
     assert result.exit_code == 3
     assert f"{hopeless}: not certified: " in result.stderr
+    assert "relative gap" not in result.stdout  # to a bound, of what does not hold
     data = json.loads((tmp_path / "plan.json").read_text())
     assert data["status"] != "certified"
     assert "on-goal" in data["reason"]
@@ -171,6 +189,7 @@ def test_a_drive_that_does_not_arrive_is_written_and_the_last_reason_told(
     assert f"did not arrive in {loaded.travel_time:g} s: {loaded.records[-1].reason}" in result.stderr
 
 
+@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize(
     ("suffix", "begins"), [(".html", b"<!DOCTYPE html>"), (".gif", b"GIF89a"), (".png", b"\x89PNG")]
 )
@@ -180,6 +199,7 @@ def test_plan_draws_what_the_suffix_says(suffix: str, begins: bytes, easy: Path,
     assert (tmp_path / f"plan{suffix}").read_bytes().startswith(begins)
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_plan_draws_the_view_that_is_asked_for(easy: Path, tmp_path: Path) -> None:
     says = {"map": "x (m)", "space-time": "distance along the path (m)", "profiles": "lateral acceleration (m/s²)"}
     for view, text in says.items():
@@ -208,6 +228,7 @@ def test_a_view_that_cannot_be_had_is_refused(
     assert set(tmp_path.iterdir()) == before
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_page_needs_no_matplotlib(easy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("scp_planner.cli.pictures.can_plot", lambda: False)
     assert run("plan", easy, "--plot", tmp_path / "plan.html").exit_code == 0
@@ -377,6 +398,7 @@ def test_plan_by_penalty_descent(easy: Path, tmp_path: Path) -> None:
 # compare
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_compare_tables_writes_and_draws(easy: Path, tmp_path: Path) -> None:
     table, figure = tmp_path / "trials.csv", tmp_path / "comparison.png"
     result = run("compare", easy, "builtin:headon", "--starts", "1", "-o", table, "--plot", figure, *COARSE)
@@ -401,7 +423,7 @@ def test_compare_as_json_with_chosen_methods(easy: Path) -> None:
 
 
 def test_compare_names_scenarios_that_no_method_solves(hopeless: Path, easy: Path) -> None:
-    result = run("compare", hopeless, easy, "--starts", "1", *COARSE)
+    result = run("compare", hopeless, easy, "--starts", "1", "--method", "scp", *COARSE)
     assert result.exit_code == 3
     assert result.stderr == "no certified plan by any method: hopeless\n"
     assert "1 (50%)" in result.stdout
@@ -534,6 +556,7 @@ def test_schema_prints_the_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
 
 
+@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize("arguments", [pytest.param([], marks=pytest.mark.slow, id="radar"), ["headon"]])
 def test_demo_writes_scenario_plan_and_figure(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -603,6 +626,7 @@ def test_the_module_runs_as_a_program() -> None:
     assert unfinished.returncode == 2
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_study_coverage_writes_table_and_figure(tmp_path: Path) -> None:
     result = run("study", "coverage", "--runs", "200", "-o", tmp_path / "coverage")
     assert result.exit_code == 0, result.stderr
@@ -742,6 +766,15 @@ def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:
     assert inflations["0.8"] != inflations["0.95"]
     refused = run("fit-motion", tmp_path / "tracks.csv", "--conformal", "2", "-o", tmp_path / "m.json")
     assert refused.exit_code == 2 and "--conformal" in refused.stderr
+
+
+def test_fit_motion_says_what_to_do_with_a_few_tracks(tmp_path: Path) -> None:
+    rows = [f"{name},{0.4 * k},{k + 0.1 * (-1) ** k},{name}" for name in range(3) for k in range(12)]
+    (tmp_path / "tracks.csv").write_text("\n".join(["id,time,x,y", *rows]))
+    refused = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "m.json")
+    assert refused.exit_code == 2 and "--no-tails" in refused.stderr and "WARNING" not in refused.stderr
+    assert run("fit-motion", tmp_path / "tracks.csv", "--no-tails", "-o", tmp_path / "m.json").exit_code == 0
+    assert json.loads((tmp_path / "m.json").read_text())["tails"] is None
 
 
 def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:

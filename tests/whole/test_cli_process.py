@@ -47,8 +47,11 @@ def eventually(happened: Callable[[], Any], patience: float = PATIENCE) -> Any:
     "command",
     [
         ["plan", "builtin:overtaking", "--method", "penalty-descent", "-o", "out.json", "--plot", "out.html"],
-        ["simulate", "builtin:crossing", "--rate", "200", "-o", "out.json", "--animate", "out.html"],
-        ["compare", "builtin:crossing", "builtin:overtaking", "-o", "out.csv"],
+        pytest.param(
+            ["simulate", "builtin:crossing", "--rate", "200", "-o", "out.json", "--animate", "out.html"],
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(["compare", "builtin:crossing", "builtin:overtaking", "-o", "out.csv"], marks=pytest.mark.slow),
     ],
     ids=lambda command: command[0],
 )
@@ -95,7 +98,11 @@ def terminal() -> tuple[int, int]:
 @pytest.mark.parametrize(
     ("command", "shown"),
     [
-        (["compare", "builtin:headon", "--starts", "1", "--method", "scp"], b"0/1 [00:00<?, ?trial/s]"),
+        pytest.param(
+            ["compare", "builtin:headon", "--starts", "1", "--method", "scp"],
+            b"0/1 [00:00<?, ?trial/s]",
+            marks=pytest.mark.slow,
+        ),
         (["simulate", "builtin:headon", "--rate", "2"], b"driving: 0.0 s"),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
@@ -200,7 +207,7 @@ def test_what_bash_asks_for_is_completed(
 @pytest.mark.parametrize(
     ("words", "completed"),
     [
-        (["study", "co"], ["consistency", "coverage"]),
+        pytest.param(["study", "co"], ["consistency", "coverage"], marks=pytest.mark.slow),
         (["compare", "x.yaml", "builtin", ":"], ["crossing", "headon", "overtaking", "radar"]),
     ],
     ids=lambda value: " ".join(value),

@@ -118,7 +118,7 @@ def test_not_here(): pytest.skip("no")
 """
 
 
-@pytest.mark.parametrize("bad", [False, True])
+@pytest.mark.parametrize("bad", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_outcomes_are_counted_and_failures_named(
     machines: ModuleType, bad: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

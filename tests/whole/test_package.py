@@ -98,8 +98,7 @@ def test_imports_go_round_in_no_circle() -> None:
     needs = {name: {need for need in _imported(file, modules) if need != name} for name, file in modules.items()}
     found = {"scp_planner.scp.loop", "scp_planner.scp.given", "scp_planner.solvers.cvxpy_solver"}
     assert found <= needs["scp_planner.planning.runs"], "at its top, for types, and in a function"
-    order = list(TopologicalSorter(needs).static_order())  # raises an error that names the circle
-    in_a_new_interpreter(f"import importlib\nfor name in {order!r}: importlib.import_module(name)")
+    assert len(list(TopologicalSorter(needs).static_order())) == len(modules)  # an error would name the circle
 
 
 def _imported(file: Path, modules: Collection[str]) -> Iterator[str]:

@@ -55,6 +55,7 @@ def test_an_online_plan_tells_its_outcome() -> None:
     assert repr(found).startswith("OnlinePlan('scene', improved, safe, ")
 
 
+@pytest.mark.usefixtures("unsettled")
 @pytest.mark.parametrize("which", ["plan", "run"])
 def test_notebooks_show_a_picture(which: str, request: pytest.FixtureRequest) -> None:
     pytest.importorskip("matplotlib")
