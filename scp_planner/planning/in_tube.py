@@ -25,11 +25,11 @@ ROUNDS = 6
 MORE = 1.05
 """Of what is missing is given: the next trip may be a little faster there."""
 
-Planner = Callable[[Scenario, float | None], Plan]
+PlanOne = Callable[[Scenario, float | None], Plan]
 """Plans a scenario within a wall time, s."""
 
 
-def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: Planner, time_limit: float | None) -> Plan:
+def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: PlanOne, time_limit: float | None) -> Plan:
     """Plan a trip whose tube is certified.
 
     Parameters

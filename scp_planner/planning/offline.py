@@ -75,6 +75,8 @@ def plan(
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
     """
+    if time_limit is not None and not time_limit >= 0.0:
+        raise ValueError(f"time_limit: {time_limit!r} must not be negative")
     if tube is not None:
 
         def without(roomier: Scenario, left: float | None) -> Plan:
@@ -82,8 +84,6 @@ def plan(
 
         return plan_in_tube(scenario, tube, without, time_limit)
     began = perf_counter()
-    if time_limit is not None and not time_limit >= 0.0:
-        raise ValueError(f"time_limit: {time_limit!r} must not be negative")
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
         solver = "cvxpy"
