@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.vetting import NOTHING, TINY_TIME, Moment
 from scp_planner.scenario.units import NaturalUnits
@@ -56,7 +57,7 @@ class Assumptions:
         before, self._before = self._before, now
         if before is None or last is None:
             return ()
-        found = self._escaped(before, now)
+        found = self._escaped(before, now, last.trip.frame)
         late = now.state.time - before.state.time
         if late > self._period * (1.0 + LATE) + TINY_TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
@@ -69,9 +70,12 @@ class Assumptions:
         self._told = frozenset(found)
         return new
 
-    def _escaped(self, before: Moment, now: Moment) -> dict[str, str]:
-        """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each."""
-        old, new = before.batch, now.batch
+    def _escaped(self, before: Moment, now: Moment, frame: PlanningFrame) -> dict[str, str]:
+        """Obstacles whose centre is not where the zone of the last replan has it, with what is told of each.
+
+        In the frame of the trip that is driven: in that, zones are looked at anyway.
+        """
+        old, new = before.batch_in(frame), now.batch_in(frame)
         if old.ids == new.ids:
             first = second = np.arange(old.size)
         else:
@@ -80,15 +84,14 @@ class Assumptions:
             first, second = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
         if not len(first):
             return {}
-        elapsed = np.array([now.state.time - before.state.time])
-        was = before.frame.to_world(old.centers.grid(elapsed)[0, first])
-        moved = now.frame.to_world(new.centers.grid(np.zeros(1))[0, second]) - was
+        clock = np.array([now.state.time - frame.time])
+        moved = new.centers.grid(clock)[0, second] - old.centers.grid(clock)[0, first]
         apart = np.hypot(moved[:, 0], moved[:, 1])
         allowed = INSIDE * old.radius[first] + NOTHING
         if old.covariances is not None:
             some = old.slot[first] >= 0
-            spread = old.covariances.grid(elapsed)[0, old.slot[first[some]]]
-            allowed[some] += _radii_towards(moved[some] @ before.frame.rotation, spread)
+            spread = old.covariances.grid(clock)[0, old.slot[first[some]]]
+            allowed[some] += _radii_towards(moved[some], spread)
         return {
             new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
             for k in np.flatnonzero(apart > allowed)
