@@ -58,7 +58,11 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     estimate = float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1])
     if best.holds and best.travel_time <= DETOUR * estimate:
         return [(runs, best)]
-    other = WaysRound(again).best()
+    search = WaysRound(again)
+    # Where arrivals count in steps of time, another guide hardly gains one by what is not found at once.
+    other = search.on_the_way() if best.holds and task.arrival_step is not None else search.best()
+    if other is None:
+        return [(runs, best)]
     logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
     # Trips that are the same but for rounding are not chosen between by that.
     if other.better_than(best) and not (best.holds and other.travel_time > best.travel_time * (1.0 - NOTABLE)):

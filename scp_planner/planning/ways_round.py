@@ -78,6 +78,10 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         assert best is not None, "the first start is never cut off"
         return best
 
+    def on_the_way(self) -> ScpAttempt | None:
+        """Return the best attempt from the ways that the search finds, without second thoughts; None without a way."""
+        return self.try_all(self._branches())
+
     def _goal_is_covered(self) -> bool:
         """Whether it is proved that what stands there lets no trip arrive."""
         zones, task = self.problem.zones, self.runs.task
