@@ -133,6 +133,14 @@ class PiecewisePolynomials:
         return table
 
     @cached_property
+    def _varying(self) -> Index:
+        """Those of several pieces, or that are not constant."""
+        constant = ~np.any(self.coefficients[:, :, 1:], axis=(1, 2, 3))
+        if self.coefficients.shape[1] > 1:
+            constant &= ~np.isfinite(self.breakpoints[:, 1])
+        return np.flatnonzero(~constant)
+
+    @cached_property
     def _flat(self) -> Array:
         """Coefficients by pieces and powers, (S, P, L d)."""
         _, pieces, order, _ = self.coefficients.shape
@@ -160,8 +168,11 @@ class PiecewisePolynomials:
         width = self.coefficients.shape[3]
         if self._common:
             return self._product(self._flat, times).reshape(len(times), self.size, width)
-        index = np.tile(np.arange(self.size), len(times))
-        return self.at(index, np.repeat(times, self.size)).reshape(len(times), self.size, width)
+        values, varying = np.empty((len(times), self.size, width)), self._varying
+        values[:] = self.coefficients[:, 0, 0]
+        index = np.tile(varying, len(times))
+        values[:, varying] = self.at(index, np.repeat(times, len(varying))).reshape(len(times), len(varying), width)
+        return values
 
     def grid_with_rate(self, times: Array) -> tuple[Array, Array]:
         """Values of all polynomials at all times, and their derivatives: (n,) s to (n, L, d) each."""

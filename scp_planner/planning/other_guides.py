@@ -19,6 +19,7 @@ from scp_planner.problem.build import slow_stretches
 from scp_planner.problem.guides import guide_over
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.shortcuts import fastest_way
+from scp_planner.scp.goal import to_beat
 from scp_planner.search.grid import fastest_times
 
 logger = logging.getLogger(__name__)
@@ -68,8 +69,9 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
         straight = again.problem.space.guide.straight and problem.space.guide.straight
         if best.travel_time <= DETOUR * drive.estimate or straight:
             return [(runs, best)]
-        # Trips that are the same but for rounding are not chosen between by that.
-        other = WaysRound(again).faster_than(best.travel_time * (1.0 - NOTABLE))
+        # Trips that are the same but for rounding, or for less than a step of time, are not chosen between by that.
+        known = min(best.travel_time * (1.0 - NOTABLE), to_beat(best.travel_time, task.arrival_step))
+        other = WaysRound(again).faster_than(known)
     else:
         other = WaysRound(again).best()
     if other is None:

@@ -178,14 +178,15 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     violation = _entries(clearance, owner, zone, contacts)
     sites = bend_sites(problem, bundle, points)
     gaps = [box_gaps(problem, trip.path) for trip in trips]
+    each = bundle.split_each(points)
+    for trip, its_points in zip(trips, each, strict=True):
+        trip.keep(its_points)
     optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
     limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
     alone = Batch(bundle, points) if count == 1 else None
     evaluations = []
-    for k, (trip, its_points, its_minima) in enumerate(
-        zip(trips, bundle.split_each(points), bundle.split(minima, owner), strict=True)
-    ):
+    for k, (trip, its_points, its_minima) in enumerate(zip(trips, each, bundle.split(minima, owner), strict=True)):
         mine = slice(bounds[k], bounds[k + 1])
         evaluations.append(
             Evaluation(
@@ -253,7 +254,8 @@ def _settle_minima(
     middle, which = sample[rows], zone[rows]
     x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
     place = middle + len(points.table.sigma) * owner[rows]
-    slope = np.stack([_closing(zones, which, points, place + k) for k in (-1, 0, 1)])
+    around = np.concatenate([place - 1, place, place + 1])
+    slope = _closing(zones, np.tile(which, 3), points, around).reshape(3, -1)
     falling = slope[1] < 0.0
     low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
     below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])

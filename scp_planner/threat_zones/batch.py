@@ -257,14 +257,36 @@ class ZoneBatch:
             distance[:, columns] = bound
         distance -= self.radius
         if self.outlines is not None:
-            distance[:, self.shaped] -= self.extent[self.shaped]
-            row, column = np.nonzero(distance[:, self.shaped] < exact_below)
-            if len(row):
-                index = self.shaped[column]
-                offset = np.stack([dx[row, index], dy[row, index]], axis=1)
-                exact = self._outline_contacts(index, times[row], offset).distance
-                distance[row, index] = exact - self.radius[index]
+            self._tell_outlines(distance, times, points, exact_below)
         return distance
+
+    def _tell_outlines(self, distance: Array, times: Array, points: Array, exact_below: float) -> None:
+        """Put the distances to outlines into the array, (n, L) m, of those to their centres."""
+        distance[:, self.shaped] -= self.extent[self.shaped]
+        near = distance[:, self.shaped] < exact_below
+        if self._ground is not None:
+            ground = self._ground.zones
+            bound = np.maximum(distance[:, ground], self._ground.heights(points) - self.radius[ground])
+            distance[:, ground] = bound
+            near[:, self.outline_slot[ground]] = bound < exact_below
+        row, column = np.nonzero(near)
+        if len(row):
+            index = self.shaped[column]
+            offset = points[row] - self.centers.at(index, times[row])
+            exact = self._outline_contacts(index, times[row], offset).distance
+            distance[row, index] = exact - self.radius[index]
+
+    @cached_property
+    def _ground(self) -> _Ground | None:
+        """Polygons that stand and are known; None without any."""
+        if self.outlines is None:
+            return None
+        known = self.standing[(self.outline_slot[self.standing] >= 0) & (self.slot[self.standing] < 0)]
+        zones = known[(self.outlines.counts[self.outline_slot[known]] > 0) & ~self.turning[known]]
+        if len(zones) == 0:
+            return None
+        places = self.centers.take(zones).grid(np.zeros(1))[0]
+        return _Ground.of(zones, [self.outlines.outlines[k] for k in self.outline_slot[zones]], places)
 
     def reach(self, times: Array) -> Array:
         """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
@@ -325,10 +347,11 @@ class ZoneBatch:
     def _outline_contacts(self, index: Index, times: Array, offset: Array) -> Contact:
         """Contacts with outlines and their uncertainty, without the radius."""
         assert self.outlines is not None
-        slot, turning = self.outline_slot[index], self.turning[index]
+        slot, turning = self.outline_slot[index], np.flatnonzero(self.turning[index])
         headings = np.zeros((0, 2))
-        if turning.any():
-            headings = np.where(turning[:, None], directions_of(self.directions.at(index, times)), [1.0, 0.0])
+        if len(turning):
+            headings = np.tile([1.0, 0.0], (len(index), 1))
+            headings[turning] = directions_of(self.directions.at(index[turning], times[turning]))
             offset = turned_back(offset, headings)
         distance, normal = np.empty(len(index)), np.empty((len(index), 2))
         blurred = self.slot[index] >= 0
@@ -366,6 +389,41 @@ class ZoneBatch:
             spin = _cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
             rate[rows] += spin * _cross(normal[rows], lever[rows])
         return rate
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """Polygons that stand, by the lines of their edges.
+
+    Attributes
+    ----------
+    zones : (s,) array of int
+        Which zones they are.
+    normals : (E, 2) array
+        Outward unit normals of all edges, those of a polygon together.
+    offsets : (E,) array
+        normal . p on the line of each edge, m.
+    first : (s,) array of int
+        Where the edges of each polygon begin.
+    """
+
+    zones: Index
+    normals: Array
+    offsets: Array
+    first: Index
+
+    @classmethod
+    def of(cls, zones: Index, outlines: Sequence[Outline], places: Array) -> _Ground:
+        """Return the edges of polygons about places, (s, 2) m."""
+        normals = np.concatenate([outline.normals for outline in outlines])
+        counts = np.array([len(outline.normals) for outline in outlines])
+        corners = np.concatenate([outline.vertices for outline in outlines if outline.vertices is not None])
+        offsets = np.einsum("ij,ij->i", normals, corners + places.repeat(counts, axis=0))
+        return cls(zones, normals, offsets, np.cumsum(counts) - counts)
+
+    def heights(self, points: Array) -> Array:
+        """Return how far points, (n, 2) m, are beyond the farthest edge, (n, s) m: outside at most the distance."""
+        return np.maximum.reduceat(points @ self.normals.T - self.offsets, self.first, axis=1)
 
 
 class _Part(NamedTuple):

@@ -46,8 +46,8 @@ class GuideFrame:
         Point in m; unit tangent; unit normal, to the left of the tangent.
     curvature : (n,) array
         Signed curvature k, 1/m, positive to the left.
-    curvature_rate : (n,) array
-        dk/ds, 1/m^2.
+    curvature_rate, second_rate : (n,) arrays
+        dk/ds in 1/m^2, and its own derivative in 1/m^3; to the right where it jumps.
     """
 
     position: Array
@@ -55,6 +55,7 @@ class GuideFrame:
     normal: Array
     curvature: Array
     curvature_rate: Array
+    second_rate: Array
 
 
 class Guide(Protocol):
@@ -129,6 +130,7 @@ class StraightGuide:
             np.stack([stations, zeros], axis=-1),
             np.stack([ones, zeros], axis=-1),
             np.stack([zeros, ones], axis=-1),
+            zeros,
             zeros,
             zeros,
         )
@@ -256,7 +258,7 @@ class CurvedGuide:
         for power in range(4, -1, -1):
             position *= share
             position += local[:, power]
-        return GuideFrame(position, tangent, normal, curvature, rate)
+        return GuideFrame(position, tangent, normal, curvature, rate, self._second[piece])
 
     def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:
         """Enclose the curvature and its first two derivatives on [station - width, station + width]."""

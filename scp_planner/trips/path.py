@@ -14,7 +14,6 @@ from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import expanded
 from scp_planner.mathematics.splines import evaluate
 from scp_planner.trips.arc_length import ArcLength
-from scp_planner.trips.guide import GuideFrame
 from scp_planner.trips.space import QUADRATURE_ORDER, TripSpace
 
 NEWTON_STEPS = 3  # from a quadratic guess inside a cell: to rounding
@@ -38,6 +37,8 @@ class PathPoints:
         r in m; r' (not normalised); the guide's normal.
     speed : (n,) array
         |r'|.
+    turning : (n, 3) array
+        The guide's curvature and its first two derivatives, 1/m and so on; (1, 3) zeros on a straight one.
     """
 
     span: Index
@@ -50,6 +51,7 @@ class PathPoints:
     direction: Array
     normal: Array
     speed: Array
+    turning: Array
 
     def take(self, index: Index | slice) -> PathPoints:
         """Return some of the points."""
@@ -64,6 +66,7 @@ class PathPoints:
             self.direction[index],
             self.normal[index] if len(self.normal) == len(self.station) else self.normal,
             self.speed[index],
+            self.turning[index] if len(self.turning) == len(self.station) else self.turning,
         )
 
     @classmethod
@@ -72,12 +75,12 @@ class PathPoints:
         if len(parts) == 1:
             return parts[0]
         shared = any(len(part.normal) != len(part.station) for part in parts)
-        normal = _UP if shared else np.concatenate([part.normal for part in parts])
-        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _POINT_FIELDS}
-        return cls(**joined, normal=normal)
+        same = {"normal": _UP, "turning": _STRAIGHT} if shared else {}
+        names = [name for name in _POINT_FIELDS if name not in same]
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}, **same)
 
 
-_POINT_FIELDS = tuple(field.name for field in fields(PathPoints) if field.name != "normal")
+_POINT_FIELDS = tuple(field.name for field in fields(PathPoints))
 
 
 @dataclass(frozen=True)
@@ -391,7 +394,7 @@ def points_from(space: TripSpace, parameters: Array, span: Index, x: Array, loca
         direction = np.empty_like(position)
         direction[:, 0] = 1.0
         direction[:, 1] = slope
-        normal = _UP
+        normal, turning = _UP, _STRAIGHT
         speed = np.sqrt(1.0 + slope * slope)
     else:
         frame = space.guide.frame(station)
@@ -399,14 +402,15 @@ def points_from(space: TripSpace, parameters: Array, span: Index, x: Array, loca
         position = frame.position + offset[:, None] * frame.normal
         direction = stretch[:, None] * frame.tangent + slope[:, None] * frame.normal
         normal = frame.normal
+        turning = np.stack([frame.curvature, frame.curvature_rate, frame.second_rate], axis=1)
         speed = np.sqrt(stretch**2 + slope**2)
-    return PathPoints(span, x, station, offset, slope, stretch, position, direction, normal, speed)
+    return PathPoints(span, x, station, offset, slope, stretch, position, direction, normal, speed, turning)
 
 
 def bend_from(space: TripSpace, points: PathPoints, bend: Array) -> PathBend:
     """Return the curvature at points of a path, with its derivatives, given that of the offset's slope, (n,) 1/m."""
-    frame = None if space.frame is None else space.guide.frame(points.station)
-    return _curvature(frame, points.offset, points.slope, bend, points.speed)
+    turning = None if space.frame is None else points.turning
+    return _curvature(turning, points.offset, points.slope, bend, points.speed)
 
 
 def curvature_rate_from(space: TripSpace, points: PathPoints, bend: Array, third: Array) -> Array:
@@ -414,10 +418,7 @@ def curvature_rate_from(space: TripSpace, points: PathPoints, bend: Array, third
     q, squared = points.slope, points.speed * points.speed
     if space.frame is None:
         return (third - 3.0 * q * bend * bend / squared) / (squared * points.speed)
-    guide = space.guide
-    frame = guide.frame(points.station)
-    k, rate, f = frame.curvature, frame.curvature_rate, points.offset
-    second = guide.curvature_ranges(points.station, np.zeros_like(points.station))[2].lower
+    f, (k, rate, second) = points.offset, points.turning.T
     p = points.stretch
     p_rate = -rate * f - k * q
     along, across = -rate * f - 2.0 * k * q, bend + k * p
@@ -439,18 +440,19 @@ def station_bend(space: TripSpace, theta: Array) -> PathBend:
         return _curvature(None, slope, slope, bend, np.sqrt(1.0 + slope * slope))
     offset = theta @ tables.station_rows.T
     speed = np.hypot(1.0 - space.station_frame.curvature * offset, slope)
-    return _curvature(space.station_frame, offset, slope, bend, speed)
+    frame = space.station_frame
+    return _curvature(np.stack([frame.curvature, frame.curvature_rate], axis=1), offset, slope, bend, speed)
 
 
-def _curvature(frame: GuideFrame | None, offset: Array, slope: Array, bend: Array, speed: Array) -> PathBend:
-    """Curvature of g + f n from f, f', f'' and |r'|, with its derivatives."""
+def _curvature(turning: Array | None, offset: Array, slope: Array, bend: Array, speed: Array) -> PathBend:
+    """Curvature of g + f n from f, f', f'' and |r'|, with its derivatives; of the guide k, dk/ds and more, or None."""
     squared = speed * speed
     cubed = squared * speed
-    if frame is None:
+    if turning is None:
         inverse = 1.0 / cubed
         curvature = bend * inverse
         return PathBend(curvature, _ZERO, -3.0 * curvature * slope / squared, inverse)
-    k, rate = frame.curvature, frame.curvature_rate
+    k, rate = turning[:, 0], turning[:, 1]
     p = 1.0 - k * offset
     tangential = -(rate * offset + 2.0 * k * slope)
     normal = bend + k * p
@@ -465,3 +467,4 @@ def _curvature(frame: GuideFrame | None, offset: Array, slope: Array, bend: Arra
 
 _ZERO = np.zeros(1)
 _UP = np.array([[0.0, 1.0]])
+_STRAIGHT = np.zeros((1, 3))

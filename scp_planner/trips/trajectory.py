@@ -142,6 +142,7 @@ class Trajectory:
         self.path = path
         self.beta = beta
         self.travel_time = travel_time
+        self._kept: dict[int, TripPoints] = {}
 
     @classmethod
     def of(cls, space: TripSpace, theta: Array, beta: Array, near: float = 0.0) -> Self:
@@ -278,6 +279,18 @@ class Trajectory:
     def at(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table, as it is seen while trips are looked for; see :class:`Path`."""
         return self._points(table, self.path.parameter_at)
+
+    def kept_at(self, table: TimeTable) -> TripPoints:
+        """Return the same as :meth:`at`, and keep it: for tables that stay, which several limits look at."""
+        kept = self._kept.get(id(table))
+        if kept is None or kept.table is not table:
+            kept = self.at(table)
+            self.keep(kept)
+        return kept
+
+    def keep(self, points: TripPoints) -> None:
+        """Keep the trip at the times of a table, for :meth:`kept_at`."""
+        self._kept[id(points.table)] = points
 
     def driven(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table, as it is certified and driven."""

@@ -607,6 +607,7 @@ class ClothoidGuide:
             np.stack([-np.sin(angle), np.cos(angle)], axis=-1),
             self.rate * stations,
             np.full_like(stations, self.rate),
+            np.zeros_like(stations),
         )
 
     def curvature_ranges(self, stations: Array, width: Array) -> tuple[Interval, Interval, Interval]:

@@ -99,6 +99,29 @@ def test_far_distances_may_be_lower_bounds_that_are_still_far(batch: ZoneBatch) 
     assert np.all(quick[~near] >= 1.0 - 1e-12) and np.all(quick <= exact + 1e-9)
 
 
+def test_polygons_that_stand_are_as_far_as_shapely_says() -> None:
+    rng, polygons = np.random.default_rng(3), []
+    for place in rng.uniform([2.0, -6.0], [18.0, 6.0], (12, 2)):
+        angles = np.sort(rng.uniform(0.0, 2.0 * pi, rng.integers(3, 8)))
+        polygons.append(place + rng.uniform(0.3, 2.0) * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+    still = [
+        {"id": str(k), "shape": {"polygon": p.tolist()}, "motion": {"position": (0, 0)}} for k, p in enumerate(polygons)
+    ]
+    moving = {"id": "m", "shape": SHAPES["car"], "motion": {"position": (15.0, -9.0), "velocity": (-0.9, 0.3)}}
+    zones = ZoneBatch.of(sp.zones(scene(*still, moving, start={"position": (-9.0, 0.0)})), FRAME, INFLATION)
+    points, times = rng.uniform([0.0, -7.0], [20.0, 7.0], (300, 2)), rng.uniform(0.0, 9.0, 300)
+    expected = []
+    for zone in zones.ids[:-1]:
+        body = Polygon(polygons[int(zone)])
+        expected.append([body.distance(Point(p)) or -body.exterior.distance(Point(p)) for p in points])
+    exact, rough = zones.distances(times, points)[:, :-1], zones.distances(times, points, 1.0)[:, :-1]
+    assert exact == pytest.approx(np.array(expected).T - INFLATION, abs=1e-9)
+    near = exact < 1.0
+    assert rough[near] == pytest.approx(exact[near], abs=1e-12)
+    assert np.all((rough[~near] >= 1.0 - 1e-12) & (rough[~near] <= exact[~near] + 1e-12))
+    assert 0.02 < near.mean() < 0.8
+
+
 def test_zones_come_no_nearer_than_their_bound_says() -> None:
     scenario = scene(disc("fast", (9.0, 0.5), (-1.5, 0.4), (0.3, 0.2)), disc("slow", (5.0, 2.0), (0.1, -0.2)))
     zones = ZoneBatch.of(sp.zones(scenario), FRAME, INFLATION)

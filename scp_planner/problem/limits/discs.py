@@ -56,11 +56,11 @@ class Swing:
     slope: Array
 
     @classmethod
-    def of(cls, path: Path, points: PathPoints) -> Swing:
+    def of(cls, points: PathPoints) -> Swing:
         """Return how directions of a path change at some of its points."""
         unit = points.direction / points.speed[:, None]
         squared = points.speed * points.speed
-        curvature = 0.0 if path.space.frame is None else path.space.guide.frame(points.station).curvature
+        curvature = points.turning[:, 0]
         return cls(
             np.stack([-unit[:, 1], unit[:, 0]], axis=1),
             points.slope * curvature / squared,
@@ -86,70 +86,112 @@ class Swing:
         return found
 
 
+class Discs:
+    """The further discs of a vehicle among zones: the depths of all are found at once.
+
+    Parameters
+    ----------
+    offsets : (D,) array
+        Ahead of the reference point, m.
+    samples : TimeTable
+    zones : ZoneBatch
+        Inflated by the vehicle's radius and the planner's margin.
+    """
+
+    def __init__(self, offsets: Array, samples: TimeTable, zones: ZoneBatch) -> None:
+        self.offsets, self.samples, self.zones = offsets, samples, zones
+        self._order = np.argsort(samples.sigma, kind="stable")
+        self._last: tuple[Trajectory, Array] | None = None
+        self._others: Discs | None = None
+
+    def among(self, zones: ZoneBatch) -> Discs:
+        """Return the discs among other zones: the same ones for the same zones."""
+        if self._others is None or self._others.zones is not zones:
+            self._others = Discs(self.offsets, self.samples, zones)
+        return self._others
+
+    def depths(self, trajectory: Trajectory) -> Array:
+        """Return the depths, (D, n, L) m, of each disc, sample and zone; -inf where they do not count."""
+        if self._last is None or self._last[0] is not trajectory:
+            self._last = (trajectory, self._depths(trajectory))
+        return self._last[1]
+
+    def _depths(self, trajectory: Trajectory) -> Array:
+        points, count = trajectory.kept_at(self.samples), len(self.offsets)
+        ahead = points.path.direction / points.path.speed[:, None]
+        centres = points.path.position + self.offsets[:, None, None] * ahead
+        times = np.broadcast_to(points.time, (count, len(points.time))).ravel()
+        clearance = self.zones.distances(times, centres.reshape(-1, 2), NEAR)
+        clearance = clearance.reshape(count, len(points.time), self.zones.size)
+        sorted_ = clearance[:, self._order]
+        lower = np.ones(clearance.shape, dtype=bool)
+        lower[:, 1:] &= sorted_[:, 1:] <= sorted_[:, :-1]
+        lower[:, :-1] &= sorted_[:, :-1] <= sorted_[:, 1:]
+        beside = lower.copy()
+        beside[:, 1:] |= lower[:, :-1]
+        beside[:, :-1] |= lower[:, 1:]
+        beside[:, ::STRIDE] = True
+        counts = np.empty_like(beside)
+        counts[:, self._order] = beside
+        return np.where(counts, -clearance, -np.inf)
+
+
 @dataclass(frozen=True)
 class DiscClearance(OptionalLimit):
     """Entry of a disc into zones, m, at the samples around minima of its clearance and some others.
 
     Attributes
     ----------
-    offset : float
-        Ahead of the reference point, m.
+    discs : Discs
+        All of the vehicle's.
+    place : int
+        Which of them.
     free : slice
         The free control points of the offset.
-    samples : TimeTable
-    zones : ZoneBatch
-        Inflated by the vehicle's radius and the planner's margin.
     """
 
     name: ClassVar[str] = "discs"
     reach: ClassVar[float] = NEAR
 
-    offset: float
+    discs: Discs
+    place: int
     free: slice
-    samples: TimeTable
-    zones: ZoneBatch
+
+    @property
+    def offset(self) -> float:
+        """How far the disc is ahead of the reference point, m."""
+        return float(self.discs.offsets[self.place])
 
     def among(self, zones: ZoneBatch) -> Self:
         """Return the limit among other zones."""
-        return type(self)(self.offset, self.free, self.samples, zones)
+        return type(self)(self.discs.among(zones), self.place, self.free)
 
     def excess(self, trajectory: Trajectory) -> Array:
         """Return the depths, (n L,) m: of each sample and zone."""
-        points = trajectory.at(self.samples)
-        clearance = self.zones.distances(points.time, disc_positions(points.path, self.offset), NEAR)
-        order = np.argsort(self.samples.sigma, kind="stable")
-        sorted_ = clearance[order]
-        counts = np.zeros(clearance.shape, dtype=bool)
-        lower = np.ones_like(counts)
-        lower[1:] &= sorted_[1:] <= sorted_[:-1]
-        lower[:-1] &= sorted_[:-1] <= sorted_[1:]
-        beside = lower.copy()
-        beside[1:] |= lower[:-1]
-        beside[:-1] |= lower[1:]
-        beside[::STRIDE] = True
-        counts[order] = beside
-        return np.where(counts, -clearance, -np.inf).ravel()
+        return self.discs.depths(trajectory)[self.place].ravel()
 
     def touched(self, trajectory: Trajectory, depth: Array, near: float) -> dict[int, int]:
         """Zones that the disc comes nearer to than so much, m, and its side of them: 1 to the left, or -1."""
         found: dict[int, int] = {}
-        if depth.size != len(self.samples.sigma) * self.zones.size:
+        zones, samples = self.discs.zones, self.discs.samples
+        if depth.size != len(samples.sigma) * zones.size:
             return found  # of a trip among more zones than these
-        depths = depth.reshape(-1, max(self.zones.size, 1))
+        depths = depth.reshape(-1, max(zones.size, 1))
         for zone in np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near).tolist():
-            points = trajectory.at(self.samples.take(np.argmax(depths[:, zone : zone + 1], axis=0)))
+            points = trajectory.at(samples.take(np.argmax(depths[:, zone : zone + 1], axis=0)))
             place = disc_positions(points.path, self.offset)
-            contacts = self.zones.contacts(np.array([zone]), points.time, place)
+            contacts = zones.contacts(np.array([zone]), points.time, place)
             found[zone] = 1 if float((contacts.normal * points.path.normal).sum()) > 0.0 else -1
         return found
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradients of the depths."""
-        sample, zone = np.divmod(index, max(self.zones.size, 1))
-        points = trajectory.at(self.samples.take(sample))
+        zones = self.discs.zones
+        sample, zone = np.divmod(index, max(zones.size, 1))
+        points = trajectory.kept_at(self.discs.samples).take(sample)
         path, tau = points.path, trajectory.travel_time
-        contacts = self.zones.contacts(zone, points.time, disc_positions(path, self.offset))
-        swing = Swing.of(trajectory.path, path)
+        contacts = zones.contacts(zone, points.time, disc_positions(path, self.offset))
+        swing = Swing.of(path)
         curvature = trajectory.path.bend(path).curvature
         along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
         along += self.offset * curvature * np.einsum("ij,ij->i", contacts.normal, swing.across)
@@ -199,15 +241,15 @@ class DiscBox(OptionalLimit):
         station, side = np.divmod(index, len(self.offsets))
         path = trajectory.path
         points = path.points(trajectory.space.tables.station_parameters[station])
-        theta = Swing.of(path, points).rows(path, points, self.normals[side], self.offset)[:, self.free]
+        theta = Swing.of(points).rows(path, points, self.normals[side], self.offset)[:, self.free]
         return of_offsets_alone(theta, self.step_size)
 
 
 def disc_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:
     """Make what keeps the further discs of a long vehicle clear of zones, and inside the box."""
-    box = inputs.box
-    for offset in inputs.vehicle.discs:
-        if offset != 0.0:
-            yield DiscClearance(offset, inputs.free, inputs.samples, inputs.zones)
-            if len(box.offsets):
-                yield DiscBox(offset, inputs.free, inputs.step_size, box.normals, box.offsets)
+    box, offsets = inputs.box, [offset for offset in inputs.vehicle.discs if offset != 0.0]
+    discs = Discs(np.array(offsets), inputs.samples, inputs.zones)
+    for place, offset in enumerate(offsets):
+        yield DiscClearance(discs, place, inputs.free)
+        if len(box.offsets):
+            yield DiscBox(offset, inputs.free, inputs.step_size, box.normals, box.offsets)

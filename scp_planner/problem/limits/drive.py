@@ -121,13 +121,13 @@ class TotalAccelerationLimit(_DriveLimit):
 
     def excess(self, trajectory: Trajectory) -> Array:
         """Return sqrt(a^2 + (v^2 k)^2) / limit - 1."""
-        points = trajectory.at(self.times)
+        points = trajectory.kept_at(self.times)
         lateral = points.speed**2 * trajectory.path.bend(points.path).curvature
         return np.hypot(points.acceleration, lateral) / self.limit - 1.0
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradient at fixed normalised times."""
-        points = trajectory.at(self.times.take(index))
+        points = trajectory.kept_at(self.times).take(index)
         a, v = points.acceleration, points.speed
         lateral = v * v * trajectory.path.bend(points.path).curvature
         total = np.maximum(np.hypot(a, lateral), SLIGHT * self.limit)

@@ -62,7 +62,7 @@ class GoalRegion(OptionalLimit):
         """Return the gradients of the distances."""
         path = trajectory.path
         points = path.points(np.ones(len(index)))
-        theta = Swing.of(path, points).rows(path, points, self.normals[index], self.ahead)[:, self.free]
+        theta = Swing.of(points).rows(path, points, self.normals[index], self.ahead)[:, self.free]
         return of_offsets_alone(theta, self.step_size)
 
 
@@ -103,7 +103,7 @@ class GoalHeading(OptionalLimit):
         """Return the gradients of the heading, and of its negative."""
         path = trajectory.path
         points = path.points(_END)
-        turn = Swing.of(path, points).turn_rows(path, points)[0, self.free]
+        turn = Swing.of(points).turn_rows(path, points)[0, self.free]
         return of_offsets_alone(np.where(index == 0, 1.0, -1.0)[:, None] * turn, self.step_size)
 
 

@@ -181,7 +181,7 @@ def rate_partials(path: Path, parameters: Array) -> list[Array]:
     for _ in range(4):
         values.append((basis.rows_at(points.span, points.local) @ path.theta) * scale)
         basis, scale = basis.derivative, scale / path.space.length
-    curvature = None if path.space.frame is None else path.space.guide.frame(points.station).curvature
+    curvature = None if path.space.frame is None else points.turning[:, 0]
     found = []
     for which in range(4):
         nudged: list[Any] = [value + (IMAGINARY * 1j if which == place else 0.0j) for place, value in enumerate(values)]
