@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 PATIENCE = 1.0  # s, without a word
 TICK = 0.25  # s
+ELAPSED = 12  # letters that a time takes at most
 
 _UNITS = {
     "arrival_time": "s",
@@ -97,7 +98,8 @@ def _tell_that_it_goes_on(what: str, patience: float, done: Event) -> None:
         return
     from tqdm import tqdm
 
-    with tqdm(bar_format=f"{what}: {{elapsed}}", leave=False) as bar:
+    # Some terminals say that they have no width.
+    with tqdm(bar_format=f"{what}: {{elapsed}}", leave=False, ncols=len(what) + ELAPSED) as bar:
         bar.start_t -= patience
         bar.refresh()
         while not done.wait(TICK):

@@ -185,6 +185,6 @@ def _facts(run: Run) -> tuple[tuple[str, str], ...]:
     touched = ", touched an obstacle" if run.contact else ", was touched while standing" if run.contact_standing else ""
     facts = [("closed loop", end + touched), ("travel time", f"{run.travel_time:.2f} s")]
     if math.isfinite(run.least_clearance):
-        facts += [("least distance", f"{length_text(run.least_clearance)} to a true obstacle")]
+        facts += [("least distance", f"{length_text(run.least_clearance)} to a true obstacle, moving")]
     outcomes = ", ".join(f"{count} {name}" for name, count in run.outcomes.items() if count)
     return (*facts, ("cycles", f"{len(run.records)}: {outcomes}"))

@@ -142,7 +142,8 @@ class Part(BaseModel):
         if unknown:
             raise ScenarioError(type(self).__name__, unknown)
         if any(isinstance(value, dict | list) for value in changes.values()):
-            return type(self)(**{**dict(self), **changes})
+            kind: Any = type(self)
+            return kind(**{**dict(self), **changes})
         return super().model_copy(update=update, deep=deep)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:

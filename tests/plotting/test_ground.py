@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
@@ -134,14 +135,14 @@ def test_what_lies_beyond_the_trip_is_not_drawn_in_part(plan: sp.Plan) -> None:
     recording = record_plan(plan, _yard(bounds=None, obstacles=[over, beyond]), 20)
     axes = _map(recording)
     assert -7.0 < axes.get_ylim()[0] < -6.0
-    drawn = [patch.get_path().vertices for patch in axes.patches if isinstance(patch, PathPatch)]
-    assert len(drawn) == 1 and np.allclose(np.mean(drawn[0], axis=0), [10.0, -4.5], atol=0.1)
+    drawn = [np.array(patch.get_path().vertices, dtype=float) for patch in axes.patches if isinstance(patch, PathPatch)]
+    assert len(drawn) == 1 and np.allclose(drawn[0].mean(axis=0), [10.0, -4.5], atol=0.1)
 
 
 def test_a_zone_over_the_whole_map_hides_nothing(plan: sp.Plan) -> None:
     recording = record_plan(plan, _yard(obstacles=[disc("all", (80.0, 0.0), (-10.0, 0.0), radius=60.0)]), 20)
     zones = [patch for patch in _map(recording).patches if isinstance(patch, PathPatch)]
-    assert zones and all(patch.get_facecolor()[3] == 0.0 for patch in zones)
+    assert zones and all(to_rgba(patch.get_facecolor())[3] == 0.0 for patch in zones)
 
 
 def test_a_zone_larger_than_the_trip_does_not_shrink_it(plan: sp.Plan) -> None:

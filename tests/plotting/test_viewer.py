@@ -219,7 +219,7 @@ def test_zones_are_drawn_where_they_are(opened: Browser, plan: sp.Plan, scenario
 
 
 def test_play_and_pause(opened: Browser) -> None:
-    opened.evaluate("document.querySelector('#pace').value = '2'")
+    opened.evaluate("document.querySelector('#pace').value = '0.25'")
     opened.press(" ")
     opened.wait_for("Number(document.querySelector('#slider').value) > 0.3")
     opened.drag(opened.middle_of("#play"), opened.middle_of("#play"))
