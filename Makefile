@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo dist docs test test-kernel test-machines lint format lock clean
+.PHONY: help demo dist docs test test-kernel test-machines lint lint-types lint-rules format lock clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1: /p' $(MAKEFILE_LIST)
@@ -45,9 +45,14 @@ dist: $(INSTALLED)  ## build wheel and sdist into dist/, install both where noth
 	$(BIN)/python tools/dist.py dist $(ARGUMENTS)
 
 lint: $(INSTALLED)  ## ruff, mypy, layers of imports, and shapes, units and errors in docstrings
+	$(MAKE) --no-print-directory --jobs=2 lint-types lint-rules
+
+lint-types: $(INSTALLED)  # takes as long as all others, on a core of its own
+	$(BIN)/mypy
+
+lint-rules: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python docs/check_docstrings.py
 

@@ -88,7 +88,7 @@ def draw_growth() -> None:
             estimate = estimate_motion(times, positions, given, 1, noise="general" if given is not None else noise)
             counts.plot(leads, radius(estimate, leads), color=colour, ls=line, label=f"n = {count}, {noise}")
     counts.set_title("noise covariance (constant velocity)")
-    counts.set_ylim(0.0, 12.0)
+    counts.set_ylim(bottom=0.0)
     for axes in (orders, levels, counts):
         axes.set_xlabel("time after the last observation (s)")
         axes.set_xlim(0.0, 5.0)
@@ -100,7 +100,7 @@ def draw_growth() -> None:
 
 def draw_models() -> None:
     """The regions of one obstacle in the plane, by what its motion is taken for."""
-    figure = Figure(figsize=(10.0, 6.2), dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(10.0, 7.2), dpi=DPI, layout="constrained")
     sigma, ahead = NOISE**2 * np.eye(2), (0.0, 1.0, 2.0, 3.0)
     estimates: list[tuple[str, MotionEstimate]] = [
         ("constant velocity", estimate_motion(TIMES, seen(), sigma, 1)),
@@ -118,7 +118,7 @@ def draw_models() -> None:
         axes.set_title(name)
         axes.set_aspect("equal")
     axes.set_xlim(-3.0, 8.0)
-    axes.set_ylim(-3.4, 3.4)
+    axes.set_ylim(-4.0, 4.0)
     for row in figure.axes[2:]:
         row.set_xlabel("x (m)")
     figure.axes[0].set_ylabel("y (m)")

@@ -147,7 +147,7 @@ def draw(environment: Any, log: list[dict[str, np.ndarray]]) -> Figure:
             axes.add_patch(Circle(ways[index], radius, edgecolor=colour, zorder=3, label=label, **style))
     goal = environment.robot.goal[:2, 0]
     axes.plot(*goal, marker="*", markersize=13, color="white", markeredgecolor="#222222", zorder=4)
-    axes.set(aspect="equal", xlim=(0, 22), ylim=(0, 14), xlabel="x (m)", ylabel="y (m)")
+    axes.set(aspect="equal", xlim=(0, 22), ylim=(0, 15), xlabel="x (m)", ylabel="y (m)")
     axes.set_title("A robot of IR-SIM that replans ten times a second", loc="left", fontweight="bold")
     figure.legend(loc="outside lower center", ncols=SHOWN, frameon=False)
     return figure

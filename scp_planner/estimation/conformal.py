@@ -36,7 +36,6 @@ A. Angelopoulos, E. Candes, R. Tibshirani, *Conformal PID control for time serie
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -227,21 +226,27 @@ class _Newest:
     def __init__(self, alpha: float, enough: int) -> None:
         self.alpha = alpha
         self._enough = enough
-        self._errors: deque[float] = deque(maxlen=NEWEST)
-        self._sorted: list[float] = []
+        self._errors = np.zeros(0)  # a ring
+        self._count = 0
+        self._sorted = np.zeros(0)
         self._fresh = 0
 
     def add(self, error: float) -> None:
         """Add one; the oldest goes if there are too many."""
-        self._errors.append(error)
+        place = self._count % NEWEST
+        if place == len(self._errors):
+            self._errors = np.concatenate([self._errors, np.zeros(min(max(place, 256), NEWEST - place))])
+        self._errors[place] = error
+        self._count += 1
         self._fresh += 1
 
     def quantile(self, alpha: float) -> float:
         """What the next error exceeds with a probability of alpha; 1 as long as there are too few."""
-        if len(self._errors) < self._enough:
+        count = min(self._count, NEWEST)
+        if count < self._enough:
             return 1.0
-        if not self._sorted or self._fresh > STALE * len(self._errors):
-            self._sorted, self._fresh = sorted(self._errors), 0
+        if not len(self._sorted) or self._fresh > STALE * count:
+            self._sorted, self._fresh = np.sort(self._errors[:count]), 0
         count = len(self._sorted)
         place = math.ceil((1.0 - alpha) * (count + 1) - 1e-9 * count)
-        return self._sorted[max(place, 1) - 1] if place <= count else BEYOND * self._sorted[-1]
+        return float(self._sorted[max(place, 1) - 1] if place <= count else BEYOND * self._sorted[-1])

@@ -188,19 +188,26 @@ class Evasion:
         Dodge or None
             None, too, where the vehicle is not on what it drove last, or that is over.
         """
-        moment, last = now.moment, now.last
-        if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
-            return None
-        stop = Stop(last.trip, last.trip.frame.time)
-        if stop.stands <= moment.state.time:
+        moment, stop = now.moment, self._begun(now)
+        if stop is None:
             return None
         dodges, new = self._looked(now)
         seen = self._look_on(moment, stop, dodges.times)
         now.lap("evasion")
-        if seen.worth[0] < new.worth.max():
+        return None if seen.worth[0] < new.worth.max() else self._gone_on_with(moment, seen, stop)
+
+    def _begun(self, now: Replan) -> Stop | None:
+        """What was begun at the last replan to get out of the way, unless the vehicle is not on it, or that is over."""
+        moment, last = now.moment, now.last
+        if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
             return None
+        stop = Stop(last.trip, last.trip.frame.time)
+        return stop if stop.stands > moment.state.time else None
+
+    def _gone_on_with(self, moment: Moment, seen: _Outlook, stop: Stop) -> Dodge:
+        """What was begun, as one dodge, among the zones of a moment in which that is seen of it."""
         certificate = self._means.vetting.certify_stop(moment, stop, moment.state.time)
-        return self._dodge(moment, seen, 0, last.trip, certificate)
+        return self._dodge(moment, seen, 0, stop.trip, certificate)
 
     def sooner(self, now: Replan, trip: Trip) -> Dodge | None:
         """A certified dodge that does clearly better than going on with a trip; None if there is none.
@@ -226,7 +233,7 @@ class Evasion:
         return self._first_safe(now, moment, dodges, seen, seen.worth)
 
     def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
-        """Where no dodge is safe: one that is at the highest lower level at which any is.
+        """Where no dodge is safe: one that is at the highest lower level at which any is, or what was begun is.
 
         Parameters
         ----------
@@ -240,8 +247,14 @@ class Evasion:
             And its share.
         """
         dodges, whole = self._looked(now)
+        begun = self._begun(now)
         for share in shares:
             moment = now.moment.with_smaller_zones(share)
+            if begun is not None:
+                going_on = self._gone_on_with(moment, self._look_on(moment, begun, dodges.times), begun)
+                now.lap("certificate")
+                if going_on.safe:
+                    return going_on, share
             seen = self._look(moment, dodges)
             now.lap("evasion")
             # Of those the one that does least harm in whole zones: it is no time to gain way.

@@ -89,9 +89,6 @@ class Fallback:
         before = self._evasion.going_on(now)
         if before is not None and before.safe:
             return self._dodging(now, before, why)
-        if before is not None:
-            text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
-            return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
         promised = self._as_promised(now)
         if promised is not None:
             text = f"{why}; the last plan's stop is gone on with"
@@ -99,8 +96,12 @@ class Fallback:
         lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
         if lower is not None:
             risky, share = lower
-            text = f"{_what(risky)}: {why}; clear of zones whose uncertainty is {share:g} times as large"
+            before_too = " as before" if now.last is not None and risky.trip is now.last.trip else ""
+            text = f"{_what(risky)}{before_too}: {why}; clear of zones whose uncertainty is {share:g} times as large"
             return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
+        if before is not None:
+            text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
+            return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
         return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
 
     def _as_promised(self, now: Replan) -> Vetted | None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.estimation.conformal import region_score
 from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
 
@@ -46,15 +45,6 @@ class Prediction:
         if determinant <= 0.0 or xx <= 0.0:
             return None  # far from its origin, as for what comes very late, the polynomial is no covariance
         return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
-
-    def score(self, time: float, position: tuple[float, float], noise: Array, border: float) -> float | None:
-        """What came of it, see `region_score`; None where its covariance is none."""
-        x, y, covariance = self._error(time, position)
-        xx, xy, yy = covariance
-        if xx * yy <= xy * xy or xx <= 0.0:
-            return None
-        declared = noise[[0, 0, 1], [0, 1, 1]]
-        return float(region_score([(x, y)], [covariance], [declared], border)[0])
 
     def _error(self, time: float, position: tuple[float, float]) -> tuple[float, float, Array]:
         """What a position differs by, m, and the covariance of that, (3,) m^2, without the noise of what is seen."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import math
-from bisect import bisect
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -21,12 +20,12 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
-from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
+from scp_planner.online import regions
 from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures, zones_together
+from scp_planner.online.many_zones import Level, zones_of_mixtures, zones_together
 from scp_planner.online.mixtures import Mixture, Widening
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
@@ -61,10 +60,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 logger = logging.getLogger(__name__)
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
-HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
-"""Units of time ahead, at which predictions are compared with what came: the next observation, and later ones."""
-LATENESS = 0.1
-"""An observation is compared with a prediction for it that is no older than that by this share of the longest."""
 MOST_TURNING = 12
 """Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together."""
 FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
@@ -101,7 +96,7 @@ class ObstacleTracks:
         self.manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
-        self.scales = AdaptiveScales(outside_probability(confidence.probability), len(HORIZONS))
+        self.scales = AdaptiveScales(outside_probability(confidence.probability), len(regions.HORIZONS))
         self._banks: dict[int, Bank] = {}
 
     def add(self, *obstacles: Obstacle) -> None:
@@ -246,7 +241,7 @@ class ObstacleTracks:
             return None
         track.suspects = []
         if self.watch.regions is Regions.ADAPTIVE:
-            self._compare(track, one)
+            regions.compare(self.scales, [track], [one], self.newcomers)
         track.insert(one, self.newcomers, self._make)
         if track.estimator is not None and track.estimator.bank is not None:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
@@ -255,8 +250,7 @@ class ObstacleTracks:
     def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
         if self.watch.regions is Regions.ADAPTIVE:
-            for track, one in zip(tracks, seen, strict=True):
-                self._compare(track, one)
+            regions.compare(self.scales, tracks, seen, self.newcomers)
         for track, one in zip(tracks, seen, strict=True):
             track.times.append(one.time)
             track.positions.append(one.position)
@@ -297,7 +291,7 @@ class ObstacleTracks:
             if self.watch.regions is Regions.ADAPTIVE and compared:
                 assert track.predicted is not None, "it is compared"
                 track.foretold.append(track.predicted)
-                track.zone = made[track.id] = self._scaled(track, made[track.id])
+                track.zone = made[track.id] = regions.scaled(self.scales, track, made[track.id])
         every = ((made[track.id],) if track.fixed is None else self._given(track, estimated) for track in tracks)
         return tuple(chain.from_iterable(every))
 
@@ -305,31 +299,6 @@ class ObstacleTracks:
         """Zones of a track whose motion is given, beside how many that are not known exactly."""
         assert track.fixed is not None
         return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
-
-    def _compare(self, track: ObstacleTrack, one: Seen) -> None:
-        """Learn from what is seen how large regions have to be."""
-        noise = track.noise_of(one.covariance, self.newcomers)
-        border = NormalErrors().pointwise_scale(self.scales.alpha)
-        origins = [each.origin for each in track.foretold]
-        for number, horizon in enumerate(HORIZONS):
-            before = bisect(origins, one.time - horizon) - 1
-            if before >= 0 and one.time - origins[before] <= horizon + LATENESS * max(HORIZONS):
-                score = track.foretold[before].score(one.time, one.position, noise, border)
-                if score is not None:
-                    self.scales.take_in(number, track.id, score)
-
-    def _scaled(self, track: ObstacleTrack, zone: ThreatZone) -> ThreatZone:
-        """A zone whose covariances are sized by what has come of predictions, linearly between the horizons."""
-        covariances = zone.covariances
-        if covariances is None or track.predicted is None:
-            return zone
-        level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])
-        leads = HORIZONS.copy()
-        if len(track.times) > 1:  # what is compared next is as far ahead as it was the last time
-            leads[0] = min(track.times[-1] - track.times[-2], 0.5 * leads[1])
-        sizes = self.scales.scales(track.id)
-        added = level * np.maximum(sizes - 1.0, 0.0)
-        return replace(zone, covariances=times_linear(covariances, leads, np.minimum(sizes, 1.0), added))
 
     def _together(self, tracks: Sequence[ObstacleTrack], start: float, level: Level) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""

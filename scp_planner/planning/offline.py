@@ -10,6 +10,7 @@ import numpy as np
 
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.explain import Ending, explain
+from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.other_guides import with_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import at_any_time, on_a_step, refined
@@ -25,6 +26,7 @@ from scp_planner.threat_zones.sorted_zones import told_of
 from scp_planner.trips.trip import Trip
 
 if TYPE_CHECKING:
+    from scp_planner.estimation.tracking import TrackingTube
     from scp_planner.scp.given import UserConstraints
 
 CHECKING, LEAST_CHECKING = 0.05, 0.01  # of the time limit, and s, by which the last certificate may go over it
@@ -37,6 +39,7 @@ def plan(
     solver: str | QpSolver | None = None,
     time_limit: float | None = None,
     constraints: UserConstraints | None = None,
+    tube: TrackingTube | None = None,
 ) -> Plan:
     """Plan the fastest safe trip of a scenario. Nothing is drawn at random: the same input gives the same plan.
 
@@ -52,6 +55,9 @@ def plan(
     constraints : callable, optional
         ``constraints(trip)`` returns convex CVXPY constraints on a :class:`scp_planner.TripVariables`. They go into
         every subproblem, which CVXPY then solves (``solver`` may be a ``CvxpySolver`` with another solver inside).
+    tube : TrackingTube, optional
+        How far the vehicle may be from its plan, by speed and lateral acceleration: wherever it may be, it keeps clear
+        and in the workspace. Then several trips may have to be planned.
 
     Returns
     -------
@@ -66,10 +72,18 @@ def plan(
         than CVXPY; if a constraint is not convex by the rules of CVXPY.
     TypeError
         If the scenario is none, or ``constraints`` returns something else than constraints.
+    EstimationError
+        If the vehicle may drive or turn faster than the tube was recorded for.
     """
-    began = perf_counter()
     if time_limit is not None and not time_limit >= 0.0:
         raise ValueError(f"time_limit: {time_limit!r} must not be negative")
+    if tube is not None:
+
+        def without(roomier: Scenario, left: float | None) -> Plan:
+            return plan(roomier, settings, solver, left, constraints)
+
+        return plan_in_tube(scenario, tube, without, time_limit)
+    began = perf_counter()
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
         solver = "cvxpy"

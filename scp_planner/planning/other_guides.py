@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
 from math import cos, sin
 from typing import TypeAlias
 
@@ -23,11 +25,20 @@ logger = logging.getLogger(__name__)
 
 DETOUR = 1.02  # times the fastest drive along another guide: slower trips are compared with those over it
 RUN_UP = 0.05  # of the way: a guide leads so far along the heading at an end that a straight leg would miss
+BESIDE = 0.5  # steps of the grid, by which a guide keeps away from slow places
 ASKEW = 0.7  # rad; by which it misses that
 
 
 Candidates: TypeAlias = list[tuple[CheckedRuns, ScpAttempt]]
 """Attempts, each with the runs that it is one of."""
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """Runs over a guide, and how long the fastest drive along it takes, s."""
+
+    runs: CheckedRuns
+    estimate: float
 
 
 def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
@@ -49,17 +60,13 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     problem, task = runs.everything, runs.task
     if task.out_of_time or not _may_make_a_detour(problem) or best.travel_time <= DETOUR * runs.lower_bound:
         return [(runs, best)]
-    with task.tally.timed("search"):
-        points = fastest_way(problem, slow_stretches(problem.scenario, problem.frame, problem.settings))
-    if points is None:
+    drive = min(_drives(runs), key=lambda one: one.estimate, default=None)
+    if drive is None or runs.task.out_of_time:
         return [(runs, best)]
-    guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
-    again = CheckedRuns(task, guide)
-    if again.task.out_of_time:
-        return [(runs, best)]
-    estimate = float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1])
+    again = drive.runs
     if best.holds:
-        if best.travel_time <= DETOUR * estimate or (guide.straight and problem.space.guide.straight):
+        straight = again.problem.space.guide.straight and problem.space.guide.straight
+        if best.travel_time <= DETOUR * drive.estimate or straight:
             return [(runs, best)]
         # Trips that are the same but for rounding are not chosen between by that.
         other = WaysRound(again).faster_than(best.travel_time * (1.0 - NOTABLE))
@@ -74,6 +81,19 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     if hopeful and other.travel_time * DETOUR < best.travel_time:
         return [(again, other), (runs, best)]
     return [(runs, best)]
+
+
+def _drives(runs: CheckedRuns) -> Iterator[_Drive]:
+    """Drives along the fastest way on the ground, and along that which keeps away from slow places."""
+    problem, task = runs.everything, runs.task
+    slow = slow_stretches(problem.scenario, problem.frame, problem.settings)
+    for beside in (0.0, BESIDE) if slow else (0.0,):
+        with task.tally.timed("search"):
+            points = fastest_way(problem, slow, beside)
+        if points is not None:
+            guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
+            again = CheckedRuns(task, guide)
+            yield _Drive(again, float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1]))
 
 
 def _may_make_a_detour(problem: Problem) -> bool:

@@ -13,6 +13,7 @@ from math import ceil
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.attempts import HARDLY
@@ -35,7 +36,7 @@ WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
 FINER_PATHS, MOST_PATH_SPANS = 3, 200  # how often there are twice as many spans of the path, and the most of them
 WORTH_FINER_PATHS = 2e-3  # relative gain below which there are no more of them
 NOTABLE = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
-SLOWED = 1.25e-2  # relative to the lower bound: what less is lost to is hardly the path's splines
+SLOWED = 1.25e-2  # relative to the kinematic bound: what less is lost to is hardly the path's splines
 UNSEEN, TIGHT = 1.0, 1.5  # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
 FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
 WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
@@ -145,7 +146,7 @@ def _may_gain_by_spans(found: Found) -> bool:
     span = space.length / len(space.path.widths)
     unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
     tight = span * float(np.abs(best.run.evaluation.sites.curvature).max())
-    slowed = best.travel_time > (1.0 + SLOWED) * found.runs.lower_bound
+    slowed = best.travel_time > (1.0 + SLOWED) * kinematic_bound(found.runs.task.scenario)
     return slowed and (unseen > UNSEEN or tight > TIGHT)
 
 

@@ -25,6 +25,7 @@ from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
 
+OFF = 0.5  # largest violation of a run over another guide, after which a patient one is tried
 TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
 ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate
@@ -87,7 +88,13 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """
         self._known = known
         best = self.try_all(self._branches())
-        return best if self.certified else self._near
+        if self.certified or self._near is None or self.out_of_time:
+            return best if self.certified else self._near
+        if self._near.run.evaluation.worst_violation < OFF:
+            self.tally.tried += 1
+            patient = self.runs.attempt(self._failed[0].start(CLOSE_SMOOTHING), known, loop=self.runs.patient_loop)
+            return patient if patient.holds else self._near
+        return self._near
 
     def _goal_is_covered(self) -> bool:
         """Whether it is proved that what stands there lets no trip arrive."""

@@ -102,7 +102,8 @@ def _with(recording: Recording, low: Array, high: Array, parts: list[Array]) -> 
 def is_cut_off(recording: Recording, points: Array, low: Array, high: Array) -> bool:
     """Whether points (n, 2) m hang over the edge of a map that had room for all that the trip alone shows."""
     least, greatest = points.min(axis=0), points.max(axis=0)
-    return bool((least < low).any() or (greatest > high).any()) and (greatest - least).max() <= _most(recording)
+    inside, outside = (least >= low) & (greatest <= high), (greatest < low) | (least > high)
+    return not (inside.all() or outside.any()) and bool((greatest - least).max() <= _most(recording))
 
 
 def covers_all(recording: Recording, obstacle: ObstacleRecord, index: int) -> bool:

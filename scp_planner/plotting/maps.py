@@ -233,7 +233,8 @@ def _draw_obstacle(axes: Axes, recording: Recording, obstacle: ObstacleRecord, i
     true_center = obstacle.truth_at(index)
     if true_center is not None:
         body = obstacle.body_at(index, true_center)
-        axes.add_patch(Polygon(body, facecolor="none", edgecolor=colour, linewidth=1.4, zorder=3.6))
+        if near or not is_cut_off(recording, body, low, high):
+            axes.add_patch(Polygon(body, facecolor="none", edgecolor=colour, linewidth=1.4, zorder=3.6))
     elif obstacle.padded and near:
         body = obstacle.body_at(index)
         axes.add_patch(Polygon(body, facecolor=(colour, 0.35), edgecolor="none", zorder=2.1))

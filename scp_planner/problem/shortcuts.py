@@ -6,7 +6,7 @@ guide may lead, found on a grid by Dijkstra's method, and pulled tight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, sqrt
 
@@ -26,6 +26,7 @@ NEIGHBOURS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 LOOKS_A_STEP = 4  # at a straight leg, in the distance of two nodes
 MOST_LOOKS = 200_000  # points times zones that are looked at together
 PASSES = 3  # of pulling tight
+AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
 
 
@@ -46,6 +47,8 @@ class Ground:
         In the planning frame.
     top : float
         Speed where there is no limit, m/s.
+    beside : float
+        Places so near to slow ones count as slow, m.
     """
 
     standing: ZoneBatch
@@ -54,6 +57,7 @@ class Ground:
     reach: float
     slow: tuple[Stretch, ...]
     top: float
+    beside: float = 0.0
 
     def room(self, points: Array) -> Array:
         """How far points (n, 2) m are from where may not be driven, (n,) m; negative there."""
@@ -68,7 +72,9 @@ class Ground:
 
     def slowness(self, points: Array) -> Array:
         """Time in s that a metre takes at points (n, 2) m, (n,)."""
-        return 1.0 / np.minimum(limits_at(self.slow, points), self.top)
+        around = self.beside * AROUND if self.beside > 0.0 else AROUND[:1]
+        limits = limits_at(self.slow, (points + around[:, None]).reshape(-1, 2)).reshape(len(around), -1)
+        return 1.0 / np.minimum(limits.min(axis=0), self.top)
 
     def duration(self, begin: Array, end: Array, step: float) -> float:
         """Time that a straight leg takes, s, looked at in steps of so many m; inf where it may not be driven."""
@@ -80,7 +86,7 @@ class Ground:
         return length * float(self.slowness(points).mean())
 
 
-def fastest_way(problem: Problem, slow: tuple[Stretch, ...]) -> Array | None:
+def fastest_way(problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0) -> Array | None:
     """Return the way from start to goal that takes least at the highest speeds that are allowed.
 
     Parameters
@@ -89,6 +95,9 @@ def fastest_way(problem: Problem, slow: tuple[Stretch, ...]) -> Array | None:
         Its zones that stand, its bounds, and the largest offset from the guide of its scenario count.
     slow : tuple of Stretch
         Limits of the speed by place, in the planning frame.
+    beside : float
+        Steps of the grid; places so near to slow ones count as slow: round the corner of one a smooth path is to pass
+        it, too.
 
     Returns
     -------
@@ -97,6 +106,7 @@ def fastest_way(problem: Problem, slow: tuple[Stretch, ...]) -> Array | None:
     """
     ground = ground_of(problem, slow)
     grid = _Grid.of(ground)
+    ground = replace(ground, beside=beside * grid.step)
     points = grid.way(ground)
     if points is None:
         return None

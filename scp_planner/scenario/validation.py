@@ -128,6 +128,10 @@ class Part(BaseModel):
         deep : bool
             Of pydantic: copy what the parts hold, too.
 
+        Returns
+        -------
+        A part of the same kind.
+
         Raises
         ------
         ScenarioError

@@ -19,6 +19,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.bend_sites import BendSites, bend_sites
 from scp_planner.scp.merit import Limit, Penalties
+from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.path import Path
@@ -45,6 +46,7 @@ def box_gaps(problem: Problem, path: Path) -> Array:
     return box.offsets - path.station_positions @ box.normals.T
 
 
+SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
 SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 
 
@@ -170,8 +172,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     equidistant = clearance[:, : problem.grid]
     owner, sample, zone = local_minima(equidistant, near)
     sigma = refine_minima(problem.samples.sigma[: problem.grid], equidistant, owner, sample, zone)
-    if zones.outlines is not None:
-        _settle_minima(problem, bundle, points, owner, sample, zone, sigma)
+    _settle_minima(problem, bundle, points, owner, sample, zone, sigma)
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
     violation = _entries(clearance, owner, zone, contacts)
@@ -238,21 +239,21 @@ def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: 
 def _settle_minima(
     problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, sample: Index, zone: Index, sigma: Array
 ) -> None:
-    """Move minima of the distances to outlines, in place, to where their rates are zero.
+    """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
 
-    Passing a corner, such a distance is nowhere like a parabola over three samples: its minimum is bracketed, and found
-    by the Illinois variant of the secant method.
+    Passing a corner, or a disc as large as the way between samples, a distance is nowhere like a parabola over three of
+    them: its minimum is bracketed, and found by the Illinois variant of the secant method.
     """
     zones = problem.zones
-    rows = np.flatnonzero((zones.outline_slot[zone] >= 0) & (sample > 0) & (sample < problem.grid - 1))
+    step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
+    rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
+    rows = np.flatnonzero(rugged & (sample > 0) & (sample < problem.grid - 1))
     if len(rows) == 0:
         return
     middle, which = sample[rows], zone[rows]
     x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
     place = middle + len(points.table.sigma) * owner[rows]
-    slope = np.stack(
-        [_closing(zones.contacts(which, *_place(points, place + k)), points, place + k) for k in (-1, 0, 1)]
-    )
+    slope = np.stack([_closing(zones, which, points, place + k) for k in (-1, 0, 1)])
     falling = slope[1] < 0.0
     low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
     below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])
@@ -264,21 +265,20 @@ def _settle_minima(
         guess = (low * above - high * below) / (above - below)
         sigma[rows] = guess
         there = bundle.at(whose, guess)
-        rate = _closing(zones.contacts(which, *_place(there, every)), there, every)
+        rate = _closing(zones, which, there, every)
         falling = rate < 0.0
         # The end that stays loses weight, lest it stay for ever.
         above, below = np.where(falling, 0.5 * above, rate), np.where(falling, rate, 0.5 * below)
         low, high = np.where(falling, guess, low), np.where(falling, high, guess)
 
 
-def _place(points: TripPoints, index: Index) -> tuple[Array, Array]:
-    return points.time[index], points.path.position[index]
-
-
-def _closing(contacts: ZoneContacts, points: TripPoints, index: Index) -> Array:
-    """Rate of the distances on the way, m/s."""
+def _closing(zones: ZoneBatch, which: Index, points: TripPoints, index: Index) -> Array:
+    """Rate of the distances on the way, m/s; of discs times the distance of their centres: that changes evenly."""
+    contacts = zones.contacts(which, points.time[index], points.path.position[index])
     velocity = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
     rate: Array = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+    discs = np.flatnonzero((zones.outline_slot[which] < 0) & (zones.slot[which] < 0))
+    rate[discs] *= contacts.distance[discs] + zones.radius[which[discs]]
     return rate
 
 

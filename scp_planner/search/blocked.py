@@ -26,7 +26,7 @@ STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
-FEW_CELLS = 100_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at
+FEW_CELLS = 10_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at
 MOST_MARKED = 1_000_000  # cells at a time
 
 

@@ -407,8 +407,15 @@ class TestScreening:
         assert seen.position(3.0) == pytest.approx(clean.position(3.0))
         assert seen.covariance(3.0) == pytest.approx(clean.covariance(3.0))
 
-    @pytest.mark.parametrize("known", [True, False])
-    @pytest.mark.parametrize("noise", ["general", "isotropic"])
+    @pytest.mark.parametrize(
+        ("known", "noise"),
+        [
+            (True, "general"),
+            (False, "isotropic"),
+            pytest.param(True, "isotropic", marks=pytest.mark.slow),
+            pytest.param(False, "general", marks=pytest.mark.slow),
+        ],
+    )
     def test_gate_seldom_touches_good_observations(self, known: bool, noise: str) -> None:
         rng = np.random.default_rng(22)
         runs, touched = 600, 0
@@ -431,7 +438,7 @@ class TestScreening:
         assert self.error(weighed) < self.error(kept) / 4
         assert weighed.rejected == ()
 
-    @pytest.mark.parametrize("known", [True, False])
+    @pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.slow)])
     def test_huber_weights_cover_with_clean_and_with_spoiled_observations(self, known: bool) -> None:
         rng = np.random.default_rng(23)
         times, runs = np.arange(30) * 0.1, 90

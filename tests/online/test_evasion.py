@@ -148,7 +148,7 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
 def test_vehicle_that_stands_gets_out_of_the_way(steering: Steering) -> None:
     """There is no way to its goal, so it waits, where somebody would walk over it."""
     scenario = scene(
-        disc("walker", (0.1, -6.0), (0.0, 1.0), radius=0.3),
+        disc("walker", (0.1, -4.5), (0.0, 1.0), radius=0.3),
         {"id": "wall", "shape": {"rectangle": [0.4, 20.0], "heading": 0.0}, "motion": {"position": [2.0, 0.0]}},
         bounds={"min": (-5.0, -5.0), "max": (10.0, 5.0)},
         start={"speed": 0.0},
@@ -159,11 +159,11 @@ def test_vehicle_that_stands_gets_out_of_the_way(steering: Steering) -> None:
     planner = Planner(scenario, online=OnlineSettings(period=PERIOD))
     planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
     outcomes = set()
-    for k in range(1, 50):
+    for k in range(1, 36):
         plan = planner.plan
         assert plan is not None and plan.reason
         times = np.linspace((k - 1) * PERIOD, k * PERIOD, 5)
-        walker = np.stack([np.full(5, 0.1), times - 6.0], axis=1)
+        walker = np.stack([np.full(5, 0.1), times - 4.5], axis=1)
         assert np.linalg.norm(plan.position(times) - walker, axis=1).min() >= 0.6 - 1e-9
         outcomes.add(plan.outcome)
         follow(planner, k * PERIOD)
@@ -267,7 +267,8 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     run = sp.simulate(scenario, noise=0.1, rate=10.0, seed=0, world={"a": speeds_up}, online=late)
     assert run.arrived and not run.contact
     assert math.dist(run.position[-1], (20.0, 0.0)) < 0.1
-    assert any("as before" in cycle.reason for cycle in run.records)
+    # where no new turn is safe among zones of any size, the one that was begun still is among smaller ones
+    assert any("as before" in cycle.reason and "times as large" in cycle.reason for cycle in run.records)
 
 
 def test_waiting_is_made_up_for_by_coming_nearer() -> None:
@@ -354,7 +355,8 @@ def promised(plan: OnlinePlan, times: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("seed", "way", "jerk"),
     [
-        *((seed, GiveWay.LATE, None) for seed in (0, 1, 2, 3, 5)),
+        *((seed, GiveWay.LATE, None) for seed in (0, 2, 5)),
+        *(pytest.param(seed, GiveWay.LATE, None, marks=pytest.mark.slow) for seed in (1, 3)),
         (0, GiveWay.EARLY, None),
         (1, GiveWay.EARLY, None),
         (5, GiveWay.LATE, 2.0),

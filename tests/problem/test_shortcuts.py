@@ -91,3 +91,21 @@ def test_no_way_with_two_corners_round_a_slow_place_is_faster() -> None:
     tried = min(duration(np.array([start, a, b, goal])) for a in places for b in places if a[0] <= b[0])
     assert duration(way) < 0.8 * duration(np.array([start, goal]))
     assert duration(way) <= 1.01 * tried
+
+
+def test_it_keeps_away_from_slow_places_if_it_is_to() -> None:
+    """How far it can be moved up before a point of it is slow."""
+    line = [[7.0, -0.4], [10.0, 5.0], [13.0, -0.4]]
+    scenario = scene(speed_limits=[{"from": 2.0, "to": 10.4, "speed": 0.5, "line": line}])
+    problem = problem_of(scenario)
+    slow = slow_stretches(scenario, problem.frame, problem.settings)
+    ground = ground_of(problem, slow)
+    least = []
+    for beside in (0.0, 0.5):
+        way = fastest_way(problem, slow, beside)
+        assert way is not None
+        places = np.concatenate([np.linspace(a, b, 200) for a, b in pairwise(way)])
+        shifts = np.linspace(0.0, 1.0, 101)
+        free = [ground.slowness(places + np.array([0.0, up])).max() < 0.5 for up in shifts]
+        least.append(float(shifts[free.index(False)]))
+    assert least[1] > least[0] + 0.1

@@ -114,8 +114,18 @@ def test_guide_keeps_to_the_lanes(name: str, recorded_data: Path) -> None:
     assert load_commonroad(file_of(recorded_data, name), guide=False).guide is None
 
 
+LONGEST = ("DEU_A9-1_1_T-1", "USA_US101-4_1_T-1")
+
+
 # On the road the default car is too slow for the lane change of ZAM_Merge.
-@pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith("ZAM_Merge")])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in LONGEST else ())
+        for name in NAMES
+        if not name.startswith("ZAM_Merge")
+    ],
+)
 def test_a_certified_plan_reaches_the_goal_in_time(name: str, recorded_data: Path) -> None:
     scenario = load_commonroad(file_of(recorded_data, name))
     plan = sp.plan(scenario)

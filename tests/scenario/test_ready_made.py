@@ -11,7 +11,7 @@ from scp_planner import files
 from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.scenario import ready_made
-from scp_planner.scenario.process_model import ProcessModel
+from scp_planner.scenario.process_model import ProcessModel, SingerAcceleration
 from scp_planner.scenario.units import NaturalUnits
 
 TIMES = np.linspace(-1.9, 0.0, 20)
@@ -54,6 +54,18 @@ def test_a_word_is_a_model_in_a_file_and_in_python(name: str, tmp_path: Path) ->
         jsonschema.validate(contents, sp.Scenario.json_schema())
         files.write(tmp_path / "short.yaml", contents)
         assert sp.Scenario.load(tmp_path / "short.yaml") == scenario
+
+
+def test_figures_of_ship_and_drone_follow_from_what_is_cited() -> None:
+    knots, length = 15 * 1852 / 3600, 10.0  # m/s; s to a length
+    turn = knots**2 / (2.5 * length * knots)  # on half a tactical diameter of 5 lengths
+    top, tilted = 19.0, 9.81 * np.tan(np.pi / 6)
+    cited = {"ship": (turn, 60.0), "drone": (tilted, top / tilted)}
+    for name, (most, lasting) in cited.items():
+        process = ready_made.ready_made(name).process
+        assert isinstance(process, SingerAcceleration)
+        assert process.deviation == pytest.approx(most / np.sqrt(3.0), abs=0.005)  # uniform up to the most
+        assert process.time_constant == pytest.approx(lasting, abs=0.05)
 
 
 def test_every_model_of_the_folder_has_its_word() -> None:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import disc, scene
 from slopes import problem_and_trip
 
+from scp_planner.problem.build import build_problem
 from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.merit import Limit, Penalties
+from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -30,3 +35,22 @@ def test_violations_are_those_of_dense_samples_and_the_merit_is_their_price(degr
     assert found.worst_violation == max(found.zone_violation.max(), found.limit_violation.max())
     price = 7.0 * (found.zone_violation.sum() + found.limit_violation.sum())
     assert found.merit(Penalties.uniform(problem, 7.0)) == pytest.approx(trip.travel_time + price)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_zones_smaller_than_the_way_between_samples_are_entered_as_deep_as_they_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Each would be met at full speed, a little before or behind its middle.
+    places, speeds, early = np.linspace(2.0, 18.0, 9), rng.uniform(0.5, 1.5, 9), rng.uniform(-0.02, 0.02, 9)
+    crossers = [
+        disc(f"c{k}", (float(x), float(-v * (x / 3.0 + s))), (0.0, float(v)), radius=0.02)
+        for k, (x, v, s) in enumerate(zip(places, speeds, early, strict=True))
+    ]
+    scenario = scene(*crossers, vehicle={"radius": 0.02}, start={"speed": 3.0})
+    problem = build_problem(scenario, zones(scenario), Settings())
+    space = problem.space
+    trip = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
+    found = evaluate_trip(problem, trip, 1.0).zone_violation
+    # Both drive straight on: seen from the crosser, the vehicle passes by on a line. Zones are rounded a little.
+    missed = np.abs(early) * speeds * 3.0 / np.hypot(speeds, 3.0)
+    assert found == pytest.approx(problem.zones.radius - missed, abs=1e-6)

@@ -11,7 +11,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
-from scp_planner.scenario.places import Line, Stretch, limits_at
+from scp_planner.scenario.places import Stretch, limits_at
 from scp_planner.trips.path import Path
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
@@ -158,7 +158,7 @@ class SpeedLimits(OptionalLimit):
         gates: list[float] = []
         for part in self.stretches:
             along = part.line.nearest(path.station_positions)
-            gates.extend(_crossing(path, part.line, stations, along, border) for border in (part.first, part.last))
+            gates.extend(_crossing(path, part, stations, along, border) for border in (part.first, part.last))
         sides = np.tile([-1.0, 1.0], len(self.stretches))
         return np.array(gates), sides, np.repeat([part.speed for part in self.stretches], 2)
 
@@ -192,26 +192,34 @@ def squared_speed_gradient(
     return np.concatenate([theta, beta, rho[:, None]], axis=1)
 
 
-def _crossing(path: Path, line: Line, stations: Array, along: Array, border: float) -> float:
-    """Normalised station at which a path first crosses a border upwards; -1 if it does not."""
-    cells = np.flatnonzero((along[:-1] < border) & (along[1:] >= border))
-    if len(cells) == 0:
-        return -1.0
-    low, high = stations[cells[0]], stations[cells[0] + 1]
-    slope = (along[cells[0] + 1] - along[cells[0]]) / (high - low)
-    guess = low + (border - along[cells[0]]) / slope
+def _crossing(path: Path, part: Stretch, stations: Array, along: Array, border: float) -> float:
+    """Normalised station at which a path first crosses a border of a stretch upwards; -1 if it does not."""
+    for cell in np.flatnonzero((along[:-1] < border) & (along[1:] >= border)).tolist():
+        gate = _crossing_in(path, part, stations[cell : cell + 2], along[cell : cell + 2], border)
+        if gate >= 0.0:
+            return gate
+    return -1.0
+
+
+def _crossing_in(path: Path, part: Stretch, cell: Array, along: Array, border: float) -> float:
+    """The same within a cell; -1 where the stations jump over all of the stretch, and the path is never in it."""
+    low, high = cell.tolist()
+    slope = float(along[1] - along[0]) / (high - low)
+    guess = low + (border - float(along[0])) / slope
     for _ in range(CROSSING_STEPS):
-        here = line.nearest(path.points(np.array([guess])).position)[0]
+        here = part.line.nearest(path.points(np.array([guess])).position)[0]
         guess = min(max(guess + (border - here) / slope, low), high)
-    if abs(line.nearest(path.points(np.array([guess])).position)[0] - border) < ON_BORDER * abs(slope) * (high - low):
+    here = part.line.nearest(path.points(np.array([guess])).position)[0]
+    if abs(here - border) < ON_BORDER * float(along[1] - along[0]):
         return float(guess)
     # Inside of a bend of the line the stations jump over the border.
     for _ in range(JUMP_STEPS):
         trials = np.linspace(low, high, JUMP_PARTS + 1)
-        beyond = line.nearest(path.points(trials[1:-1]).position) >= border
+        beyond = part.line.nearest(path.points(trials[1:-1]).position) >= border
         first = int(np.argmax(np.append(beyond, True)))
-        low, high = trials[first], trials[first + 1]
-    return float(high)
+        low, high = float(trials[first]), float(trials[first + 1])
+    inside = part.line.nearest(path.points(np.array([high if border == part.first else low])).position)[0]
+    return high if part.first <= inside <= part.last else -1.0
 
 
 def speed_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:

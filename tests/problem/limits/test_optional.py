@@ -61,7 +61,7 @@ def problem_and_trip(name: str, seed: int) -> tuple[Problem, Trajectory]:
     return problem, trip_near_the_guide(problem, seed)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_rows_of_optional_limits_agree_with_differences(name: str, seed: int) -> None:
     problem, trip = problem_and_trip(name, seed)
@@ -182,6 +182,14 @@ def test_a_slow_stretch_costs_what_the_textbook_says() -> None:
     best = 2 * up + down + 4.0 + (6.0 - 4.0 / 1.5 - 4.0 / 2.0 + 10.0 - 4.0 / 1.5) / 3.0
     assert best <= plan.travel_time <= 1.001 * best
     assert 0.999 < plan.limits["speed_limits[0]"].worst <= 1.0
+
+
+def test_a_stretch_that_a_path_is_never_in_costs_nothing() -> None:
+    """Below the bend of the line the stations jump from before the stretch to beyond it."""
+    line = [[8.0, 0.0], [10.0, 6.0], [12.0, 0.0]]
+    plan = sp.plan(scene(speed_limits=[{"from": 3.0, "to": 9.6, "speed": 1.0, "line": line}]))
+    assert plan.certified, plan.reason
+    assert plan.travel_time < 1.001 * plan.lower_bound
 
 
 def test_what_is_too_fast_for_a_place_is_refused() -> None:

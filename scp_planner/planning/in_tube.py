@@ -1,0 +1,101 @@
+"""Trips that keep a whole tube clear: everywhere that the vehicle may be instead of where its plan has it.
+
+The tube (`scp_planner.estimation.tracking`) is as wide as the speed and the turns of the trip that is looked for, so
+how much room it needs is not known before. It is never narrower than where the vehicle stands, and never wider than its
+bound over all that the vehicle may do. So a first trip is planned among obstacles that are larger by the least of it.
+Whom the tube round that touches, by the certificate, gets as much more room as is missing, and another trip is planned,
+until the certificate holds for the tube; at last all get the most that it can take. So who is passed slowly and
+straight on takes no more room than that asks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from time import perf_counter
+
+from scp_planner.certificate.check import certify
+from scp_planner.certificate.verdict import Certificate, Violation
+from scp_planner.estimation.tracking import TrackingTube
+from scp_planner.planning.plan import Plan, PlanStatus
+from scp_planner.scenario.models import Scenario
+
+ROUNDS = 6
+"""Trips that are planned, at most; the last has the most room that the tube can take."""
+MORE = 1.05
+"""Of what is missing is given: the next trip may be a little faster there."""
+
+PlanOne = Callable[[Scenario, float | None], Plan]
+"""Plans a scenario within a wall time, s."""
+
+
+def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: PlanOne, time_limit: float | None) -> Plan:
+    """Plan a trip whose tube is certified.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    tube : TrackingTube
+    plan_one : callable
+        Plans a scenario with no tube.
+    time_limit : float or None
+        Wall time in s for all of it.
+
+    Returns
+    -------
+    Plan
+        Its clearance is that of the tube, and so is what ``certified`` says.
+
+    Raises
+    ------
+    EstimationError
+        If the vehicle may drive or turn faster than the tube was recorded for.
+    """
+    began, widest = perf_counter(), tube.bound(scenario.vehicle)
+    # From each obstacle by its id, and from the walls of the workspace, None, which all keep at least.
+    rooms: dict[str | None, float] = dict.fromkeys([None, *(one.id for one in scenario.obstacles)], tube.standing)
+    iterations, lower_bound = 0, 0.0
+    for left in reversed(range(ROUNDS)):
+        within = None if time_limit is None else max(time_limit - (perf_counter() - began), 1e-3)
+        made = plan_one(_roomier(scenario, rooms), within)
+        iterations += made.iterations
+        # Every trip with this tube keeps the first, the least room of all; of later ones that is not sure.
+        lower_bound = lower_bound or made.lower_bound
+        found = certify(scenario, made, tube=tube)
+        late = time_limit is not None and perf_counter() - began > time_limit
+        # Where there is no trip with this room, there is none with more.
+        if found.holds or late or not made.certified or min(rooms.values()) >= widest:
+            break
+        rooms = _more(rooms, found.violations, widest) if left > 1 else dict.fromkeys(rooms, widest)
+    whole = replace(made, iterations=iterations, lower_bound=lower_bound, wall_time=perf_counter() - began)
+    return _told(whole, scenario, found)
+
+
+def _told(made: Plan, scenario: Scenario, found: Certificate) -> Plan:
+    """The plan as one of the scenario itself, with what its tube keeps."""
+    told = replace(made, planned=scenario, clearance=found.clearance, limits=found.limits)
+    if found.holds:
+        return replace(told, status=PlanStatus.CERTIFIED, reason=None)
+    why = made.reason or "; ".join(str(violation) for violation in found.violations)
+    status = PlanStatus.FEASIBLE if made.status is PlanStatus.CERTIFIED else made.status
+    return replace(told, status=status, reason=f"with room for the tube of tracking errors: {why}")
+
+
+def _roomier(scenario: Scenario, rooms: Mapping[str | None, float]) -> Scenario:
+    """The scenario with a larger vehicle, and with obstacles that are larger still, by the room from each, m."""
+    radius, walls = scenario.vehicle.radius, rooms[None]
+    obstacles = tuple(
+        one.model_copy(update={"margin": one.margin + max(rooms[one.id] - walls, 0.0)}) for one in scenario.obstacles
+    )
+    vehicle = scenario.vehicle.model_copy(update={"radius": radius + walls})
+    return scenario.model_copy(update={"obstacles": obstacles, "vehicle": vehicle})
+
+
+def _more(rooms: Mapping[str | None, float], violations: Iterable[Violation], widest: float) -> dict[str | None, float]:
+    """The rooms, and so much more of them as is missing from what a tube touches; or most of it from all."""
+    more = dict(rooms)
+    for violation in violations:
+        whom = violation.obstacle if violation.obstacle in rooms else None
+        missing = max(violation.allowed - violation.value, 0.0)
+        more[whom] = min(max(rooms[whom], rooms[None]) + MORE * missing, widest)
+    return more if more != rooms else dict.fromkeys(rooms, widest)

@@ -1,0 +1,90 @@
+"""Regions that follow what came of predictions, against the same done with each prediction alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
+from scp_planner.online import frames
+from scp_planner.online.foretold import Prediction
+from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.track import Seen
+from scp_planner.scenario.models import Model
+from scp_planner.scenario.shapes import Disc
+from scp_planner.settings.online import Regions, Watch
+
+NOISE, STEP, COUNT, FRAMES, LEVEL = 0.1, 0.1, 4, 70, 0.5
+LEADS = (0.0, 1.0, 2.0, 4.0)
+
+
+def tracks_of(regions: Regions) -> ObstacleTracks:
+    """Two that are taken for standing, and two for going straight on."""
+    tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=Watch(regions=regions))
+    for number in range(COUNT):
+        tracks.add_unseen(str(number), Disc(disc=0.3), Model(order=2 * number // COUNT), 0.0, NOISE**2 * np.eye(2))
+    return tracks
+
+
+def frame_of(rng: np.random.Generator, number: int) -> dict[str, Seen]:
+    """All of them swing to and fro, which no polynomial foretells."""
+    time = STEP * number
+    places = np.stack([0.3 * np.sin(time + np.arange(COUNT)), 3.0 * np.arange(COUNT)], axis=1)
+    return {
+        str(k): Seen(time, (float(x), float(y))) for k, (x, y) in enumerate(places + rng.normal(0, NOISE, (COUNT, 2)))
+    }
+
+
+def score_of(told: Prediction, one: Seen) -> float:
+    """By Horner's rule, one element at a time."""
+    lag = one.time - told.origin
+    offset, covariance = np.array(one.position), np.zeros(3)
+    center = np.zeros(2)
+    for row in told.center[::-1]:
+        center = center * lag + row
+    for row in told.covariance[::-1]:
+        covariance = covariance * lag + row
+    border = -2.0 * math.log(1.0 - LEVEL)
+    noise = NOISE**2 * np.array([[1.0, 0.0, 1.0]])
+    return float(region_score([offset - center], [covariance], noise, border)[0])
+
+
+def test_what_came_of_a_frame_is_learnt_as_of_each_prediction_alone() -> None:
+    rng, tracks = np.random.default_rng(4), tracks_of(Regions.ADAPTIVE)
+    expected = AdaptiveScales(1.0 - LEVEL, len(LEADS))
+    told: dict[str, list[Prediction]] = {str(k): [] for k in range(COUNT)}
+    for number in range(FRAMES):
+        seen = frame_of(rng, number)
+        assert frames.take_in(tracks, list(seen), list(seen.values())) == COUNT * [None]
+        for name, one in seen.items():
+            for horizon, lead in enumerate(LEADS):
+                before = [each for each in told[name] if each.origin <= one.time - lead]
+                if before and one.time - before[-1].origin <= lead + 0.4:
+                    expected.take_in(horizon, name, score_of(before[-1], one))
+        tracks.zones(STEP * number)
+        for name, track in tracks.tracks.items():
+            told[name] = [*told[name], *([track.foretold[-1]] if track.foretold else [])]
+    assert np.array_equal(tracks.scales.seen, expected.seen) and expected.seen.min() > 100
+    for name in told:
+        assert tracks.scales.scales(name) == pytest.approx(expected.scales(name), rel=1e-9)
+    assert np.ptp(expected.scales("0")) > 0.1
+
+
+def test_zones_are_sized_by_what_came() -> None:
+    rng, tracks, plain = np.random.default_rng(5), tracks_of(Regions.ADAPTIVE), tracks_of(Regions.MODEL)
+    for number in range(FRAMES):
+        seen = frame_of(rng, number)
+        for each in (tracks, plain):
+            frames.take_in(each, list(seen), list(seen.values()))
+        ours, zones = tracks.zones(STEP * number), plain.zones(STEP * number)
+    scale = -2.0 * math.log(1.0 - LEVEL)
+    now = STEP * (FRAMES - 1)
+    for mine, zone in zip(ours, zones, strict=True):
+        for lead, size in zip(LEADS[1:], tracks.scales.scales(mine.id)[1:], strict=True):
+            (covariance,) = zone.covariance(np.array([now + lead]))
+            flat = covariance[[0, 0, 1], [0, 1, 1]][None] / scale
+            (found,) = mine.covariance(np.array([now + lead]))
+            assert found[[0, 0, 1], [0, 1, 1]] == pytest.approx(scale * sized(flat, [size])[0], rel=1e-6, abs=1e-12)
