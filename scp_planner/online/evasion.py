@@ -354,7 +354,7 @@ class Evasion:
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
         worth = left[0] - left[1] - self._cost(time, near / width, counted / width) * width
-        return _Outlook(least, room, clear, *left, worth)
+        return _Outlook(least, room, clear, left[0], left[1], left[2], worth)
 
     def _way_left(self, moment: Moment, driven: _Driven, time: Array) -> Array:
         """What is left of the way to the goal, m, now, at `GAIN` and at the end, (3, C), of what is driven at times."""
