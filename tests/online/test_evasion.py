@@ -71,9 +71,9 @@ def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: 
         assert np.abs(place - dodges.position[number]).max() < 0.02
         assert np.all(points.speed <= max(LIMITS.speed, speed) + 1e-9)
         assert points.acceleration.max() <= LIMITS.acceleration and points.acceleration.min() >= -LIMITS.deceleration
-        bend = np.abs(trip.trajectory.path.bend(points.path).curvature)
-        assert bend.max() <= LIMITS.curvature
-        assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
+        curvature = np.abs(trip.trajectory.path.bend(points.path).curvature)
+        assert curvature.max() <= LIMITS.curvature
+        assert (curvature * points.speed**2).max() <= LIMITS.lateral_acceleration
         over = dodges.times > dodges.until[number] - dodges.wait
         assert np.all(points.speed[over] <= 1e-9)
 
