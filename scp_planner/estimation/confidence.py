@@ -165,6 +165,16 @@ def course_scale(level: str, alpha: float, times: int) -> float:
 def outside_probability(probability: float) -> float:
     """Give alpha, the probability to be outside of what holds with a probability.
 
+    Parameters
+    ----------
+    probability : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    float
+        Below 1, however small the probability is.
+
     Raises
     ------
     EstimationError
