@@ -78,11 +78,17 @@ class OutOfTimeError(Exception):
 
 
 def look_at_the_clock(deadline: float) -> None:
-    """Give up after a value of :func:`time.perf_counter`.
+    """Give up a check that is late.
+
+    Parameters
+    ----------
+    deadline : float
+        Value of :func:`time.perf_counter`.
 
     Raises
     ------
     OutOfTimeError
+        If it is past that.
     """
     if perf_counter() > deadline:
         raise OutOfTimeError
