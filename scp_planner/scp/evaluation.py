@@ -172,7 +172,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     equidistant = clearance[:, : problem.grid]
     owner, sample, zone = local_minima(equidistant, near)
     sigma = refine_minima(problem.samples.sigma[: problem.grid], equidistant, owner, sample, zone)
-    _settle_minima(problem, bundle, points, owner, sample, zone, sigma)
+    settle_minima(problem, bundle, points, owner, sample, zone, sigma)
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
     violation = _entries(clearance, owner, zone, contacts)
@@ -237,7 +237,7 @@ def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: 
     return grid[inner] + shift * (grid[1] - grid[0])
 
 
-def _settle_minima(
+def settle_minima(
     problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, sample: Index, zone: Index, sigma: Array
 ) -> None:
     """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.

@@ -502,7 +502,7 @@ def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     planner = Planner(
         scenario, replace(online_planner.SETTINGS, tolerance=1e-8), OnlineSettings(iterations=50, improve_every=1)
     )
-    FakeClock(1e-3).rule(monkeypatch)  # from the beginning: what a look has taken says when the next one is begun
+    FakeClock(5e-4).rule(monkeypatch)  # from the beginning: what a look has taken says when the next one is begun
     begin(planner, scenario)
     monkeypatch.setattr(
         "scp_planner.online.decision.ScpLoop.run", _never_good_enough(ScpLoop.run)

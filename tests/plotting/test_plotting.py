@@ -312,7 +312,7 @@ def _assert_legible(figure: Figure) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["tall", "slow-past-a-school", *(pytest.param(n, marks=pytest.mark.slow) for n in ("crossing", "alone", "late"))],
+    ["tall", *(pytest.param(n, marks=pytest.mark.slow) for n in ("slow-past-a-school", "crossing", "alone", "late"))],
 )
 def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
     """So it is in the views of "radar", below."""
