@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import gc
 import logging
 import os
 from collections import Counter
@@ -41,11 +40,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         seen[item.path] += 1
     items[:] = kept
     config.hook.pytest_deselected(items=left_out)
-
-
-def pytest_collection_finish() -> None:
-    """What is there before the first test stays to the end: no need to look through it for garbage again and again."""
-    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

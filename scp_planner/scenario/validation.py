@@ -110,8 +110,11 @@ class Part(BaseModel):
     def __init__(self, **data: Any) -> None:
         try:
             super().__init__(**data)
+            return
         except ValidationError as error:
-            raise ScenarioError(type(self).__name__, faults_of(error)) from None
+            faults = faults_of(error)
+        # Not while the other is handled: it would be pickled as this one's context, where some cannot be read again.
+        raise ScenarioError(type(self).__name__, faults)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name in type(self).model_fields:
