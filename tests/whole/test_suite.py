@@ -41,6 +41,8 @@ SLOWEST = {  # s: a plan that is slower than this has lost something; about 1 % 
     "wait-for-a-convoy": 13.9,
     "weave-through-three-walls": 7.9,
 }
+LONGEST = "slow-past-a-school"
+"""The scene that takes as much work as the others together."""
 BY_ANOTHER = (
     "carry-a-full-tank",
     "drive-a-long-truck",
@@ -141,7 +143,7 @@ def assert_clear(scenario: sp.Scenario, times: Array, place: Array) -> None:
 @pytest.mark.parametrize(
     ("name", "solver"),
     [
-        *((name, "daqp") for name in SCENES),
+        *(pytest.param(n, "daqp", marks=pytest.mark.slow if n == LONGEST else ()) for n in SCENES),
         *(pytest.param(n, "clarabel", marks=() if n in BY_ANOTHER else pytest.mark.slow) for n in SCENES),
     ],
 )
