@@ -71,7 +71,8 @@ def check_trip(
     ----------
     scenario : mapping or path
         Scenario as a plain dict, or a JSON file. An obstacle needs an exact ``motion`` and a shape that is a
-        ``disc``, a ``polygon`` or a ``rectangle``; or, if it is a disc, ``observations`` of known covariance.
+        ``disc``, a ``polygon`` or a ``rectangle``; or, if it is a disc, ``observations`` of known covariance. Of a
+        rectangle that hardly moves on a course only what it covers at any heading is judged.
     position : callable
         (n,) times in s to (n, 2) positions in m.
     start_time, arrival_time : float

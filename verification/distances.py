@@ -11,6 +11,8 @@ import numpy as np
 from verification.differences import Array
 from verification.findings import Finding, Tolerances
 
+HARDLY_MOVES = 0.25  # of the fastest on a course: well above what the planner takes for standing
+
 
 def clearances(
     data: Mapping[str, Any],
@@ -30,14 +32,14 @@ def clearances(
         elif obstacle.get("motion") is None and name in regions:
             clearance = distance_to_observed(obstacle, times, positions, regions[name]) - keep
         else:
-            clearance = _signed_distance(obstacle, times, positions) - keep
+            clearance = signed_distance(obstacle, times, positions) - keep
         worst = int(np.argmin(clearance))
         least = float(clearance[worst])
         found.append(Finding("clearance", least, 0.0, -least, allowed.clearance, float(times[worst]), name))
     return found
 
 
-def _signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
+def signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
     """Distance (n,) from the points to the obstacle at the same times, m; negative inside."""
     name = obstacle["id"]
     motion = obstacle.get("motion")
@@ -89,11 +91,17 @@ def _distance_on_course(obstacle: Mapping[str, Any], times: Array, positions: Ar
         return distances
     if "rectangle" in shape and shape.get("heading") is None:
         length, width = (float(value) / 2.0 for value in shape["rectangle"])
-        ahead = velocities / np.linalg.norm(velocities, axis=1)[:, None]
+        speeds = np.linalg.norm(velocities, axis=1)
+        clock = np.asarray(motion["time"], dtype=float)
+        fastest = np.linalg.norm(_on_course(motion, np.linspace(clock[0], clock[-1], 50 * len(clock)))[1], axis=1).max()
+        ahead = velocities / np.where(speeds > 0.0, speeds, 1.0)[:, None]
         along = np.abs((offsets * ahead).sum(axis=1)) - length
         across = np.abs(ahead[:, 0] * offsets[:, 1] - ahead[:, 1] * offsets[:, 0]) - width
         beyond = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
-        return beyond + np.minimum(np.maximum(along, across), 0.0)
+        # Where it hardly moves its velocity says nothing of its heading: only what it covers at any is known.
+        hardly = speeds < HARDLY_MOVES * fastest
+        anyhow = np.linalg.norm(offsets, axis=1) - min(length, width)
+        return np.where(hardly, anyhow, beyond + np.minimum(np.maximum(along, across), 0.0))
     raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r} on a course")
 
 

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import VEHICLE, scene
+from scipy.interpolate import CubicSpline
 
 import scp_planner
 import verification
 from scp_planner.arrays import Array
 from verification.dense_check import check_samples, check_trip
 from verification.differences import end_heading
-from verification.distances import distance_to_ellipses, distance_to_observed, distance_to_polygon
+from verification.distances import distance_to_ellipses, distance_to_observed, distance_to_polygon, signed_distance
 from verification.findings import DenseReport, Tolerances
 
 
@@ -471,3 +472,15 @@ def test_a_sharp_turn_in_the_middle_is_no_acceleration_along_the_way() -> None:
     assert check_trip(data, position, 0.0, duration).ok
     data["vehicle"]["max_speed"] = speed - 2e-5
     assert refused(check_trip(data, position, 0.0, duration)) == {"speed"}
+
+
+def test_of_a_rectangle_that_hardly_moves_only_the_disc_within_is_known() -> None:
+    """It comes along x, turns round, and goes back: its velocity points along y while it turns."""
+    motion = {"time": [0.0, 1.0, 2.0, 3.0, 4.0], "position": [[0, 0], [1, 0], [1.4, 0.05], [1, 0.1], [0, 0.1]]}
+    obstacle = {"id": "car", "shape": {"rectangle": [2.0, 0.5]}, "motion": motion}
+    at = np.array([0.5, 2.0])
+    centres = CubicSpline(motion["time"], motion["position"], bc_type="natural")(at)
+    found = signed_distance(obstacle, at, centres + np.array([0.0, 0.8]))
+    assert found == pytest.approx([0.8 - 0.25, 0.8 - 0.25], abs=2e-3)
+    found = signed_distance(obstacle, at, centres + np.array([1.2, 0.0]))
+    assert found == pytest.approx([0.2, 1.2 - 0.25], abs=2e-3)
