@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import isfinite
 from time import perf_counter
 
 import daqp
@@ -60,8 +59,9 @@ def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Soluti
     if flag == _CONTRADICTION and not guessed:
         status = SolverStatus.INFEASIBLE
     x, multipliers = np.asarray(x), np.asarray(info["lam"])
-    if not isfinite(x.sum() + multipliers.sum()):
-        status = SolverStatus.FAILED  # it may call nothing a number and the best
+    # It may call nothing a number and the best; what it did not write is whatever stood there, and cannot be summed.
+    if not (np.isfinite(x).all() and np.isfinite(multipliers).all()):
+        status, x, multipliers = SolverStatus.FAILED, np.zeros(len(x)), np.zeros(len(multipliers))
     return Solution(status, x, multipliers)
 
 

@@ -588,3 +588,19 @@ def test_what_is_left_until_the_deadline_is_the_limit_of_the_solver() -> None:
     assert solver.limits
     assert all(0.0 < limit <= 0.5 * LONGEST_SOLVE for limit in solver.limits)
     assert np.all(np.diff(solver.limits) < 0.0)
+
+
+def test_what_daqp_did_not_write_is_a_failure_and_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory may hold numbers that are none and signal that to whoever adds them up."""
+    signalling = np.full(3, 0x7FF0000000000001, dtype=np.uint64).view(float)
+
+    def unwritten(*_: Any, **__: Any) -> tuple[Array, float, int, dict[str, Array]]:
+        return np.zeros(2), 0.0, 1, {"lam": signalling}
+
+    monkeypatch.setattr("daqp.solve", unwritten)
+    program = QuadraticProgram(
+        np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones((1, 2)), np.ones(1), 0, time_limit=LONGEST_SOLVE
+    )
+    found = solver_named("daqp").solve(program)
+    assert found.status is SolverStatus.FAILED
+    assert np.isfinite(found.multipliers).all()

@@ -307,7 +307,7 @@ def test_an_interrupted_plan_exits_with_130(easy: Path, tmp_path: Path, monkeypa
         (["--method", "penalty-descent", "--solver", "osqp"], ["--solver", "osqp", "solves no subproblems"]),
         (["--time-limit", "0"], ["--time-limit", "0", "greater than 0"]),
         (["--time-limit", "nan"], ["--time-limit", "nan", "finite"]),
-        (["--time-limit", "soon"], ["--time-limit", "soon"]),
+        (["--time-limit", "soon"], ["Invalid value for", "--time-limit"]),
         (["--seed", "-1"], ["--seed", "-1: must be at least 0"]),
         (["--samples", "1"], ["--samples", "1: must be at least 2"]),
         (["-o", "no/such/folder/plan.json"], ["--output", "no/such/folder/plan.json", "must exist"]),
