@@ -279,9 +279,12 @@ def _prefixed(prefix: str, summary: dict[str, object]) -> dict[str, object]:
 
 
 def _tell_of_discs(scenario: Scenario) -> None:
+    from scp_planner.scenario.shapes import Ellipse, Rectangle
     from scp_planner.scenario.units import NaturalUnits
     from scp_planner.threat_zones.of_scenario import ZonesOf, taken_for_discs
 
+    if not any(isinstance(obstacle.shape, Rectangle | Ellipse) for obstacle in scenario.obstacles):
+        return  # zones of a corridor, or of what was observed, take their time
     zones = ZonesOf(NaturalUnits.of(scenario).scenario(scenario)).of_others
     for told in taken_for_discs(scenario.obstacles, zones):
         tell(f"{told}: give shape.heading if you know it")

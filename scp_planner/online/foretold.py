@@ -39,19 +39,14 @@ class Prediction:
 
     def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
         """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
-        x, y, covariance = self._error(time, position)
+        powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
+        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
+        covariance = powers[: len(self.covariance)] @ self.covariance
         xx, xy, yy = covariance + noise[[0, 0, 1], [0, 1, 1]]
         determinant = xx * yy - xy * xy
         if determinant <= 0.0 or xx <= 0.0:
             return None  # far from its origin, as for what comes very late, the polynomial is no covariance
         return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
-
-    def _error(self, time: float, position: tuple[float, float]) -> tuple[float, float, Array]:
-        """What a position differs by, m, and the covariance of that, (3,) m^2, without the noise of what is seen."""
-        lag = time - self.origin
-        powers = lag ** np.arange(max(len(self.center), len(self.covariance)))
-        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
-        return x, y, powers[: len(self.covariance)] @ self.covariance
 
 
 class Foretold:

@@ -62,7 +62,7 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     if task.out_of_time or not _may_make_a_detour(problem) or best.travel_time <= DETOUR * runs.lower_bound:
         return [(runs, best)]
     drive = min(_drives(runs), key=lambda one: one.estimate, default=None)
-    if drive is None or runs.task.out_of_time:
+    if drive is None or task.out_of_time:
         return [(runs, best)]
     again = drive.runs
     if best.holds:

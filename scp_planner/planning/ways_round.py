@@ -88,13 +88,14 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """
         self._known = known
         best = self.try_all(self._branches())
-        if self.certified or self._near is None or self.out_of_time:
-            return best if self.certified else self._near
-        if self._near.run.evaluation.worst_violation < OFF:
-            self.tally.tried += 1
-            patient = self.runs.attempt(self._failed[0].start(CLOSE_SMOOTHING), known, loop=self.runs.patient_loop)
-            return patient if patient.holds else self._near
-        return self._near
+        if self.certified:
+            return best
+        near = self._near
+        if near is None or self.out_of_time or near.run.evaluation.worst_violation >= OFF:
+            return near
+        self.tally.tried += 1
+        patient = self.runs.attempt(self._failed[0].start(CLOSE_SMOOTHING), known, loop=self.runs.patient_loop)
+        return patient if patient.holds else near
 
     def _goal_is_covered(self) -> bool:
         """Whether it is proved that what stands there lets no trip arrive."""

@@ -16,7 +16,7 @@ from scp_planner.scp.iterations import Iterations, LoopSetup
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.projection import Projection, trip_after
-from scp_planner.scp.record import FEASIBILITY, LoopRun
+from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.step_solver import StepSolver
@@ -156,8 +156,9 @@ def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: R
     begun = perf_counter()
     evaluation = yield from evaluated(start)
     run = yield from Iterations(setup, evaluation, trust, limits, cutoff, begun).steps()
-    missed = setup.projection.misses_goal_speed(run.evaluation.trajectory)
-    if missed and run.evaluation.worst_violation <= setup.parameters.grave and setup.problem.given is None:
+    given_up = run.status in (LoopStatus.SLOWER, LoopStatus.SAME_WAY)
+    near = run.evaluation.worst_violation <= setup.parameters.grave and setup.problem.given is None
+    if near and not given_up and setup.projection.misses_goal_speed(run.evaluation.trajectory):
         run.evaluation = yield from _at_goal_speed(run, setup, limits.deadline)
     return run
 
@@ -167,11 +168,11 @@ def _at_goal_speed(run: LoopRun, setup: LoopSetup, deadline: float) -> Generator
     projection, found = setup.projection, run.evaluation
     deadline = max(deadline, perf_counter() + setup.parameters.last_mend)
     for _ in range(setup.parameters.projections):
-        if not projection.misses_goal_speed(found.trajectory):
-            break
         rows = yield from linearised(found, setup.parameters.retry_trust)
         nearest = projection.mended(found.trajectory, rows, len(run.penalties.weights), deadline)
         if nearest is None:
             return run.evaluation
         found = yield from evaluated(nearest)
+        if not projection.misses_goal_speed(found.trajectory):
+            break
     return found if found.worst_violation <= max(FEASIBILITY, run.evaluation.worst_violation) else run.evaluation

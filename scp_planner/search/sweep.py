@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Index
 from scp_planner.search.grid import DELAYS, EACH_STATION, Grid, Words
 
-ONE = np.uint64(1)
 WORD_BYTES = DELAYS // 8
 FIRST_DELAYS = np.array([2**count - 1 for count in range(DELAYS + 1)], dtype="<u8")[:, None].view(np.uint8)
 STRETCH = 64  # stations whose cells are made into integers together
