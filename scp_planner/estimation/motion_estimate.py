@@ -229,7 +229,7 @@ class PolynomialEstimate(MotionEstimate):
         # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
         # standardising removes. So infinite times are as good as any other.
         first, last = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
-        return integrate(self._angular_speed, first, last)
+        return float(integrate(self._angular_speed, first, last))
 
     def _rows(self, t: ArrayLike, derivative: int = 0) -> Array:
         """Give the derivative in time of the powers of s: t (...), s, to (..., p)."""
@@ -309,17 +309,20 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
     return 2.0 / math.pi * np.sqrt(large) * np.asarray(ellipe(flatness))
 
 
-def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> float:
-    """Integrate a smooth function >= 0 by Gauss-Legendre panels, doubled until two answers agree."""
-    previous, panels, rule = math.inf, 2, gauss_rule(_PANEL_NODES)
+def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Array:
+    """Integrate smooth functions >= 0, of times (L,) to (..., L), by Gauss-Legendre panels until two answers agree."""
+    panels, rule = 2, gauss_rule(_PANEL_NODES)
+    answer: Array | None = None
     while True:
         edges = np.linspace(start, stop, panels + 1)
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
-        total = half * float(values.reshape(panels, -1).sum(axis=0) @ rule.weights)
-        if abs(total - previous) <= _LENGTH_TOLERANCE * total or panels >= _MOST_PANELS:
-            return total
-        previous, panels = total, 2 * panels
+        total = half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights)
+        if answer is not None:
+            agree = np.abs(total - answer) <= _LENGTH_TOLERANCE * total
+            if panels >= _MOST_PANELS or np.all(agree):
+                return np.asarray(total)
+        answer, panels = total, 2 * panels
 
 
 def shift_powers(count: int, shift: float, scale: float) -> Array:

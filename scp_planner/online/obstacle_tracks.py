@@ -20,7 +20,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
-from scp_planner.estimation.motion_estimate import PolynomialEstimate
+from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
+from scp_planner.estimation.process_estimate import foretell
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online import regions
 from scp_planner.online.foresight import Learning
@@ -282,11 +283,14 @@ class ObstacleTracks:
         estimated = sum(track.uncertain for track in tracks)
         level = Level(self.confidence, estimated)
         made = self._together(tracks, start, level)
+        alone = (track for track in tracks if track.fixed is None and track.id not in made)
+        estimates = {track.id: track.estimate(self.newcomers) for track in alone}
+        foretell(estimates.values(), start, HORIZON)
         for track in tracks:
             if track.fixed is not None:
                 continue
             if track.id not in made:
-                made[track.id] = self._alone(track, start, level)
+                made[track.id] = self._alone(track, estimates[track.id], start, level)
             compared = track.given is None and track.predicted is not None
             if self.watch.regions is Regions.ADAPTIVE and compared:
                 assert track.predicted is not None, "it is compared"
@@ -367,8 +371,7 @@ class ObstacleTracks:
             return False  # regions that are scaled by what came of them are of positions alone
         return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
-    def _alone(self, track: ObstacleTrack, start: float, level: Level) -> ThreatZone:
-        estimate = track.estimate(self.newcomers)
+    def _alone(self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level) -> ThreatZone:
         if isinstance(estimate, PolynomialEstimate) and track.settled:
             estimate = estimate.with_manoeuvre(self.manoeuvre)
         start = max(start, estimate.earliest)
