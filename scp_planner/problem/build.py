@@ -122,15 +122,9 @@ def _breakpoints(
 
 def slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
     """Return the speed limits by place in the planning frame, less the margins."""
-    keep = kept_of_limits(settings)
-    return tuple(
-        replace(
-            part,
-            line=Line(np.round(frame.to_frame(part.line.points), DECIMALS)),
-            speed=min(part.speed * keep, part.speed),
-        )
-        for part in stretches(scenario)
-    )
+    keep, found = kept_of_limits(settings), stretches(scenario)
+    lines = {part.line: Line(np.round(frame.to_frame(part.line.points), DECIMALS)) for part in found}
+    return tuple(replace(part, line=lines[part.line], speed=min(part.speed * keep, part.speed)) for part in found)
 
 
 def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, limits: Limits) -> SpeedProfile:
