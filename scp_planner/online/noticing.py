@@ -358,7 +358,7 @@ class Bank:
         apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
         if not apart.all():
             slots, rows = slots[apart], rows[..., apart]
-        return third_differences(rows[0].T, rows[1:].transpose(2, 1, 0), self._whiten[_run(slots)])
+        return third_differences(rows[0], rows[1:], self._whiten[_run(slots)])
 
 
 def _run(slots: Index) -> Where:

@@ -271,6 +271,30 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     assert any("as before" in cycle.reason and "times as large" in cycle.reason for cycle in run.records)
 
 
+def test_the_last_trip_is_gone_on_with_where_it_leads_between_smaller_zones() -> None:
+    """Two posts at the way turn out to be known badly when the vehicle can neither stop nor turn before them."""
+
+    def foretold(side: float, deviation: float) -> dict[str, Any]:
+        spread = [[deviation**2, 0.0], [0.0, deviation**2]]
+        return {"time": [0.0, 30.0], "position": 2 * [[19.0, side]], "covariance": 2 * [spread]}
+
+    posts = {"left": 1.6, "right": -1.6}
+    planner = Planner(scene(*(disc(name, (19.0, side)) for name, side in posts.items()), start={"speed": 3.0}))
+    first = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    assert first.certified
+    for name, side in posts.items():
+        planner.update_motion(name, foretold(side, 0.35))
+    for time in (17.0 / 3.0, 17.4 / 3.0):
+        plan = follow(planner, time)
+        assert plan.outcome is Outcome.KEPT and not plan.safe and not plan.certified
+        assert plan.reason is not None and plan.reason.startswith("goes on") and "0.75 times" in plan.reason
+        assert plan.arrival_time == pytest.approx(first.arrival_time, abs=1e-9)
+    for zone in planner.zones:
+        region = math.sqrt(zone.covariance(np.array([6.0]))[0, 0, 0])
+        room = 1.6 - 0.5 - 0.3
+        assert 0.75 * region < room < region
+
+
 def test_waiting_is_made_up_for_by_coming_nearer() -> None:
     means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
     waiting = Waiting((8.0, 0.0))
