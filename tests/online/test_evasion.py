@@ -475,6 +475,16 @@ def test_ellipses_reach_as_far_as_their_inverses_say() -> None:
     assert np.einsum("ni,nij,nj->n", points, np.linalg.inv(matrices), points) == pytest.approx(np.ones(40), rel=1e-6)
 
 
+@pytest.mark.parametrize(("speed", "acceleration"), [(3.0, 1.5), (1.0, 5.0)])
+def test_a_stop_stays_clear_until_the_vehicle_could_have_got_away(speed: float, acceleration: float) -> None:
+    scenario = scene(vehicle={"max_speed": speed, "max_acceleration": acceleration}, start={"speed": 0.0})
+    planner = Planner(scenario)
+    wait = planner._means.wait * planner._units.time
+    times = np.linspace(0.0, wait, 100_001)
+    driven = np.trapezoid(np.minimum(acceleration * times, speed), times)
+    assert driven == pytest.approx(4.0 * 2.0 * scenario.vehicle.radius, rel=1e-6)
+
+
 def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
     """Somebody comes over where it would stand, three seconds after it would: that counts only if one looks so far."""
     walker = disc("walker", (4.0, -8.0), (0.0, 1.0), radius=0.4)
