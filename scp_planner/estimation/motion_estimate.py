@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,6 +151,7 @@ class PolynomialEstimate(MotionEstimate):
     coefficients: Array
     coefficient_covariance: Array
     rejected: tuple[int, ...] = ()
+    _lengths: dict[tuple[float, float], float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def velocity(self) -> Array:
@@ -226,10 +227,13 @@ class PolynomialEstimate(MotionEstimate):
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if self.order == 0 or start == stop:
             return 0.0
-        # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
-        # standardising removes. So infinite times are as good as any other.
-        first, last = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
-        return float(integrate(self._angular_speed, first, last))
+        if (start, stop) not in self._lengths:
+            self.keep((start, stop), float(lengths_together([self], start, stop)[0]))
+        return self._lengths[start, stop]
+
+    def keep(self, asked: tuple[float, float], length: float) -> None:
+        """Keep the standardised length over a span of time from start to stop, s."""
+        self._lengths[asked] = length
 
     def _rows(self, t: ArrayLike, derivative: int = 0) -> Array:
         """Give the derivative in time of the powers of s: t (...), s, to (..., p)."""
@@ -239,27 +243,55 @@ class PolynomialEstimate(MotionEstimate):
             rows[..., k] = math.perm(k, derivative) / self.time_scale**derivative * s ** (k - derivative)
         return rows
 
-    def _angular_speed(self, angles: Array) -> Array:
-        sine, cosine = np.sin(angles), np.cos(angles)
-        rows: list[Array] = []
-        slopes: list[Array] = []
-        for k in range(self.order + 1):
-            m = self.order - k
-            rows.append(sine**k * cosine**m)
-            slope = np.zeros_like(sine)
-            if k:
-                slope += k * sine ** (k - 1) * cosine ** (m + 1)
-            if m:
-                slope -= m * sine ** (k + 1) * cosine ** (m - 1)
-            slopes.append(slope)
-        both = np.stack([np.stack(rows), np.stack(slopes)])  # (2, p, nodes)
-        if self.regressors is not None:
-            # the covariance is a spread (p, p) times a matrix that standardising removes
-            spread = self.coefficient_covariance[:, 0, :, 0]
-            (error, cross), (_, rate) = np.einsum("ajn,jk,bkn->abn", both, spread, both)
-            return np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error
-        blocks = np.einsum("ajn,jckd,bkn->abncd", both, self.coefficient_covariance, both)
-        return standardised_speed(blocks[0, 0], blocks[0, 1], blocks[1, 1])
+
+def lengths_together(estimates: Sequence[PolynomialEstimate], start: float, stop: float) -> Array:
+    """Standardised lengths of polynomial motions of one order, in powers of the same times: (n,).
+
+    Either all of them are regressions, or none is.
+    """
+    first = estimates[0]
+    order, of_regressions = first.order, first.regressors is not None
+    covariance = np.stack([one.coefficient_covariance for one in estimates])
+    # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
+    # standardising removes. So infinite times are as good as any other.
+    begin, end = (math.atan((t - first.center_time) / first.time_scale) for t in (start, stop))
+    pairs = covariance.transpose(0, 1, 3, 2, 4).reshape(len(estimates), (order + 1) ** 2, 4)
+
+    def speeds(angles: Array) -> Array:
+        rows, slopes = _turning_rows(order, angles)
+        products = np.concatenate([one[:, :, None] * other[:, None] for one, other in _both(rows, slopes)])
+        blocks = products.reshape(3 * len(angles), -1) @ pairs
+        if of_regressions:  # the covariance is a spread (p, p) times a matrix that standardising removes
+            error, cross, rate = np.moveaxis(blocks[..., 0].reshape(-1, 3, len(angles)), 1, 0)
+            return np.asarray(np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error)
+        error, cross, rate = np.moveaxis(blocks.reshape(-1, 3, len(angles), 2, 2), 1, 0)
+        return standardised_speeds(error, cross, rate)
+
+    return integrate(speeds, begin, end)
+
+
+def _both(rows: Array, slopes: Array) -> tuple[tuple[Array, Array], ...]:
+    return (rows, rows), (rows, slopes), (slopes, slopes)
+
+
+def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
+    """Rows (cos^2, sin cos, sin^2), or as many as the order has, at angles (L,), and their derivatives: (L, p) each."""
+    sine, cosine = np.sin(angles), np.cos(angles)
+    rows, slopes = np.empty((len(angles), order + 1)), np.zeros((len(angles), order + 1))
+    for k in range(order + 1):
+        m = order - k
+        rows[:, k] = sine**k * cosine**m
+        if k:
+            slopes[:, k] += k * sine ** (k - 1) * cosine ** (m + 1)
+        if m:
+            slopes[:, k] -= m * sine ** (k + 1) * cosine ** (m - 1)
+    return rows, slopes
+
+
+def standardised_speeds(error: Array, cross: Array, rate: Array) -> Array:
+    """As `standardised_speed`, of motions (n, L, 2, 2): (n, L)."""
+    flat = (one.reshape(-1, 2, 2) for one in (error, cross, rate))
+    return standardised_speed(*flat).reshape(error.shape[:2])
 
 
 def manoeuvre_covariance(deviation: float, noise: Array) -> Array:

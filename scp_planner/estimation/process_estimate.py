@@ -7,7 +7,7 @@ over a span of time are found as for polynomial motions (`scp_planner.estimation
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -172,33 +172,3 @@ def spans_of(estimates: Sequence[ProcessEstimate]) -> ProcessSpans:
     mean = np.stack([one.mean for one in estimates])
     covariance = np.stack([one.state_covariance for one in estimates])
     return ProcessSpans(first.dynamics, first.tails, first.reference_time, mean, covariance)
-
-
-def foretell(estimates: Iterable[MotionEstimate], start: float, span: float) -> None:
-    """Compute at once what several motions with process noise will be asked for, and have them keep it.
-
-    What each of them gives is the same as without this, but for rounding, and takes no time any more. Other motions
-    are left alone.
-
-    Parameters
-    ----------
-    estimates : iterable of MotionEstimate
-    start : float
-        From which on they are asked for, or from their last observation on if that is later, s.
-    span : float
-        For how long, s.
-    """
-    alike: dict[tuple[Dynamics, Tails | None, float], list[ProcessEstimate]] = {}
-    for one in estimates:
-        if isinstance(one, ProcessEstimate):
-            alike.setdefault((one.dynamics, one.tails, one.reference_time), []).append(one)
-    for some in alike.values():
-        begin = max(start, some[0].earliest)
-        asked = begin, begin + span
-        first, last = (float(some[0].lead(time)) for time in asked)
-        spans = spans_of(some)
-        for one, length in zip(some, spans.lengths(first, last).tolist(), strict=True):
-            one.keep(asked, length)
-        if not isinstance(spans.dynamics, WhiteJerk):
-            for one, pieces in zip(some, spans.pieces(first, last), strict=True):
-                one.keep(asked, pieces)

@@ -15,7 +15,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.estimation.dynamics import Dynamics, RandomWalk
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, MotionPolynomials, integrate, standardised_speed
+from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, MotionPolynomials, integrate, standardised_speeds
 from scp_planner.scenario.process_model import Tails
 
 CENTER_TOLERANCE = 1e-3
@@ -151,8 +151,7 @@ def _lengths(spans: ProcessSpans, first: float, last: float, scale: float) -> Ar
     """Lengths between two lead times, s, by an integral over the logarithm of the time in units of a scale, s: (n,)."""
 
     def speeds(u: Array) -> Array:
-        error, cross, rate = (one.reshape(-1, 2, 2) for one in spans.rates(scale * np.expm1(u)))
-        return scale * np.exp(u) * standardised_speed(error, cross, rate).reshape(-1, len(u))
+        return scale * np.exp(u) * standardised_speeds(*spans.rates(scale * np.expm1(u)))
 
     return integrate(speeds, math.log1p(first / scale), math.log1p(last / scale))
 

@@ -20,8 +20,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
+from scp_planner.estimation.foretelling import foretell
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
-from scp_planner.estimation.process_estimate import foretell
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online import regions
 from scp_planner.online.foresight import Learning
@@ -284,7 +284,7 @@ class ObstacleTracks:
         level = Level(self.confidence, estimated)
         made = self._together(tracks, start, level)
         alone = (track for track in tracks if track.fixed is None and track.id not in made)
-        estimates = {track.id: track.estimate(self.newcomers) for track in alone}
+        estimates = {track.id: self._estimate(track) for track in alone}
         foretell(estimates.values(), start, HORIZON)
         for track in tracks:
             if track.fixed is not None:
@@ -379,9 +379,13 @@ class ObstacleTracks:
             return False  # regions that are scaled by what came of them are of positions alone
         return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
-    def _alone(self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level) -> ThreatZone:
+    def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
+        estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
-            estimate = estimate.with_manoeuvre(self.manoeuvre)
+            return estimate.with_manoeuvre(self.manoeuvre)
+        return estimate
+
+    def _alone(self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level) -> ThreatZone:
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)

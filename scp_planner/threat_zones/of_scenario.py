@@ -212,7 +212,7 @@ def _estimates(scenario: Scenario, some: Iterable[int]) -> dict[int, MotionEstim
     if not unknown:
         return {}
     from scp_planner.estimation.estimate import estimate_obstacle
-    from scp_planner.estimation.process_estimate import foretell
+    from scp_planner.estimation.foretelling import foretell
 
     estimates = {k: estimate_obstacle(scenario.obstacles[k]) for k in unknown}
     foretell(estimates.values(), scenario.start.time, HORIZON)

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from scp_planner.estimation import process_estimate
+from scp_planner.estimation import motion_estimate, process_estimate
+from scp_planner.estimation.estimate import estimate_obstacle
+from scp_planner.estimation.foretelling import foretell
+from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.motion_filter import estimate_process
-from scp_planner.estimation.process_estimate import ProcessEstimate, foretell, spans_of
+from scp_planner.estimation.process_estimate import ProcessEstimate, spans_of
+from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.process_model import ProcessModel, Tails
 
 pytestmark = pytest.mark.numerics
@@ -47,6 +52,55 @@ def test_many_at_once_are_what_each_is_alone(kind: str, tails: Tails | None) -> 
         assert shared.covariance_error == pytest.approx(single.covariance_error, rel=1e-6, abs=1e-15)
 
 
+def tracked(seed: int, accelerations: bool) -> MotionEstimate:
+    """What a tracker says of an obstacle, with a covariance of any shape."""
+    rng = np.random.default_rng(seed)
+    size = 6 if accelerations else 4
+    root = rng.normal(size=(size, size)) * 10.0 ** rng.uniform(-2.0, 1.0, size)
+    given: dict[str, Any] = {
+        "time": 1.0,
+        "position": rng.normal(size=2).tolist(),
+        "velocity": rng.normal(size=2).tolist(),
+        "covariance": (root @ root.T).tolist(),
+    }
+    if accelerations:
+        given["acceleration"] = rng.normal(size=2).tolist()
+    obstacle = {"id": "one", "shape": {"disc": 0.3}, "estimate": given, "model": {"manoeuvre": 0.5 * (seed % 2)}}
+    return estimate_obstacle(Obstacle.model_validate(obstacle))
+
+
+@pytest.mark.parametrize("accelerations", [False, True])
+def test_many_of_a_tracker_at_once_are_what_each_is_alone(accelerations: bool) -> None:
+    alone, together = ([tracked(seed, accelerations) for seed in range(9)] for _ in range(2))
+    foretell([*together, seen("singer", 1)], 1.5, SPAN)
+    lengths = [one.standardised_length(1.5, 1.5 + SPAN) for one in alone]
+    assert [one.standardised_length(1.5, 1.5 + SPAN) for one in together] == pytest.approx(lengths, rel=1e-9)
+    for one, length in zip(alone[:2], lengths, strict=False):
+        assert isinstance(one, PolynomialEstimate)
+        assert length == pytest.approx(length_by_sums(one, 1.5, 1.5 + SPAN), rel=1e-4)
+
+
+def length_by_sums(one: PolynomialEstimate, start: float, stop: float) -> float:
+    """The definition: the mean of (u' Lambda u)^1/2 over directions u, summed over time, with LAPACK's factors."""
+    angles = (np.arange(200) + 0.5) * np.pi / 200
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    edges = one.center_time + np.geomspace(start - one.center_time, stop - one.center_time, 1501)
+    total = 0.0
+    for time, width in zip(0.5 * (edges[1:] + edges[:-1]), np.diff(edges), strict=True):
+        powers = np.arange(one.order + 1)
+        row = (time - one.center_time) ** powers
+        slope = powers * (time - one.center_time) ** np.maximum(powers - 1, 0)
+        error, cross, rate = (
+            np.einsum("j,jakb,k->ab", left, one.coefficient_covariance, right)
+            for left, right in ((row, row), (row, slope), (slope, slope))
+        )
+        inverse = np.linalg.inv(np.linalg.cholesky(error))
+        given = inverse @ (rate - cross.T @ np.linalg.solve(error, cross)) @ inverse.T
+        squares = np.einsum("na,ab,nb->n", directions, given, directions)
+        total += width * float(np.mean(np.sqrt(np.maximum(squares, 0.0))))
+    return total
+
+
 def test_what_was_foretold_is_not_computed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     some = [*(seen("singer", seed) for seed in range(3)), *(seen("mean_reverting", seed, TAILS) for seed in range(2))]
     start = some[0].earliest
@@ -56,6 +110,7 @@ def test_what_was_foretold_is_not_computed_again(monkeypatch: pytest.MonkeyPatch
         raise AssertionError("was known")
 
     monkeypatch.setattr(process_estimate, "spans_of", never)
+    monkeypatch.setattr(motion_estimate, "lengths_together", never)
     for one in some:
         assert one.standardised_length(start, start + SPAN) > 0.0
         assert one.polynomials(start, start + SPAN).breakpoints[-1] == start + SPAN
