@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -152,6 +153,9 @@ class PolynomialEstimate(MotionEstimate):
     coefficient_covariance: Array
     rejected: tuple[int, ...] = ()
     _lengths: dict[tuple[float, float], float] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _known: dict[tuple[float, float], MotionPolynomials] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def velocity(self) -> Array:
@@ -209,16 +213,19 @@ class PolynomialEstimate(MotionEstimate):
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
         """Centre and covariance over [start, stop], s: one piece, exact."""
         check_span(start, stop)
+        if (start, stop) not in self._known:  # zones and what compares predictions ask for the same
+            self._known[start, stop] = self._over(start, stop)
+        return self._known[start, stop]
+
+    def _over(self, start: float, stop: float) -> MotionPolynomials:
         p = self.order + 1
         to_local = shift_powers(p, (start - self.center_time) / self.time_scale, self.time_scale)
         center = np.zeros((1, POLYNOMIAL_TERMS, 2))
         center[0, :p] = to_local @ self.coefficients
-        local = np.einsum("ki,iajb,lj->kalb", to_local, self.coefficient_covariance, to_local)
-        covariance = np.zeros((1, POLYNOMIAL_TERMS, 3))
-        for k in range(p):
-            for m in range(p):
-                block = local[k, :, m, :]
-                covariance[0, k + m] += (block[0, 0], 0.5 * (block[0, 1] + block[1, 0]), block[1, 1])
+        pairs = self.coefficient_covariance.transpose(0, 2, 1, 3).reshape(p, p, 4)
+        local = np.tensordot(to_local, np.tensordot(to_local, pairs, (1, 1)), (1, 1))
+        xx, xy, yx, yy = (_sums_of_powers(p) @ local.reshape(p * p, 4)).T
+        covariance = np.stack([xx, 0.5 * (xy + yx), yy], axis=1)[None]
         return MotionPolynomials(np.array([start, stop], dtype=float), center, covariance)
 
     def standardised_length(self, start: float = -math.inf, stop: float = math.inf) -> float:
@@ -292,6 +299,13 @@ def standardised_speeds(error: Array, cross: Array, rate: Array) -> Array:
     """As `standardised_speed`, of motions (n, L, 2, 2): (n, L)."""
     flat = (one.reshape(-1, 2, 2) for one in (error, cross, rate))
     return standardised_speed(*flat).reshape(error.shape[:2])
+
+
+@lru_cache(maxsize=8)
+def _sums_of_powers(count: int) -> Array:
+    """Matrix (POLYNOMIAL_TERMS, count^2) from coefficients of products of powers to those of powers."""
+    powers = np.add.outer(np.arange(count), np.arange(count)).ravel()
+    return np.asarray(np.arange(POLYNOMIAL_TERMS)[:, None] == powers, dtype=float)
 
 
 def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
