@@ -109,3 +109,12 @@ def test_many_small_zones_get_shorter_spans_and_few_or_large_ones_do_not() -> No
     assert spans(91, 0.2) == usual
     assert spans(91, 0.02, Settings(path_span=1.6)) < usual
     assert spans(91, 0.02, Settings(max_path_spans=25)) == 25
+
+
+def test_where_arrivals_count_in_steps_a_gain_within_one_is_none(among: Found) -> None:
+    assert among.best.holds
+    assert among.may_count(0.0) and among.may_count(np.inf)
+    time = among.best.travel_time
+    steps = Found(CheckedRuns(replace(among.runs.task, arrival_step=0.3 * time)), among.best, among.most)
+    assert not steps.may_count(0.05 * time)  # the steps are at 0.9 and 1.2 times the travel time
+    assert steps.may_count(0.11 * time) and steps.may_count(np.inf)
