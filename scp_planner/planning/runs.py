@@ -28,6 +28,7 @@ from scp_planner.scp.goal import ArrivalSteps
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.search.grid import typical_radius
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
@@ -223,7 +224,10 @@ class CheckedRuns:
         return attempt
 
     def _loop(self, problem: Problem, hopeless_after: int | None = None, steps: ArrivalSteps | None = None) -> ScpLoop:
-        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, SPARING, steps)
+        radius = typical_radius(problem.zones)
+        # Trips on different sides of what is small are near to each other.
+        apart = SPARING.same_way if radius is None else min(SPARING.same_way, radius)
+        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, replace(SPARING, same_way=apart), steps)
 
     def _asking_for_more(self, problem: Problem, certificate: Certificate, urgency: float) -> Problem:
         if met_what_was_left_out(problem, certificate):
