@@ -11,10 +11,10 @@ from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY_TIME, Stop, Vetted, refused
+from scp_planner.online.vetting import TINY_TIME, Moment, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
@@ -86,16 +86,38 @@ class Fallback:
         if promised is not None:
             text = f"{why}; the last plan's stop is gone on with"
             return self._means.plan_of(promised, now, Outcome.BRAKING, text)
-        lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
+        lower = self._at_lower_level(now, why) if now.moment.growing else None
         if lower is not None:
-            risky, share = lower
-            before_too = " as before" if now.last is not None and risky.trip is now.last.trip else ""
-            text = f"{_what(risky)}{before_too}: {why}; clear of zones whose uncertainty is {share:g} times as large"
-            return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
+            return lower
         if before is not None:
             text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
             return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
         return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
+
+    def _at_lower_level(self, now: Replan, why: str) -> OnlinePlan | None:
+        """Go on, or get out of the way, at the highest lower level at which either is clear of zones."""
+        last = now.last if now.last is not None and now.last.outcome not in AWAY else None
+        for share in LOWER_LEVELS:
+            moment = now.moment.with_smaller_zones(share)
+            text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
+            kept = None if last is None else self._goes_on(moment, last)
+            now.lap("certificate")
+            if kept is not None:
+                return self._means.plan_of(kept, now, Outcome.KEPT, f"goes on: {text}")
+            dodge = self._evasion.at_lower_level(now, moment)
+            if dodge is not None:
+                before = " as before" if now.last is not None and dodge.trip is now.last.trip else ""
+                risky = Vetted(dodge.trip, refused(dodge.certificate), None)
+                return self._means.plan_of(risky, now, dodge.outcome, f"{_what(dodge)}{before}: {text}")
+        return None
+
+    def _goes_on(self, moment: Moment, last: OnlinePlan) -> Vetted | None:
+        """The last trip, which is not safe, if it would be among smaller zones; None if not."""
+        vetting = self._means.vetting
+        kept = vetting.vet_kept(moment, last.trip)
+        if kept is None:
+            kept = vetting.vet_on(moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
+        return None if kept is None else Vetted(last.trip, refused(kept.certificate), None, kept.violation)
 
     def _as_promised(self, now: Replan) -> Vetted | None:
         """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""

@@ -20,7 +20,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
-from scp_planner.estimation.motion_estimate import PolynomialEstimate
+from scp_planner.estimation.foretelling import foretell
+from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online import regions
 from scp_planner.online.foresight import Learning
@@ -281,12 +282,16 @@ class ObstacleTracks:
         tracks = [track for track in self.tracks.values() if track.seen]
         estimated = sum(track.uncertain for track in tracks)
         level = Level(self.confidence, estimated)
-        made = self._together(tracks, start, level)
+        headings = self._bounds_headings(tracks)
+        made = self._together(tracks, start, level, headings)
+        alone = (track for track in tracks if track.fixed is None and track.id not in made)
+        estimates = {track.id: self._estimate(track) for track in alone}
+        foretell(estimates.values(), start, HORIZON)
         for track in tracks:
             if track.fixed is not None:
                 continue
             if track.id not in made:
-                made[track.id] = self._alone(track, start, level)
+                made[track.id] = self._alone(track, estimates[track.id], start, level, headings)
             compared = track.given is None and track.predicted is not None
             if self.watch.regions is Regions.ADAPTIVE and compared:
                 assert track.predicted is not None, "it is compared"
@@ -300,14 +305,16 @@ class ObstacleTracks:
         assert track.fixed is not None
         return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
 
-    def _together(self, tracks: Sequence[ObstacleTrack], start: float, level: Level) -> dict[str, ThreatZone]:
+    def _together(
+        self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
+    ) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
         groups: dict[int, list[ObstacleTrack]] = {}
         alarmed: dict[int, list[ObstacleTrack]] = {}
         for track in tracks:
             if track.fixed is not None or track.estimator is None or not track.simple:
                 continue
-            if self._bounds_headings(tracks) and track.body.turning is not None and not track.alarmed:
+            if headings and track.body.turning is not None and not track.alarmed:
                 continue  # its heading is estimated, too
             if track.alarmed:
                 alarmed.setdefault(track.model.order, []).append(track)
@@ -375,17 +382,22 @@ class ObstacleTracks:
             return False  # regions that are scaled by what came of them are of positions alone
         return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
-    def _alone(self, track: ObstacleTrack, start: float, level: Level) -> ThreatZone:
+    def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
-            estimate = estimate.with_manoeuvre(self.manoeuvre)
+            return estimate.with_manoeuvre(self.manoeuvre)
+        return estimate
+
+    def _alone(
+        self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level, headings: bool
+    ) -> ThreatZone:
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
         if track.estimator is not None and track.estimator.bank is not None:
             slot = np.array([track.estimator.slot], dtype=np.intp)
             track.estimator.bank.foretold.put(slot, start, pieces.center, pieces.covariance)
-        body = track.body if self._bounds_headings(self.tracks.values()) else replace(track.body, turning=None)
+        body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         shaped = Embodied(track.id, track.shape, body, track.margin)
         return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
 
