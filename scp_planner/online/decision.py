@@ -14,9 +14,10 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.stops import STANDING
-from scp_planner.online.vetting import Vetted
+from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import FEASIBILITY
 from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 
@@ -148,17 +149,27 @@ class Decision:
                 return self._means.plan_of(other, now, Outcome.IMPROVED, "another way round")
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
+    def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
+        """What comes of what is left of the last trip; once more where it is refused before it keeps its limits."""
+        most, steps = self._means.online.iterations, 0
+        if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
+            most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+        for last_run in (False, True):
+            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+            now.lap("scp")
+            ahead, steps = run.evaluation.trajectory, steps + len(run.record)
+            found = self._means.vet(now, loop.problem, ahead, run.evaluation, steps)
+            finished = float(run.evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+            if last_run or finished or isinstance(found, Vetted):
+                break
+        return found
+
     def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
         """Continue the last plan and, where that is due, look at other ways round."""
         best: Vetted | None = None
         why, refused = "first plan", ""
         if ahead is not None:
-            most = self._means.online.iterations
-            if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
-                most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
-            now.lap("scp")
-            found = self._means.vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
+            found = self._continued(now, loop, ahead)
             if isinstance(found, Vetted):
                 best, why = found, "the last plan, continued"
             else:
