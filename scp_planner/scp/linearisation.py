@@ -98,6 +98,23 @@ def linearise_trips(
     return rows.shares(np.flatnonzero(_usable(problem, rows, trusts) >= rows.gap), len(bases))
 
 
+def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
+    """Return those rows of one trip that a step inside a trust region could violate.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : Rows
+        Of a trust region that is as large or larger.
+    trust : TrustRegion
+
+    Returns
+    -------
+    Rows
+    """
+    return rows.take(np.flatnonzero(_usable(problem, rows, [trust]) >= rows.gap))
+
+
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
     """Places near zones that become rows: minima of clearance, then some of the samples."""
     zones = problem.zones

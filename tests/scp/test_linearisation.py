@@ -8,7 +8,7 @@ from slopes import assert_rows, differences, moved, problem_and_trip
 
 from scp_planner.scp.bend_sites import bend_sites, station_sites
 from scp_planner.scp.evaluation import box_gaps, evaluate_trip
-from scp_planner.scp.linearisation import TrustRegion, linearise
+from scp_planner.scp.linearisation import TrustRegion, linearise, rows_within
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import STILL, curvature_rows, lateral_rows
 from scp_planner.scp.rows.box import box_rows
@@ -138,6 +138,9 @@ def test_rows_out_of_reach_are_left_out_and_cannot_be_violated() -> None:
     trust = TrustRegion(0.05, 0.1, 0.01)
     some, every = linearise(problem, base, trust, 1.5), linearise(problem, base, trust.scaled(1e6), 1.5)
     assert 0 < len(some.gap) < len(every.gap)
+    again = rows_within(problem, every, trust)
+    np.testing.assert_array_equal(again.key, some.key)
+    np.testing.assert_array_equal(again.matrix, some.matrix)
     box = np.full(every.matrix.shape[1], trust.beta)
     free = problem.ends.free
     box[: free.stop - free.start] = trust.theta * problem.space.tables.leverage[free]
