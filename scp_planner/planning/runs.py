@@ -14,7 +14,6 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
-from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
@@ -218,7 +217,7 @@ class CheckedRuns:
             if certificate.holds or not run.feasible or certificate.late:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
-            problem = self._asking_for_more(problem, certificate, URGENCY**repeat)
+            problem = self._asking_for_more(problem, attempt, URGENCY**repeat)
             loop = self._loop(problem)
             start = run.evaluation.trajectory
         return attempt
@@ -229,10 +228,10 @@ class CheckedRuns:
         apart = SPARING.same_way if radius is None else min(SPARING.same_way, radius)
         return ScpLoop(problem, self.solver, self._fallback, hopeless_after, replace(SPARING, same_way=apart), steps)
 
-    def _asking_for_more(self, problem: Problem, certificate: Certificate, urgency: float) -> Problem:
-        if met_what_was_left_out(problem, certificate):
+    def _asking_for_more(self, problem: Problem, attempt: ScpAttempt, urgency: float) -> Problem:
+        if met_what_was_left_out(problem, attempt.verdict):
             return self.everything
-        return tightened(problem, certificate, urgency)
+        return tightened(problem, attempt.verdict, urgency, attempt.travel_time)
 
     def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> LoopRun:
         """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
