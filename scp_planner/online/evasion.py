@@ -9,7 +9,6 @@ is safe, counts as harm, the more the sooner and deeper.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -232,36 +231,30 @@ class Evasion:
         seen = replace(seen, clear=np.where(better, seen.clear, 0.0))
         return self._first_safe(now, moment, dodges, seen, seen.worth)
 
-    def least_risk(self, now: Replan, shares: Sequence[float]) -> tuple[Dodge, float] | None:
-        """Where no dodge is safe: one that is at the highest lower level at which any is, or what was begun is.
+    def at_lower_level(self, now: Replan, moment: Moment) -> Dodge | None:
+        """Where no dodge is safe: one that is among smaller zones, what was begun before all others; None if none is.
 
         Parameters
         ----------
         now : Replan
-        shares : sequence of float
-            Sizes of regions, as shares of those at the level asked for, from the largest on.
+        moment : Moment
+            The same with those zones.
 
         Returns
         -------
-        (Dodge, float) or None
-            And its share.
+        Dodge or None
         """
         dodges, whole = self._looked(now)
         begun = self._begun(now)
-        for share in shares:
-            moment = now.moment.with_smaller_zones(share)
-            if begun is not None:
-                going_on = self._gone_on_with(moment, self._look_on(moment, begun, dodges.times), begun)
-                now.lap("certificate")
-                if going_on.safe:
-                    return going_on, share
-            seen = self._look(moment, dodges)
-            now.lap("evasion")
-            # Of those the one that does least harm in whole zones: it is no time to gain way.
-            safe = self._first_safe(now, moment, dodges, seen, whole.worth)
-            if safe is not None:
-                return safe, share
-        return None
+        if begun is not None:
+            going_on = self._gone_on_with(moment, self._look_on(moment, begun, dodges.times), begun)
+            now.lap("certificate")
+            if going_on.safe:
+                return going_on
+        seen = self._look(moment, dodges)
+        now.lap("evasion")
+        # Of those the one that does least harm in whole zones: it is no time to gain way.
+        return self._first_safe(now, moment, dodges, seen, whole.worth)
 
     def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: _Outlook, worth: Array) -> Dodge | None:
         """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""

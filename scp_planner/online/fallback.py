@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import chain, islice
 from time import perf_counter
 
 import numpy as np
@@ -14,21 +11,17 @@ from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
-from scp_planner.online.plan import OnlinePlan, Outcome
+from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY_TIME, Stop, Vetted, refused
+from scp_planner.online.vetting import TINY_TIME, Moment, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.parameters import LOOP
 from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
-"""Sizes of regions, as shares of those at the level asked for, that trips keep clear of where nothing does better."""
-EVADING_STEPS = 8
-"""Steps of the loop for each of them."""
+"""Sizes of regions, as shares of those at the level asked for, that dodges keep clear of where nothing does better."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -93,16 +86,38 @@ class Fallback:
         if promised is not None:
             text = f"{why}; the last plan's stop is gone on with"
             return self._means.plan_of(promised, now, Outcome.BRAKING, text)
-        lower = self._evasion.least_risk(now, LOWER_LEVELS) if now.moment.growing else None
+        lower = self._at_lower_level(now, why) if now.moment.growing else None
         if lower is not None:
-            risky, share = lower
-            before_too = " as before" if now.last is not None and risky.trip is now.last.trip else ""
-            text = f"{_what(risky)}{before_too}: {why}; clear of zones whose uncertainty is {share:g} times as large"
-            return self._means.plan_of(Vetted(risky.trip, refused(risky.certificate), None), now, risky.outcome, text)
+            return lower
         if before is not None:
             text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
             return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
         return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
+
+    def _at_lower_level(self, now: Replan, why: str) -> OnlinePlan | None:
+        """Go on, or get out of the way, at the highest lower level at which either is clear of zones."""
+        last = now.last if now.last is not None and now.last.outcome not in AWAY else None
+        for share in LOWER_LEVELS:
+            moment = now.moment.with_smaller_zones(share)
+            text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
+            kept = None if last is None else self._goes_on(moment, last)
+            now.lap("certificate")
+            if kept is not None:
+                return self._means.plan_of(kept, now, Outcome.KEPT, f"goes on: {text}")
+            dodge = self._evasion.at_lower_level(now, moment)
+            if dodge is not None:
+                before = " as before" if now.last is not None and dodge.trip is now.last.trip else ""
+                risky = Vetted(dodge.trip, refused(dodge.certificate), None)
+                return self._means.plan_of(risky, now, dodge.outcome, f"{_what(dodge)}{before}: {text}")
+        return None
+
+    def _goes_on(self, moment: Moment, last: OnlinePlan) -> Vetted | None:
+        """The last trip, which is not safe, if it would be among smaller zones; None if not."""
+        vetting = self._means.vetting
+        kept = vetting.vet_kept(moment, last.trip)
+        if kept is None:
+            kept = vetting.vet_on(moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
+        return None if kept is None else Vetted(last.trip, refused(kept.certificate), None, kept.violation)
 
     def _as_promised(self, now: Replan) -> Vetted | None:
         """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""
@@ -131,27 +146,6 @@ class Fallback:
                 return vetted
         return None
 
-    def _evade(self, now: Replan, ahead: Trajectory | None, why: str) -> OnlinePlan | None:
-        """What keeps clear at the highest level at which anything is found: a stop, or a trip that can be stopped."""
-        moment = now.moment
-        if ahead is None or not moment.growing:
-            return None
-        for share in LOWER_LEVELS:
-            if perf_counter() > now.deadline:
-                break
-            lower = replace(now, moment=moment.with_smaller_zones(share))
-            problem = self._means.problem(lower)
-            loop = ScpLoop(problem, self._means.solver)
-            for start in chain([ahead], (each.trajectory for each in islice(self._means.starts(problem, math.inf), 1))):
-                run = loop.run(start, EVADING_STEPS, deadline=now.deadline, trust=LOOP.first_trust, enough=1)
-                steps, trajectory = len(run.record), run.evaluation.trajectory
-                found = self._means.vetting.vet(lower.moment, problem, trajectory, run.evaluation, steps)
-                if isinstance(found, Vetted):
-                    text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
-                    trip = Vetted(found.trip, refused(found.certificate), None, iterations=steps)
-                    return self._means.plan_of(trip, now, Outcome.EVADING, text)
-        return None
-
     def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str, dodge: Dodge) -> OnlinePlan:
         """Where nothing stays clear: a stop that does at least until the vehicle stands, or what does least harm."""
         moment = now.moment
@@ -170,9 +164,6 @@ class Fallback:
                 return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
             if least is None or certificate.clearance.minimum > least[0]:
                 least = certificate.clearance.minimum, trip, certificate
-        evading = self._evade(now, ahead, why)
-        if evading is not None:
-            return evading
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)

@@ -176,10 +176,11 @@ class Bank:
         """
         if not len(slots):
             return
-        where, before = _run(slots), self.count[slots]
+        where = _run(slots)
+        before = self.count[where].copy()
         innovations = np.zeros((*self._innovations.shape[:2], len(slots)))
         evidence = np.zeros(innovations.shape[1:])
-        self._feed(slots, times, positions)
+        self._feed(where, slots, times, positions)
         innovations[:, 0], evidence[0] = self._fed(where)
         if before.all():
             evidence[1:], innovations[:, 1:] = self._filter(where, times, positions)
@@ -198,11 +199,12 @@ class Bank:
         place.put(self._cut[..., _RING:, :], looked_at)
         _Places.of(where, before % EVIDENCE).put(self._evidence, evidence)
         self.count[where] += 1
-        self._notice(slots)
+        self._notice(where, slots)
 
     def take_in_late(self, slot: int, time: float, position: Array) -> None:
         """Take in an observation that is older than the newest: only the polynomial motion learns of it."""
-        self._feed(np.array([slot]), np.array([time]), position[None])
+        slots = np.array([slot])
+        self._feed(slots, slots, np.array([time]), position[None])
 
     def surprise(self, slots: Index, times: Array, positions: Array) -> Array:
         """Squared standardised innovations that observations would be, (n,).
@@ -226,8 +228,7 @@ class Bank:
         y = whiten[:, 1, 0] * offsets[0] + whiten[:, 1, 1] * offsets[1]
         return np.stack([x, y])
 
-    def _feed(self, slots: Index, times: Array, positions: Array) -> None:
-        where = _run(slots)
+    def _feed(self, where: Where, slots: Index, times: Array, positions: Array) -> None:
         if isinstance(where, slice) and (times >= self.last[where]).all():
             self.polynomials.update_row(where, times, positions)
             return
@@ -294,18 +295,18 @@ class Bank:
 
     # tests
 
-    def _notice(self, slots: Index) -> None:
+    def _notice(self, where: Where, slots: Index) -> None:
         """Alarm those whose polynomial motion does not hold, and weigh the filters of those that are alarmed."""
-        begin = self.count[slots] % _RING  # the oldest
-        x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 0])
+        begin = self.count[where] % _RING  # the oldest
+        x, y, squares = _Places.of(where, begin).rows(self._cut[:, 0])
         trends = trends_of(x, y)
         worst = larger_of(trends, squares, self.alarm_probability)
         most = worst.max(axis=0)
-        self.trend[slots] = trends.max(axis=0)
-        fresh = (most > 1.0) & ~self.alarmed[slots]
+        self.trend[where] = trends.max(axis=0)
+        fresh = (most > 1.0) & ~self.alarmed[where]
         if fresh.any():
             self.alarm(slots[fresh], np.array(WINDOWS)[worst[:, fresh].argmax(axis=0)])
-        some = self.alarmed[slots]
+        some = self.alarmed[where]
         if some.any():
             self._weigh(slots[some], begin[some], most[some] <= 1.0)
 
@@ -354,11 +355,13 @@ class Bank:
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
         slots = slots[self.count[slots] >= NEIGHBOURS]
-        rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)[:, -NEIGHBOURS:]
+        where = _run(slots)
+        rows = _Places.of(where, self.count[where] % _RING).rows(self._looks)[:, -NEIGHBOURS:]
         apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
+        whiten = self._whiten[where]
         if not apart.all():
-            slots, rows = slots[apart], rows[..., apart]
-        return third_differences(rows[0].T, rows[1:].transpose(2, 1, 0), self._whiten[_run(slots)])
+            whiten, rows = whiten[apart], rows[..., apart]
+        return third_differences(rows[0], rows[1:], whiten)
 
 
 def _run(slots: Index) -> Where:

@@ -18,7 +18,7 @@ class Outcome(StrEnum):
     IMPROVED = "improved"
     """A new plan."""
     KEPT = "kept"
-    """The last plan, whose certificate holds with the refreshed zones."""
+    """The last plan, whose certificate holds with the refreshed zones; or, where nothing is safe, with smaller ones."""
     REPAIRED = "repaired"
     """The path of the last plan, driven slower."""
     EVADING = "evading"

@@ -25,24 +25,24 @@ def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
 
     Parameters
     ----------
-    times : (n, 4) s
+    times : (4, n) s
         Increasing.
-    positions : (n, 4, 2) m
+    positions : (2, 4, n) m
     whiten : (n, 2, 2)
-        W with W Sigma W' = I, 1/m.
+        W with W Sigma W' = I, 1/m; lower triangular.
 
     Returns
     -------
     (n,)
     """
-    if len(times) and (times == times[0]).all():
-        times = times[:1]  # as in a frame
-    between = times[:, :, None] - times[:, None] + np.eye(NEIGHBOURS)
-    weights = 1.0 / between.prod(axis=2)
-    weights /= np.sqrt((weights * weights).sum(axis=1))[:, None]
-    offset = np.tensordot(weights[0], positions, (0, 1)) if len(weights) == 1 else (weights[:, None] @ positions)[:, 0]
-    found = (whiten @ offset[:, :, None])[:, :, 0]
-    return np.asarray((found * found).sum(axis=1))
+    if times.shape[1] and (times == times[:, :1]).all():
+        times = times[:, :1]  # as in a frame
+    between = times[:, None] - times[None] + np.eye(NEIGHBOURS)[..., None]
+    weights = 1.0 / between.prod(axis=1)
+    weights /= np.sqrt((weights * weights).sum(axis=0))
+    x, y = weights[:, 0] @ positions if weights.shape[1] == 1 else (weights * positions).sum(axis=1)
+    first, second = whiten[:, 0, 0] * x, whiten[:, 1, 0] * x + whiten[:, 1, 1] * y
+    return np.asarray(first * first + second * second)
 
 
 def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Array:
@@ -50,9 +50,9 @@ def neighbour_differences(times: Array, positions: Array, whiten: Array) -> Arra
     if len(times) < NEIGHBOURS:
         return np.zeros(0)
     view = np.lib.stride_tricks.sliding_window_view
-    clock, places = view(times, NEIGHBOURS), view(positions, NEIGHBOURS, axis=0).transpose(0, 2, 1)
-    apart = np.diff(clock, axis=1).min(axis=1) > 0.0
-    return third_differences(clock[apart], places[apart], whiten[None])
+    clock, places = view(times, NEIGHBOURS).T, view(positions, NEIGHBOURS, axis=0).transpose(1, 2, 0)
+    apart = np.diff(clock, axis=0).min(axis=0) > 0.0
+    return third_differences(clock[:, apart], places[..., apart], whiten[None])
 
 
 class NoiseWatch:

@@ -293,7 +293,10 @@ _SHAPE_SIZES = frozenset({"disc", "rectangle", "polygon", "ellipse"})
 
 def changed(part: AnyPart, **values: Any) -> AnyPart:
     """Return a part of a scenario with other values, which are known to be allowed: so they are not checked again."""
-    return part.model_copy(update=values)
+    copied = part.__copy__()
+    copied.__dict__.update(values)
+    copied.model_fields_set.update(values)
+    return copied
 
 
 def _names(part: object) -> KeysView[str]:

@@ -151,7 +151,7 @@ class OnlineSettings(Knobs):
     stay_clear : float or None
         Time for which no zone may come over the vehicle after it stands, for a stop to be safe; where there is no such
         stop, the vehicle gets out of the way. Longer: more caution, and more giving way; 0: a vehicle that stands is
-        taken for safe. None: the time in which it drives four times its own width at top speed.
+        taken for safe. None: the time in which, from standing, it drives four times its own width.
     give_way : GiveWay
         When the vehicle gets out of the way: ``late``, where no trip can be left for a stop that stays clear;
         ``early``, also where a short trip leads nearly as far and keeps farther away.

@@ -271,6 +271,30 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     assert any("as before" in cycle.reason and "times as large" in cycle.reason for cycle in run.records)
 
 
+def test_the_last_trip_is_gone_on_with_where_it_leads_between_smaller_zones() -> None:
+    """Two posts at the way turn out to be known badly when the vehicle can neither stop nor turn before them."""
+
+    def foretold(side: float, deviation: float) -> dict[str, Any]:
+        spread = [[deviation**2, 0.0], [0.0, deviation**2]]
+        return {"time": [0.0, 30.0], "position": 2 * [[19.0, side]], "covariance": 2 * [spread]}
+
+    posts = {"left": 1.6, "right": -1.6}
+    planner = Planner(scene(*(disc(name, (19.0, side)) for name, side in posts.items()), start={"speed": 3.0}))
+    first = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    assert first.certified
+    for name, side in posts.items():
+        planner.update_motion(name, foretold(side, 0.35))
+    for time in (17.0 / 3.0, 17.4 / 3.0):
+        plan = follow(planner, time)
+        assert plan.outcome is Outcome.KEPT and not plan.safe and not plan.certified
+        assert plan.reason is not None and plan.reason.startswith("goes on") and "0.75 times" in plan.reason
+        assert plan.arrival_time == pytest.approx(first.arrival_time, abs=1e-9)
+    for zone in planner.zones:
+        region = math.sqrt(zone.covariance(np.array([6.0]))[0, 0, 0])
+        room = 1.6 - 0.5 - 0.3
+        assert 0.75 * region < room < region
+
+
 def test_waiting_is_made_up_for_by_coming_nearer() -> None:
     means = Planner(scene(goal={"position": (8.0, 0.0)}))._means
     waiting = Waiting((8.0, 0.0))
@@ -449,6 +473,16 @@ def test_ellipses_reach_as_far_as_their_inverses_say() -> None:
     found = _radii_towards(vectors, matrices[:, [0, 0, 1], [0, 1, 1]])
     points = found[:, None] * vectors / np.linalg.norm(vectors, axis=1)[:, None]
     assert np.einsum("ni,nij,nj->n", points, np.linalg.inv(matrices), points) == pytest.approx(np.ones(40), rel=1e-6)
+
+
+@pytest.mark.parametrize(("speed", "acceleration"), [(3.0, 1.5), (1.0, 5.0)])
+def test_a_stop_stays_clear_until_the_vehicle_could_have_got_away(speed: float, acceleration: float) -> None:
+    scenario = scene(vehicle={"max_speed": speed, "max_acceleration": acceleration}, start={"speed": 0.0})
+    planner = Planner(scenario)
+    wait = planner._means.wait * planner._units.time
+    times = np.linspace(0.0, wait, 100_001)
+    driven = np.trapezoid(np.minimum(acceleration * times, speed), times)
+    assert driven == pytest.approx(4.0 * 2.0 * scenario.vehicle.radius, rel=1e-6)
 
 
 def test_a_stop_must_stay_clear_for_as_long_as_is_stated() -> None:
