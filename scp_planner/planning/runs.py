@@ -24,6 +24,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import ArrivalSteps
+from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -206,7 +207,8 @@ class CheckedRuns:
         """Run a loop, and again with what its certificate found missing."""
         for repeat in range(TIGHTENINGS + 1):
             with self.task.tally.timed("scp"):
-                run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation)
+                trust = SPARING.retry_trust if repeat else None
+                run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation, trust)
             if run.status is LoopStatus.ON_TIME:
                 return Attempt(run, None)
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
@@ -233,10 +235,17 @@ class CheckedRuns:
             return self.everything
         return tightened(problem, attempt.verdict, urgency, attempt.travel_time)
 
-    def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> LoopRun:
+    def _run(
+        self,
+        loop: ScpLoop,
+        start: Trajectory,
+        cutoff: float,
+        rival: Evaluation | None,
+        trust: TrustRegion | None = None,
+    ) -> LoopRun:
         """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
         most, task = self.task.settings.max_iterations, self.task
-        run = loop.run(start, most, cutoff, task.deadline, rival=rival)
+        run = loop.run(start, most, cutoff, task.deadline, trust, rival=rival)
         task.tally.iterations += len(run.record)
         for _ in range(CONTINUATIONS):
             if run.status is not LoopStatus.ITERATION_LIMIT or task.out_of_time:
