@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     import yaml
 
 YAML_SUFFIXES = (".yaml", ".yml")
+MOST_ENTRIES = 200_000
+"""Files and folders that are looked through at most where a folder is asked for with all in it: some seconds."""
+
 JSON_SUFFIX = ".json"
 
 _NAME_KEPT = 16
@@ -41,6 +44,25 @@ _FLOAT = re.compile(
 )
 _BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
 _NULL = re.compile(r"^(?:~|null|Null|NULL|)$")
+
+
+def check_extent(folder: str | PathLike[str]) -> None:
+    """Refuse a folder that is too large to look through, with all folders in it.
+
+    Parameters
+    ----------
+    folder : path
+
+    Raises
+    ------
+    ValueError
+        If it holds more than `MOST_ENTRIES`.
+    """
+    seen = 0
+    for _, folders, names in os.walk(folder):
+        seen += len(folders) + len(names)
+        if seen > MOST_ENTRIES:
+            raise ValueError(f"holds over {MOST_ENTRIES:,} files, with those in its folders; name a smaller one")
 
 
 def read(path: str | PathLike[str]) -> tuple[dict[str, Any] | None, list[Fault]]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import resource
+import signal
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
@@ -22,7 +24,8 @@ _TICK = os.sysconf("SC_CLK_TCK")
 
 
 def serve(link: Connection, memory: int, plan_time: float) -> None:
-    """Try what is asked for until nothing more is; this runs in a worker."""
+    """Try what is asked for until nothing more is; this runs in a worker, which leads all processes that it starts."""
+    os.setsid()
     resource.setrlimit(resource.RLIMIT_AS, (int(SPARE * memory), resource.RLIM_INFINITY))
     carry_out(make(Kind.WILD, 0))  # what is loaded once is no part of any case
     link.send(None)
@@ -43,7 +46,7 @@ class Worker:
     def __init__(self, memory: int, plan_time: float) -> None:
         context = multiprocessing.get_context("spawn")
         self.link, other = context.Pipe()
-        self.process = context.Process(target=serve, args=(other, memory, plan_time), daemon=True)
+        self.process = context.Process(target=serve, args=(other, memory, plan_time))
         self.process.start()
         other.close()
         self.job: tuple[Kind, int] | None = None
@@ -97,7 +100,9 @@ class Worker:
         return (int(fields[11]) + int(fields[12])) / _TICK
 
     def end(self) -> None:
-        """End it, whatever it is at."""
+        """End it, whatever it is at, and all that it has started."""
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
         self.process.kill()
         self.process.join()
         self.link.close()

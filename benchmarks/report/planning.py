@@ -133,7 +133,7 @@ def sizes_part(rows: list[Row], figures: Figures) -> list[str]:
     figure, (left, right) = figures.axes(8.0, 3.2, 2)
     for place, kind in enumerate(kinds):
         chosen = [row for row in rows if row["kind"] == kind]
-        work = [value_of(row, "wall_ms") / value_of(row, "reference_ms") for row in chosen]
+        work = [value_of(row, "work_ms") / value_of(row, "reference_ms") for row in chosen]
         for axes, values in ((left, [100.0 * (value_of(row, "ratio") - 1.0) for row in chosen]), (right, work)):
             axes.plot(values, [place] * len(chosen), "o", color=COLORS[0], markersize=4, alpha=0.6)
     left.set_yticks(range(len(kinds)), kinds)
@@ -146,7 +146,8 @@ def sizes_part(rows: list[Row], figures: Figures) -> list[str]:
         f"{len(rows)} scenes in SI units, from robots on a table top to ships and aircraft: easy and dense, obstacles "
         "known and observed with noise. *Best* is the shortest certified time of the same scene in three systems of "
         "units, with twice as many ways tried, and with splines twice as fine; *by any* counts the scenes that one of "
-        "these certifies. The work is that of a reference scene with as many obstacles, on the same machine.",
+        "these certifies. The work is processor time on one thread, beside it over that of a reference scene with as "
+        "many obstacles, on the same machine.",
         sizes.summary(rows),
         picture,
         "`python -m benchmarks.sizes`",

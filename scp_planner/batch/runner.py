@@ -22,7 +22,7 @@ from scp_planner.batch.jobs import (
 )
 from scp_planner.batch.table import Table, TableError, opened, read
 from scp_planner.errors import ScenarioError
-from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, regular_target, write_text
+from scp_planner.files import JSON_SUFFIX, YAML_SUFFIXES, check_extent, regular_target, write_text
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.scenario.models import Scenario
 
@@ -79,10 +79,15 @@ def scenario_files(folder: Path, pattern: str | None = None, leave_out: Sequence
     Raises
     ------
     ValueError
-        If the pattern is none of paths within the folder.
+        If the pattern is none of paths within the folder, or asks for a folder in which there is too much.
     """
     if pattern and not _is_within(pattern):
         raise ValueError(f"pattern {pattern!r}: must be of paths within the folder, '**' a whole part of it")
+    if pattern and "**" in pattern:
+        try:
+            check_extent(folder)
+        except ValueError as error:
+            raise ValueError(f"pattern {pattern!r}: {folder} {error}") from None
     found = folder.glob(pattern or "*")
     others = [path.resolve() for path in leave_out]
     files = {

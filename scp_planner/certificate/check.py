@@ -168,7 +168,7 @@ def _checked(checked: CheckedTrip, scope: Scope, motions: Motions | None) -> Cer
 def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: Motions | None) -> Certificate:
     """Check all of a trip, and remember it if it keeps all limits."""
     limits = Limits.of(checked.scenario)
-    pieces = checked.first_pieces()
+    pieces = checked.first_pieces(precision)
     enclosure = checked.enclosed(pieces)
     violations = list(ends_broken(checked, ends))
     findings = limits_found(checked, limits, pieces, enclosure)

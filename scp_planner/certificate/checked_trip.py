@@ -20,6 +20,7 @@ from scp_planner.trips.trip import Trip
 REPORT_PRECISION = 1e-3  # units of length; see Scope
 INTERVALS = 192  # at the first level, at most, besides those between knots
 FIRST_WIDTH = 0.04  # units of time, of shorter trips' intervals at the first level
+FINER = 2.0  # times as many, where the clearance is wanted closely: that mostly spares quartering them
 FEWEST_INTERVALS = 16
 SHORTEST = 1e-9  # normalised time that is checked
 _NO_KNOTS = np.zeros(0)
@@ -149,8 +150,18 @@ class CheckedTrip:
         """Return that a limit is broken at a normalised time."""
         return Violation(what, value, allowed, self.absolute(sigma))
 
-    def first_pieces(self) -> Pieces:
-        """Return the pieces that a check begins with: between all knots of trip and zones, and short ones."""
+    def first_pieces(self, precision: float = np.inf) -> Pieces:
+        """Return the pieces that a check begins with: between all knots of trip and zones, and short ones.
+
+        Parameters
+        ----------
+        precision : float
+            To which the clearance is wanted, m.
+
+        Returns
+        -------
+        Pieces
+        """
         trajectory = self.trajectory
         space = trajectory.space
         # Where the rate of the curvature counts, over a curved guide also where that of the guide's jumps.
@@ -158,7 +169,8 @@ class CheckedTrip:
         stride = 1 if cells else CELLS_PER_SPAN
         knots = trajectory.path.exact.at(space.tables.station_parameters[stride:-1:stride])
         duration = (self.last - self.first) * trajectory.travel_time
-        count = int(min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
+        finer = FINER if np.isfinite(precision) else 1.0
+        count = int(finer * min(max(duration / FIRST_WIDTH, FEWEST_INTERVALS), INTERVALS))
         inner = np.concatenate([space.acceleration.breakpoints, trajectory.arrivals(knots).sigma, self.zone_knots()])
         inner = inner[(inner > self.first) & (inner < self.last)]
         edges = np.concatenate([np.linspace(self.first, self.last, count + 1), inner])

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,6 +152,10 @@ class PolynomialEstimate(MotionEstimate):
     coefficients: Array
     coefficient_covariance: Array
     rejected: tuple[int, ...] = ()
+    _lengths: dict[tuple[float, float], float] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _known: dict[tuple[float, float], MotionPolynomials] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def velocity(self) -> Array:
@@ -208,16 +213,19 @@ class PolynomialEstimate(MotionEstimate):
     def polynomials(self, start: float, stop: float) -> MotionPolynomials:
         """Centre and covariance over [start, stop], s: one piece, exact."""
         check_span(start, stop)
+        if (start, stop) not in self._known:  # zones and what compares predictions ask for the same
+            self._known[start, stop] = self._over(start, stop)
+        return self._known[start, stop]
+
+    def _over(self, start: float, stop: float) -> MotionPolynomials:
         p = self.order + 1
         to_local = shift_powers(p, (start - self.center_time) / self.time_scale, self.time_scale)
         center = np.zeros((1, POLYNOMIAL_TERMS, 2))
         center[0, :p] = to_local @ self.coefficients
-        local = np.einsum("ki,iajb,lj->kalb", to_local, self.coefficient_covariance, to_local)
-        covariance = np.zeros((1, POLYNOMIAL_TERMS, 3))
-        for k in range(p):
-            for m in range(p):
-                block = local[k, :, m, :]
-                covariance[0, k + m] += (block[0, 0], 0.5 * (block[0, 1] + block[1, 0]), block[1, 1])
+        pairs = self.coefficient_covariance.transpose(0, 2, 1, 3).reshape(p, p, 4)
+        local = np.tensordot(to_local, np.tensordot(to_local, pairs, (1, 1)), (1, 1))
+        xx, xy, yx, yy = (_sums_of_powers(p) @ local.reshape(p * p, 4)).T
+        covariance = np.stack([xx, 0.5 * (xy + yx), yy], axis=1)[None]
         return MotionPolynomials(np.array([start, stop], dtype=float), center, covariance)
 
     def standardised_length(self, start: float = -math.inf, stop: float = math.inf) -> float:
@@ -226,10 +234,13 @@ class PolynomialEstimate(MotionEstimate):
             raise EstimationError(f"span of time: its start {start!r} is after its stop {stop!r}")
         if self.order == 0 or start == stop:
             return 0.0
-        # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
-        # standardising removes. So infinite times are as good as any other.
-        first, last = (math.atan((t - self.center_time) / self.time_scale) for t in (start, stop))
-        return integrate(self._angular_speed, first, last)
+        if (start, stop) not in self._lengths:
+            self.keep((start, stop), float(lengths_together([self], start, stop)[0]))
+        return self._lengths[start, stop]
+
+    def keep(self, asked: tuple[float, float], length: float) -> None:
+        """Keep the standardised length over a span of time from start to stop, s."""
+        self._lengths[asked] = length
 
     def _rows(self, t: ArrayLike, derivative: int = 0) -> Array:
         """Give the derivative in time of the powers of s: t (...), s, to (..., p)."""
@@ -239,27 +250,62 @@ class PolynomialEstimate(MotionEstimate):
             rows[..., k] = math.perm(k, derivative) / self.time_scale**derivative * s ** (k - derivative)
         return rows
 
-    def _angular_speed(self, angles: Array) -> Array:
-        sine, cosine = np.sin(angles), np.cos(angles)
-        rows: list[Array] = []
-        slopes: list[Array] = []
-        for k in range(self.order + 1):
-            m = self.order - k
-            rows.append(sine**k * cosine**m)
-            slope = np.zeros_like(sine)
-            if k:
-                slope += k * sine ** (k - 1) * cosine ** (m + 1)
-            if m:
-                slope -= m * sine ** (k + 1) * cosine ** (m - 1)
-            slopes.append(slope)
-        both = np.stack([np.stack(rows), np.stack(slopes)])  # (2, p, nodes)
-        if self.regressors is not None:
-            # the covariance is a spread (p, p) times a matrix that standardising removes
-            spread = self.coefficient_covariance[:, 0, :, 0]
-            (error, cross), (_, rate) = np.einsum("ajn,jk,bkn->abn", both, spread, both)
-            return np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error
-        blocks = np.einsum("ajn,jckd,bkn->abncd", both, self.coefficient_covariance, both)
-        return standardised_speed(blocks[0, 0], blocks[0, 1], blocks[1, 1])
+
+def lengths_together(estimates: Sequence[PolynomialEstimate], start: float, stop: float) -> Array:
+    """Standardised lengths of polynomial motions of one order, in powers of the same times: (n,).
+
+    Either all of them are regressions, or none is.
+    """
+    first = estimates[0]
+    order, of_regressions = first.order, first.regressors is not None
+    covariance = np.stack([one.coefficient_covariance for one in estimates])
+    # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
+    # standardising removes. So infinite times are as good as any other.
+    begin, end = (math.atan((t - first.center_time) / first.time_scale) for t in (start, stop))
+    pairs = covariance.transpose(0, 1, 3, 2, 4).reshape(len(estimates), (order + 1) ** 2, 4)
+
+    def speeds(angles: Array) -> Array:
+        rows, slopes = _turning_rows(order, angles)
+        products = np.concatenate([one[:, :, None] * other[:, None] for one, other in _both(rows, slopes)])
+        blocks = products.reshape(3 * len(angles), -1) @ pairs
+        if of_regressions:  # the covariance is a spread (p, p) times a matrix that standardising removes
+            error, cross, rate = np.moveaxis(blocks[..., 0].reshape(-1, 3, len(angles)), 1, 0)
+            return np.asarray(np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error)
+        error, cross, rate = np.moveaxis(blocks.reshape(-1, 3, len(angles), 2, 2), 1, 0)
+        return standardised_speeds(error, cross, rate)
+
+    return integrate(speeds, begin, end)
+
+
+def _both(rows: Array, slopes: Array) -> tuple[tuple[Array, Array], ...]:
+    return (rows, rows), (rows, slopes), (slopes, slopes)
+
+
+def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
+    """Rows (cos^2, sin cos, sin^2), or as many as the order has, at angles (L,), and their derivatives: (L, p) each."""
+    sine, cosine = np.sin(angles), np.cos(angles)
+    rows, slopes = np.empty((len(angles), order + 1)), np.zeros((len(angles), order + 1))
+    for k in range(order + 1):
+        m = order - k
+        rows[:, k] = sine**k * cosine**m
+        if k:
+            slopes[:, k] += k * sine ** (k - 1) * cosine ** (m + 1)
+        if m:
+            slopes[:, k] -= m * sine ** (k + 1) * cosine ** (m - 1)
+    return rows, slopes
+
+
+def standardised_speeds(error: Array, cross: Array, rate: Array) -> Array:
+    """As `standardised_speed`, of motions (n, L, 2, 2): (n, L)."""
+    flat = (one.reshape(-1, 2, 2) for one in (error, cross, rate))
+    return standardised_speed(*flat).reshape(error.shape[:2])
+
+
+@lru_cache(maxsize=8)
+def _sums_of_powers(count: int) -> Array:
+    """Matrix (POLYNOMIAL_TERMS, count^2) from coefficients of products of powers to those of powers."""
+    powers = np.add.outer(np.arange(count), np.arange(count)).ravel()
+    return np.asarray(np.arange(POLYNOMIAL_TERMS)[:, None] == powers, dtype=float)
 
 
 def manoeuvre_covariance(deviation: float, noise: Array) -> Array:
@@ -309,17 +355,20 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
     return 2.0 / math.pi * np.sqrt(large) * np.asarray(ellipe(flatness))
 
 
-def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> float:
-    """Integrate a smooth function >= 0 by Gauss-Legendre panels, doubled until two answers agree."""
-    previous, panels, rule = math.inf, 2, gauss_rule(_PANEL_NODES)
+def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Array:
+    """Integrate smooth functions >= 0, of times (L,) to (..., L), by Gauss-Legendre panels until two answers agree."""
+    panels, rule = 2, gauss_rule(_PANEL_NODES)
+    answer: Array | None = None
     while True:
         edges = np.linspace(start, stop, panels + 1)
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
-        total = half * float(values.reshape(panels, -1).sum(axis=0) @ rule.weights)
-        if abs(total - previous) <= _LENGTH_TOLERANCE * total or panels >= _MOST_PANELS:
-            return total
-        previous, panels = total, 2 * panels
+        total = half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights)
+        if answer is not None:
+            agree = np.abs(total - answer) <= _LENGTH_TOLERANCE * total
+            if panels >= _MOST_PANELS or np.all(agree):
+                return np.asarray(total)
+        answer, panels = total, 2 * panels
 
 
 def shift_powers(count: int, shift: float, scale: float) -> Array:

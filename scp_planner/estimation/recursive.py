@@ -54,7 +54,8 @@ class SquareRoots:
 
     def of(self, some: Index) -> SquareRoots:
         """Those of some of the motions."""
-        return SquareRoots(**{name: value[some] for name, value in vars(self).items()})
+        # Contiguous: so an estimate has the same bits beside others as alone.
+        return SquareRoots(**{name: np.ascontiguousarray(value[some]) for name, value in vars(self).items()})
 
     @classmethod
     def together(cls, parts: Sequence[SquareRoots]) -> SquareRoots:

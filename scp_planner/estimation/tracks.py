@@ -20,6 +20,7 @@ from typing import Any
 
 from scp_planner.errors import EstimationError, Fault, TracksError
 from scp_planner.estimation.track_files import _SUFFIXES, Track, _read
+from scp_planner.files import check_extent
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel
 
@@ -93,6 +94,10 @@ class Tracks(Sequence[Track]):
         root = Path(path)
         if not root.is_dir():
             return cls(_read(root), str(root))
+        try:
+            check_extent(root)
+        except ValueError as error:
+            raise TracksError(str(root), [Fault("", str(root), str(error))]) from None
         names = sorted(p for p in root.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
         if not names:
             raise TracksError(str(root), [Fault("", root.name, f"must hold files ending in {' or '.join(_SUFFIXES)}")])

@@ -14,6 +14,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from scp_planner.arrays import Array, Index
 
@@ -158,8 +159,6 @@ def clamped_basis(degree: int, breakpoints: tuple[float, ...]) -> PiecewiseBasis
     PiecewiseBasis
         With ``len(breakpoints) - 1 + degree`` functions.
     """
-    from scipy.interpolate import BSpline
-
     breaks = np.asarray(breakpoints, dtype=float)
     knots = clamped_knots(degree, breaks)
     size = len(knots) - degree - 1
@@ -196,8 +195,6 @@ def antiderivative_control_points(degree: int, breakpoints: tuple[float, ...]) -
     (K + 1, K) array
         The control points bound the antiderivative for every parameter (convex hull property).
     """
-    from scipy.interpolate import BSpline
-
     knots = clamped_knots(degree, np.asarray(breakpoints, dtype=float))
     size = len(knots) - degree - 1
     raised = BSpline(knots, np.eye(size), degree).antiderivative()

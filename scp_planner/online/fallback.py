@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import chain, islice
 from time import perf_counter
 
 import numpy as np
@@ -19,16 +16,12 @@ from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
 from scp_planner.online.vetting import TINY_TIME, Moment, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.parameters import LOOP
 from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
-"""Sizes of regions, as shares of those at the level asked for, that trips keep clear of where nothing does better."""
-EVADING_STEPS = 8
-"""Steps of the loop for each of them."""
+"""Sizes of regions, as shares of those at the level asked for, that dodges keep clear of where nothing does better."""
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -153,27 +146,6 @@ class Fallback:
                 return vetted
         return None
 
-    def _evade(self, now: Replan, ahead: Trajectory | None, why: str) -> OnlinePlan | None:
-        """What keeps clear at the highest level at which anything is found: a stop, or a trip that can be stopped."""
-        moment = now.moment
-        if ahead is None or not moment.growing:
-            return None
-        for share in LOWER_LEVELS:
-            if perf_counter() > now.deadline:
-                break
-            lower = replace(now, moment=moment.with_smaller_zones(share))
-            problem = self._means.problem(lower)
-            loop = ScpLoop(problem, self._means.solver)
-            for start in chain([ahead], (each.trajectory for each in islice(self._means.starts(problem, math.inf), 1))):
-                run = loop.run(start, EVADING_STEPS, deadline=now.deadline, trust=LOOP.first_trust, enough=1)
-                steps, trajectory = len(run.record), run.evaluation.trajectory
-                found = self._means.vetting.vet(lower.moment, problem, trajectory, run.evaluation, steps)
-                if isinstance(found, Vetted):
-                    text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
-                    trip = Vetted(found.trip, refused(found.certificate), None, iterations=steps)
-                    return self._means.plan_of(trip, now, Outcome.EVADING, text)
-        return None
-
     def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str, dodge: Dodge) -> OnlinePlan:
         """Where nothing stays clear: a stop that does at least until the vehicle stands, or what does least harm."""
         moment = now.moment
@@ -192,9 +164,6 @@ class Fallback:
                 return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
             if least is None or certificate.clearance.minimum > least[0]:
                 least = certificate.clearance.minimum, trip, certificate
-        evading = self._evade(now, ahead, why)
-        if evading is not None:
-            return evading
         assert least is not None, "the last stop begins now"
         _, trip, certificate = least
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)

@@ -20,7 +20,8 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
 from scp_planner.estimation.conformal import AdaptiveScales
-from scp_planner.estimation.motion_estimate import PolynomialEstimate
+from scp_planner.estimation.foretelling import foretell
+from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online import regions
 from scp_planner.online.foresight import Learning
@@ -281,12 +282,16 @@ class ObstacleTracks:
         tracks = [track for track in self.tracks.values() if track.seen]
         estimated = sum(track.uncertain for track in tracks)
         level = Level(self.confidence, estimated)
-        made = self._together(tracks, start, level)
+        headings = self._bounds_headings(tracks)
+        made = self._together(tracks, start, level, headings)
+        alone = (track for track in tracks if track.fixed is None and track.id not in made)
+        estimates = {track.id: self._estimate(track) for track in alone}
+        foretell(estimates.values(), start, HORIZON)
         for track in tracks:
             if track.fixed is not None:
                 continue
             if track.id not in made:
-                made[track.id] = self._alone(track, start, level)
+                made[track.id] = self._alone(track, estimates[track.id], start, level, headings)
             compared = track.given is None and track.predicted is not None
             if self.watch.regions is Regions.ADAPTIVE and compared:
                 assert track.predicted is not None, "it is compared"
@@ -300,24 +305,24 @@ class ObstacleTracks:
         assert track.fixed is not None
         return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
 
-    def _together(self, tracks: Sequence[ObstacleTrack], start: float, level: Level) -> dict[str, ThreatZone]:
+    def _together(
+        self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
+    ) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        groups: dict[int, list[tuple[ObstacleTrack, SquareRoots]]] = {}
+        groups: dict[int, list[ObstacleTrack]] = {}
         alarmed: dict[int, list[ObstacleTrack]] = {}
         for track in tracks:
             if track.fixed is not None or track.estimator is None or not track.simple:
                 continue
-            if self._bounds_headings(tracks) and track.body.turning is not None and not track.alarmed:
+            if headings and track.body.turning is not None and not track.alarmed:
                 continue  # its heading is estimated, too
-            roots = track.estimator.roots
             if track.alarmed:
                 alarmed.setdefault(track.model.order, []).append(track)
-            elif track.settled and roots is not None:
-                groups.setdefault(track.model.order, []).append((track, roots))
+            elif track.settled:
+                groups.setdefault(track.model.order, []).append(track)
         made: dict[str, ThreatZone] = {}
-        for order in sorted(groups):
-            some = [track for track, _ in groups[order]]
-            roots = SquareRoots.together([each for _, each in groups[order]])
+        for _, some in sorted(groups.items()):
+            roots = self._roots(some)
             suspicions = self._suspicions(some, roots, level)
             zones = zones_together(some, roots, start, level, self.manoeuvre, suspicions)
             made.update(zip((track.id for track in some), zones, strict=True))
@@ -330,6 +335,14 @@ class ObstacleTracks:
                 track.zone = made[track.id] = zone
         return made
 
+    def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
+        """What the estimates of simple tracks of one order are made from."""
+        estimators = [track.estimator for track in tracks]
+        if all(isinstance(one, NoticingTrack) for one in estimators):
+            slots = np.array([one.slot for one in estimators if one is not None], dtype=np.intp)
+            return self._banks[tracks[0].model.order].polynomials.roots.of(slots)
+        return SquareRoots.together([one.roots for one in estimators if one is not None and one.roots is not None])
+
     def _suspicions(self, tracks: Sequence[ObstacleTrack], roots: SquareRoots, level: Level) -> Suspicions | None:
         """Changes of acceleration of some tracks of one order that are likely enough to matter."""
         if self.watch.changes <= 0.0 or not all(isinstance(track.estimator, NoticingTrack) for track in tracks):
@@ -338,8 +351,10 @@ class ObstacleTracks:
         some = np.flatnonzero(self._banks[tracks[0].model.order].trend[slots] > LOOKED_AT)
         if not len(some):
             return None
-        found = self._changes([tracks[k] for k in some.tolist()], roots.of(some)).suspicions(self.watch.changes)
-        return found.among(some, len(tracks), LEFT_OUT * level.alpha)
+        found = self._changes([tracks[k] for k in some.tolist()], roots.of(some))
+        if not found.spoken_for:
+            return None
+        return found.suspicions(self.watch.changes).among(some, len(tracks), LEFT_OUT * level.alpha)
 
     def _mixtures(self, tracks: Sequence[ObstacleTrack], bank: Bank, start: float) -> Mixture:
         """What is predicted of tracks of one order that are alarmed: by the filters, and by a single change."""
@@ -350,7 +365,7 @@ class ObstacleTracks:
         some = np.flatnonzero(enough)
         if self.watch.changes <= 0.0 or not len(some):
             return mixtures
-        roots = SquareRoots.together([one.roots for one in estimators if one.roots is not None]).of(some)
+        roots = bank.polynomials.roots.of(slots[some])
         changes = self._changes([tracks[k] for k in some.tolist()], roots)
         changed = changed_motions(roots, changes.sure(), bank.noise_of(slots[some]), start)
         odds = np.clip(bank.gain[slots[some]] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
@@ -367,31 +382,37 @@ class ObstacleTracks:
             return False  # regions that are scaled by what came of them are of positions alone
         return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
-    def _alone(self, track: ObstacleTrack, start: float, level: Level) -> ThreatZone:
+    def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
-            estimate = estimate.with_manoeuvre(self.manoeuvre)
+            return estimate.with_manoeuvre(self.manoeuvre)
+        return estimate
+
+    def _alone(
+        self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level, headings: bool
+    ) -> ThreatZone:
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
         if track.estimator is not None and track.estimator.bank is not None:
             slot = np.array([track.estimator.slot], dtype=np.intp)
             track.estimator.bank.foretold.put(slot, start, pieces.center, pieces.covariance)
-        body = track.body if self._bounds_headings(self.tracks.values()) else replace(track.body, turning=None)
+        body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         shaped = Embodied(track.id, track.shape, body, track.margin)
         return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
 
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""
-        learnt = {}
-        for track in self.tracks.values():
-            observed = track.times and track.fixed is None and track.given is None
-            if observed and track.model.process is None and not (track.alarmed or track.suspected):
-                span, change = track.times[-1] - track.times[0], 0.0
-                if track.simple and track.settled:
-                    change = self.manoeuvre**2 / float(np.linalg.eigvalsh(track.known_noise)[0])
-                learnt[track.id] = Learning(track.model.order, len(track.times), span, change)
-        return learnt
+        some = [track for track in self.tracks.values() if _learns(track)]
+        known = [track.id for track in some if track.simple and track.settled]
+        noise = np.array([self.tracks[name].known_noise for name in known]).reshape(-1, 2, 2)
+        change = dict(zip(known, (self.manoeuvre**2 / np.linalg.eigvalsh(noise)[:, 0]).tolist(), strict=True))
+        return {
+            track.id: Learning(
+                track.model.order, len(track.times), track.times[-1] - track.times[0], change.get(track.id, 0.0)
+            )
+            for track in some
+        }
 
     def noise_deviations(self, ids: Sequence[str]) -> Array:
         """Standard deviation of what is seen of obstacles, (n,) m; 0 of those whose motion is not taken for foretold.
@@ -451,6 +472,12 @@ class ObstacleTracks:
             model = model.model_copy(update={"prior": prior})
         seen = Observations.model_construct(time=tuple(track.times), position=tuple(track.positions), covariance=each)
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)
+
+
+def _learns(track: ObstacleTrack) -> bool:
+    """Whether more is learnt of the polynomial motion of a track with each observation."""
+    observed = bool(track.times) and track.fixed is None and track.given is None
+    return observed and track.model.process is None and not (track.alarmed or track.suspected)
 
 
 def _remember(track: ObstacleTrack, seen: Observations) -> None:

@@ -13,9 +13,9 @@ planned against *foreseen* zones, which are those that will be looked at when th
 
 **What happens else.** In this order: the last plan is ``kept`` while its certificate holds with the refreshed zones;
 it is ``repaired`` by driving the same path slower; the vehicle gets out of the way, ``evading``, along a short trip to
-where it stays clear, or stands if that is as good. Where nothing stays clear, it brakes, certified until it stands, or
-is clear for as long as it can be, or clear of the zones of the highest level that a trip or a stop from it is found
-for. From all that the planner recovers by itself.
+where it stays clear, or stands if that is as good. Where nothing stays clear, it gets out of the way of the zones of
+the highest level at which that is found; or it brakes, certified until it stands, or is clear for as long as it can be.
+From all that the planner recovers by itself.
 """
 
 from __future__ import annotations

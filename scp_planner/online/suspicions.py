@@ -120,6 +120,11 @@ class Changes:
     course: Array
     root: Array
 
+    @property
+    def spoken_for(self) -> bool:
+        """Whether anything speaks for any of them."""
+        return bool((self.evidence > SPEAKS).any())
+
     def suspicions(self, often: float) -> Suspicions:
         """What they come to if there are so many changes, 1/s; only onsets that something speaks for count."""
         weight = often * self.gap * np.exp(np.minimum(self.evidence, MOST_EVIDENCE))

@@ -40,6 +40,7 @@ SLOWED = 1.25e-2  # relative to the kinematic bound: what less is lost to is har
 UNSEEN, TIGHT = 1.0, 1.5  # slope of a path that its spans can hardly follow; spans to the radius of the tightest bend
 FINER, MOST_SPANS = 2, 200  # how often there are three times as many spans of the acceleration, and the most of them
 WORTH_MORE_SPANS = 2e-3  # relative gain below which there are no more of them
+HOPED = 0.5  # of the last gain by more spans: the next is a third of it, as what they lose goes with their length
 FEWEST_STEPS, MOST_STEPS = 8, 2  # to a trip whose accelerations change on them; times the wanted number of spans
 STRAYING = 0.03  # radii of the vehicle, by which it may be elsewhere after a step of one acceleration
 LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked to arrive
@@ -77,6 +78,10 @@ class Found:
     def hopeless(self) -> bool:
         """Whether it is proved that no trip is faster."""
         return self.to_beat < self.runs.lower_bound
+
+    def may_count(self, gain: float) -> bool:
+        """Whether a trip that is sooner by so many s counts as faster: always, but where arrivals count in steps."""
+        return self.best.travel_time - gain <= self.to_beat
 
     def after(self, runs: CheckedRuns, attempt: ScpAttempt, least: float) -> tuple[Found, bool]:
         """The best after an attempt, and whether it gains at least so much, relative to its travel time."""
@@ -163,10 +168,11 @@ def with_finer_spans(found: Found) -> Found:
     """Where speed limits of places or of the jerk ask for many switches, take more spans while that gains much."""
     if found.runs.problem.profile is None and found.runs.task.scenario.vehicle.max_jerk is None:
         return found
+    hoped = np.inf
     for _ in range(FINER):
         task, trip = found.runs.task, found.best.trajectory
         spans = 3 * task.settings.acceleration_spans
-        if spans > MOST_SPANS or found.exhausted or found.hopeless:
+        if spans > MOST_SPANS or found.exhausted or found.hopeless or not found.may_count(hoped):
             break
         finer = replace(task, settings=replace(task.settings, acceleration_spans=spans))
         again = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
@@ -180,6 +186,8 @@ def with_finer_spans(found: Found) -> Found:
         found, much = found.after(again, attempt, WORTH_MORE_SPANS)
         if not much:
             break
+        gained = trip.travel_time - attempt.travel_time
+        hoped = HOPED * gained if gained > 0.0 else np.inf
     return found
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.mathematics.rounding import DECIMALS, to_digits
 from scp_planner.problem.ends import end_conditions
 from scp_planner.problem.guides import default_guide, path_spans
 from scp_planner.problem.limits.inputs import LimitInputs, kept_of_limits
@@ -72,7 +72,7 @@ def build_problem(
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
         settings = replace(settings, acceleration_degree=1)  # accelerations that do not jump
     frame = PlanningFrame.between(start.position, goal.position, start.time)
-    limits = Limits.of(scenario, settings.limit_margin)
+    limits = Limits.of(scenario, settings.limit_margin).rounded()
     if guide is None:
         guide = default_guide(scenario, frame, limits, settings)
     slow = slow_stretches(scenario, frame, settings)
@@ -82,7 +82,9 @@ def build_problem(
         breakpoints = _breakpoints(guide, profile, scenario, limits, settings)
     spans = spans or path_spans(guide, settings)
     check_memory(spans, len(breakpoints) - 1, settings.samples, 0)
-    space = TripSpace(guide, start.speed, settings.path_degree, spans, settings.acceleration_degree, breakpoints)
+    space = TripSpace(
+        guide, to_digits(start.speed), settings.path_degree, spans, settings.acceleration_degree, breakpoints
+    )
     ends = end_conditions(scenario, frame, space, settings.max_offset)
     batch = ZoneBatch.of(zones, frame, scenario.vehicle.radius + settings.clearance_margin).rounded()
     box = Box.of(scenario, frame, settings.box_margin)
@@ -122,15 +124,9 @@ def _breakpoints(
 
 def slow_stretches(scenario: Scenario, frame: PlanningFrame, settings: SceneSettings) -> tuple[Stretch, ...]:
     """Return the speed limits by place in the planning frame, less the margins."""
-    keep = kept_of_limits(settings)
-    return tuple(
-        replace(
-            part,
-            line=Line(np.round(frame.to_frame(part.line.points), DECIMALS)),
-            speed=min(part.speed * keep, part.speed),
-        )
-        for part in stretches(scenario)
-    )
+    keep, found = kept_of_limits(settings), stretches(scenario)
+    lines = {part.line: Line(np.round(frame.to_frame(part.line.points), DECIMALS)) for part in found}
+    return tuple(replace(part, line=lines[part.line], speed=min(part.speed * keep, part.speed)) for part in found)
 
 
 def _fastest_drive(guide: Guide, slow: tuple[Stretch, ...], scenario: Scenario, limits: Limits) -> SpeedProfile:

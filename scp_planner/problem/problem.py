@@ -12,6 +12,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.rounding import to_digits
 from scp_planner.problem.ends import EndConditions
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.memory import check_memory, trip_bytes
@@ -112,7 +113,7 @@ class Problem:
     def agility(self) -> float:
         """The largest limit of the acceleration, relative to a usual one: steps of accelerations are measured by it."""
         vehicle = self.scenario.vehicle
-        return max(vehicle.max_acceleration, vehicle.max_deceleration) / USUAL_ACCELERATION
+        return to_digits(max(vehicle.max_acceleration, vehicle.max_deceleration) / USUAL_ACCELERATION)
 
     @property
     def step_size(self) -> int:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from math import sqrt
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS
+from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS, to_digits
 from scp_planner.scenario.models import Scenario
 
 
@@ -46,6 +46,10 @@ class Limits:
             np.inf if vehicle.max_lateral_acceleration is None else vehicle.max_lateral_acceleration * keep,
             np.inf if vehicle.max_curvature is None else vehicle.max_curvature * keep,
         )
+
+    def rounded(self) -> Limits:
+        """Return the limits as they are planned with: a scene in other units has other last bits of them."""
+        return Limits(*map(to_digits, astuple(self)))
 
 
 @dataclass(frozen=True)

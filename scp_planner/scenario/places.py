@@ -116,10 +116,11 @@ class Stretch:
 
 
 def stretches(scenario: Scenario) -> tuple[Stretch, ...]:
-    """Return the speed limits of a scenario by place, in world coordinates."""
-    found = []
+    """Return the speed limits of a scenario by place, in world coordinates; those along one line share it."""
+    found, lines = [], dict[Sequence[tuple[float, float]], Line]()
     for limit in scenario.speed_limits:
-        line = Line(np.array(limit.line or reference_line(scenario)))
+        points = tuple(limit.line or reference_line(scenario))
+        line = lines.setdefault(points, Line(np.array(points)))
         found.append(Stretch(line, limit.from_, np.inf if limit.to is None else limit.to, limit.speed))
     return tuple(found)
 
@@ -141,7 +142,8 @@ def anchored(scenario: Scenario) -> Scenario:
 def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
     """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none."""
     limit = np.full(len(positions), np.inf)
+    stations = {line: line.nearest(positions) for line in {part.line: None for part in parts}}
     for part in parts:
-        station = part.line.nearest(positions)
+        station = stations[part.line]
         np.minimum(limit, part.speed, out=limit, where=(station >= part.first) & (station <= part.last))
     return limit

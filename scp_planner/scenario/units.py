@@ -47,7 +47,7 @@ AnyPart = TypeVar("AnyPart", bound="Part")
 
 TRIP_LENGTH = 20.0  # units of length
 TOP_SPEED = 3.0  # units of length in a unit of time
-UNIT_BITS = 36  # of a unit: as many as a scene that is moved far away still tells
+UNIT_BITS, FEWEST_UNIT_BITS = 46, 36  # of a unit: as many as a scene tells; the fewer, the farther away it is moved
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,11 @@ class NaturalUnits(Units):
         vehicle, start = scenario.vehicle, scenario.start
         line = scenario.guide or (scenario.goal.position,)
         trip = max(dist(start.position, point) for point in line)  # however winding it is
-        length, top = (
-            _short(trip / TRIP_LENGTH),
-            max(min(vehicle.max_speed, _within_reach(scenario, trip)), start.speed),
-        )
-        return cls(length, _short(TOP_SPEED * length / top), start.position, start.time)
+        away = frexp(max(map(abs, start.position)) / trip)[1]
+        bits = min(max(UNIT_BITS - away, FEWEST_UNIT_BITS), UNIT_BITS)
+        length = _short(trip / TRIP_LENGTH, bits)
+        top = max(min(vehicle.max_speed, _within_reach(scenario, trip)), start.speed)
+        return cls(length, _short(TOP_SPEED * length / top, bits), start.position, start.time)
 
     @classmethod
     def to_check(cls, scenario: Scenario) -> NaturalUnits:
@@ -273,10 +273,10 @@ class NaturalUnits(Units):
         )
 
 
-def _short(unit: float) -> float:
-    """A unit with its last bits rounded away, which a scene that is moved or turned has different."""
+def _short(unit: float, bits: int) -> float:
+    """A unit with its last bits rounded away, which a scene that is moved, turned or scaled has different."""
     mantissa, exponent = frexp(unit)
-    return ldexp(round(ldexp(mantissa, UNIT_BITS)), exponent - UNIT_BITS)
+    return ldexp(round(ldexp(mantissa, bits)), exponent - bits)
 
 
 def _within_reach(scenario: Scenario, trip: float) -> float:
@@ -293,7 +293,10 @@ _SHAPE_SIZES = frozenset({"disc", "rectangle", "polygon", "ellipse"})
 
 def changed(part: AnyPart, **values: Any) -> AnyPart:
     """Return a part of a scenario with other values, which are known to be allowed: so they are not checked again."""
-    return part.model_copy(update=values)
+    copied = part.__copy__()
+    copied.__dict__.update(values)
+    copied.model_fields_set.update(values)
+    return copied
 
 
 def _names(part: object) -> KeysView[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.record import Iteration
 from scp_planner.scp.subproblem import Subproblem
+from scp_planner.scp.together import Linearised
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Candidate:
     Attributes
     ----------
     evaluation : Evaluation
+        Of the trip that the step leads away from, as long as it has not been looked at where to.
     predicted, actual : float
         Decrease of the merit by the model and in truth, s.
     size : float
@@ -39,15 +41,16 @@ class Candidate:
     before: float
 
     @classmethod
-    def of(
-        cls, base: Evaluation, there: Evaluation | None, penalties: Penalties, sub: Subproblem, z: Array
-    ) -> Candidate:
-        """Return the step z from a trip to another; to None if it leads to a trip that would never arrive."""
+    def of(cls, base: Evaluation, penalties: Penalties, sub: Subproblem, z: Array) -> Candidate:
+        """Return the step z from a trip, as the model sees it: where it leads has not been looked at."""
         tau, rho = base.trajectory.travel_time, float(z[sub.step_size - 1])
-        merit = base.merit(penalties)
         model = tau * (1.0 + rho) + float(penalties.weights[sub.groups] @ z[sub.step_size :])
-        actual = -np.inf if there is None else merit - there.merit(penalties)
-        return cls(there or base, merit - model, actual, relative_size(z, sub), -tau * rho, base.worst_violation)
+        predicted = base.merit(penalties) - model
+        return cls(base, predicted, -np.inf, relative_size(z, sub), -tau * rho, base.worst_violation)
+
+    def led_to(self, there: Evaluation, penalties: Penalties) -> Candidate:
+        """Return the same, now that it is known where the step leads."""
+        return replace(self, evaluation=there, actual=self.evaluation.merit(penalties) - there.merit(penalties))
 
     @property
     def ratio(self) -> float:
@@ -76,6 +79,7 @@ class Trial:
     evaluation: Evaluation
     step: Candidate
     trust: TrustRegion
+    linearised: Linearised | None
 
     def gained(self, there: Evaluation, penalties: Penalties) -> float:
         """Decrease of the merit since then, s."""

@@ -118,6 +118,10 @@ class Cutoff:
         # What is still violated can only take more time.
         return trip.trajectory.travel_time - self.parameters.hope * max(sooner, 0.0) > self.time
 
+    def will_be_slower(self, trip: Evaluation, sooner: float) -> bool:
+        """Whether that will be said of the trip after the next step, which makes it sooner by so many s."""
+        return self.slower(trip, sooner * (1.0 + 1.0 / self.parameters.hope))
+
     def same_way(self, trip: Evaluation) -> bool:
         """Whether a trip has come so near to the rival that it would end as that did."""
         if self.rival is None or trip.worst_violation > self.parameters.watch:

@@ -21,7 +21,7 @@ from scp_planner.scp.candidate import Candidate, Trial
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import Cutoff, RunLimits
 from scp_planner.scp.last_step import LastStep
-from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.linearisation import TrustRegion, rows_within
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LoopParameters
 from scp_planner.scp.projection import Projection
@@ -30,7 +30,7 @@ from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.step_solver import StepSolver
 from scp_planner.scp.subproblem import ActiveSet, Subproblem, build_subproblem
-from scp_planner.scp.together import RunInStep, Wish, evaluated, linearised
+from scp_planner.scp.together import Linearised, RunInStep, Wish, evaluated, linearised
 from scp_planner.solvers.interface import Solution
 from scp_planner.trips.trajectory import Trajectory
 
@@ -102,6 +102,7 @@ class Iterations:
         self._progress = _Progress(0, start.worst_violation)
         self._active: ActiveSet | None = None
         self._last: LastStep | None = None
+        self._linearised: Linearised | None = None
         self._trial: Trial | None = None
         self._begun = begun  # then the last iteration, or what came before it
 
@@ -123,17 +124,30 @@ class Iterations:
         if now + self.setup.parameters.spared * (now - self._begun) > self.limits.deadline:
             return self._end(LoopStatus.TIME_LIMIT)
         self._begun = now
-        rows = yield from linearised(self.run.evaluation, self.trust)
+        rows = yield from self._rows()
         sub = self._subproblem(rows)
         solution = self.setup.solver.solve(sub.program, self.limits.deadline)
         if solution is None:
             ended = yield from self._without_step()
             return ended
-        if self._trial is None and number > 1 and self._settled(sub, solution):
-            return self._end(LoopStatus.CONVERGED)
+        if self._trial is None and number > 1:
+            sooner = self._sooner(sub, solution)
+            if self._settled(sooner):
+                return self._end(LoopStatus.CONVERGED)
+            if self.cutoff.will_be_slower(self.run.evaluation, sooner):
+                return self._end(LoopStatus.SLOWER)
         self._active = sub.active_set(solution)
         step = yield from self._candidate(sub, solution)
         return self._judged(number, step, len(rows.gap))
+
+    def _rows(self) -> Generator[Wish, Evaluation | Rows, Rows]:
+        """The trip, linearised: anew only where that has not been done after a step that was rejected."""
+        base, trust, known = self.run.evaluation, self.trust, self._linearised
+        if known is not None and known.serves(base, trust):
+            return rows_within(self.setup.problem, known.rows, trust)
+        rows = yield from linearised(base, trust)
+        self._linearised = Linearised(base, trust, rows)
+        return rows
 
     def _end(self, status: LoopStatus) -> bool:
         self.run.status = status
@@ -156,25 +170,31 @@ class Iterations:
         self.trust = self.trust.scaled(self.setup.parameters.shrink)
         return self.trust.theta < self.setup.parameters.smallest_trust
 
-    def _settled(self, sub: Subproblem, solution: Solution) -> bool:
-        """Whether the trip keeps all constraints, and the step from it, not yet evaluated, would gain nothing."""
-        base, setup = self.run.evaluation, self.setup
-        sooner = base.trajectory.travel_time * abs(float(solution.x[sub.step_size - 1]))
-        return base.worst_violation <= setup.parameters.settled and sooner < setup.problem.settings.tolerance
+    def _sooner(self, sub: Subproblem, solution: Solution) -> float:
+        """What a step, not yet evaluated, gains of the travel time, s."""
+        return -self.run.evaluation.trajectory.travel_time * float(solution.x[sub.step_size - 1])
+
+    def _settled(self, sooner: float) -> bool:
+        """Whether the trip keeps all constraints, and the step from it would gain nothing."""
+        setup = self.setup
+        kept = self.run.evaluation.worst_violation <= setup.parameters.settled
+        return kept and abs(sooner) < setup.problem.settings.tolerance
 
     def _candidate(self, sub: Subproblem, solution: Solution) -> Generator[Wish, Evaluation | Rows, Candidate]:
         """Look at the trip that the step leads to, and remember what the step teaches."""
         setup, base = self.setup, self.run.evaluation
-        moved = setup.move(base.trajectory, solution.x)
-        there = None
-        if moved is not None:
-            there = yield from evaluated(moved)
-        step = Candidate.of(base, there, self.penalties, sub, solution.x)
-        # Steps to the border of the trust region lead too far to tell how the constraints bend here.
         self._last = None
-        if moved is not None and step.size < setup.parameters.inside:
+        step = Candidate.of(base, self.penalties, sub, solution.x)
+        if self._trial is None and not step.predicted > 0.0:
+            return step  # rejected wherever it leads
+        moved = setup.move(base.trajectory, solution.x)
+        if moved is None:
+            return step
+        there = yield from evaluated(moved)
+        # Steps to the border of the trust region lead too far to tell how the constraints bend here.
+        if step.size < setup.parameters.inside:
             self._last = LastStep.of(setup.kinematics, sub.rows, base.trajectory, moved, sub.program, solution)
-        return step
+        return step.led_to(there, self.penalties)
 
     def _judged(self, number: int, step: Candidate, rows: int) -> bool:
         """Accept a step, take it on trial, or reject it; then resize the trust region. Whether the run has ended."""
@@ -184,7 +204,7 @@ class Iterations:
         on_trial = self._trial is None and not accepted and self._worth_a_trial(step)
         run.record.append(step.recorded(number, self.penalties, accepted or on_trial, self.trust, rows))
         if on_trial and number < self.limits.max_iterations:
-            self._trial = Trial(run.evaluation, step, self.trust)
+            self._trial = Trial(run.evaluation, step, self.trust, self._linearised)
             run.evaluation = step.evaluation
             return False
         if accepted:
@@ -222,7 +242,7 @@ class Iterations:
         trial, self._trial = self._trial, None
         if trial is None:
             return None
-        self.run.evaluation, self.trust = trial.evaluation, trial.trust
+        self.run.evaluation, self.trust, self._linearised = trial.evaluation, trial.trust, trial.linearised
         return trial.step
 
     def _good_enough(self, number: int) -> bool:

@@ -22,8 +22,6 @@ from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
 
 SAMPLE_STRIDE = 3  # every third sample near a zone is a row, besides the minima of clearance
-LATERAL_REACH = 0.8  # stations whose use of the lateral limit is further from it than this are no rows
-CURVATURE_REACH = 0.5  # the same for curvature
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,8 @@ def linearise_trips(
     rows = Rows.stack(
         [
             clearance_rows(problem, bundle, _clearance_sites(problem, bases, points, near)),
-            lateral_rows(problem, bundle, points, sites, 1.0 - LATERAL_REACH, zones.size + Limit.LATERAL_ACCELERATION),
-            curvature_rows(problem, sites, 1.0 - CURVATURE_REACH, zones.size + Limit.CURVATURE),
+            lateral_rows(problem, bundle, points, sites, zones.size + Limit.LATERAL_ACCELERATION),
+            curvature_rows(problem, sites, zones.size + Limit.CURVATURE),
             box_rows(problem, stacked([base.box_gaps for base in bases]), zones.size + Limit.WORKSPACE_BOUNDS, near),
             goal_speed_rows(problem, bundle, zones.size + Limit.GOAL_SPEED),
             *[
@@ -98,6 +96,23 @@ def linearise_trips(
         ]
     )
     return rows.shares(np.flatnonzero(_usable(problem, rows, trusts) >= rows.gap), len(bases))
+
+
+def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
+    """Return those rows of one trip that a step inside a trust region could violate.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : Rows
+        Of a trust region that is as large or larger.
+    trust : TrustRegion
+
+    Returns
+    -------
+    Rows
+    """
+    return rows.take(np.flatnonzero(_usable(problem, rows, [trust]) >= rows.gap))
 
 
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:

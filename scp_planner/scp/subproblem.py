@@ -215,5 +215,4 @@ def _arc_length_hessian(problem: Problem, trajectory: Trajectory) -> Array:
     if path.node_stretch is not None:
         weights = weights * path.node_stretch**2
     multiplier = 1.0 / max(trajectory.final_speed, MULTIPLIER_SPEED * problem.limits.speed)
-    slopes = tables.node_slopes
-    return (slopes * (multiplier * weights)[:, None]).T @ slopes
+    return tables.slopes_squared(multiplier * weights)

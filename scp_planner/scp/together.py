@@ -27,6 +27,21 @@ class Around:
     trust: TrustRegion
 
 
+@dataclass(frozen=True)
+class Linearised:
+    """A trip, linearised, and how far around it no row is missing."""
+
+    base: Evaluation
+    trust: TrustRegion
+    rows: Rows
+
+    def serves(self, base: Evaluation, trust: TrustRegion) -> bool:
+        """Whether its rows are all that are wanted of a trip so far around it."""
+        mine = self.trust
+        inside = trust.theta <= mine.theta and trust.beta <= mine.beta and trust.rho <= mine.rho
+        return base is self.base and inside
+
+
 Wish = Trajectory | Around
 RunInStep = Generator[Wish, Evaluation | Rows, LoopRun]
 

@@ -147,6 +147,24 @@ class Grid:
         return counts
 
     @cached_property
+    def sidestep_counts(self) -> list[int]:
+        """``sidesteps``, to be looked up one by one."""
+        counts: list[int] = self.sidesteps.tolist()
+        return counts
+
+    @cached_property
+    def speeds_before(self) -> list[range]:
+        """From which classes of speed each is reached at a station."""
+        classes = range(len(self.speeds))
+        return [classes[max(k - self.falls, 0) : k + self.rises + 1] for k in classes]
+
+    @cached_property
+    def slopes_near(self) -> list[list[range]]:
+        """Which classes of slope each class leads to at a station, driven with each class of speed."""
+        count = len(self.slopes)
+        return [[range(max(m - by, 0), min(m + by + 1, count)) for m in range(count)] for by in self.turn_counts]
+
+    @cached_property
     def durations(self) -> Array:
         """What it takes from one station to the next with each class of speed and slope, (n, K, M)."""
         least = np.diff(self.fastest[::EACH_STATION])

@@ -123,10 +123,11 @@ class Layout:
 
     def of_counts(self, counts: Counts) -> list[int]:
         """Integers of rows of words whose first so many delays are set, the same in all cases, (rows, O)."""
-        return [bits * self._cases for bits in self._of_bytes(FIRST_DELAYS[counts[:, None]])]
+        found = self._of_bytes(FIRST_DELAYS[counts[:, None], : self._bytes])
+        return found if self.cases == 1 else [bits * self._cases for bits in found]
 
     def _of_bytes(self, words: NDArray[np.uint8]) -> list[int]:
-        """Integers of rows of words byte by byte, (rows, C, O, 8)."""
+        """Integers of rows of words byte by byte, (rows, C, O, 8 or fewer)."""
         rows, cases, size, _ = words.shape
         room = np.zeros((rows, cases, self._room, self._bytes), dtype=np.uint8)
         room[:, :, :size] = words[..., : self._bytes]
@@ -177,14 +178,12 @@ class Sweep:
         self.grid, self.free, self.in_time = grid, free, in_time
         looked_at = np.append(np.flatnonzero(in_time.any(axis=(0, 1))), grid.middle)
         first, last = int(looked_at.min()), int(looked_at.max())
-        beside = int(np.abs(grid.sidesteps).max())
+        beside = max(map(abs, grid.sidestep_counts))
         # A delay is never made up for: one that is too long at the goal is too long everywhere.
         self.layout = Layout(first, last + 1 - first, beside, free.shape[2], int(in_time[-1].max()))
-        self._sides: list[int] = grid.sidesteps.tolist()
+        self._sides = grid.sidestep_counts
         self._aside = [self.layout.length * side for side in self._sides]
-        speeds, count = range(len(grid.speeds)), len(self._sides)
-        self._from = [speeds[max(k - grid.falls, 0) : k + grid.rises + 1] for k in speeds]
-        self._near = [[range(max(m - by, 0), min(m + by + 1, count)) for m in range(count)] for by in grid.turn_counts]
+        speeds = range(len(grid.speeds))
         self._loaded = range(0)
         classes = len(grid.speeds) * len(grid.slopes)
         self._thin = classes * grid.columns * self.layout.bytes > MOST_KEPT
@@ -279,11 +278,11 @@ class Sweep:
     def _left(self, before: Reached, k: int) -> dict[int, int]:
         """What leaves a station with a class of speed, after changes of speed and slope; of each slope."""
         driven: dict[int, int] = {}
-        for speed in self._from[k]:
+        for speed in self.grid.speeds_before[k]:
             for m, bits in before[speed].items():
                 driven[m] = driven[m] | bits if m in driven else bits
         left: dict[int, int] = {}
-        near = self._near[k]
+        near = self.grid.slopes_near[k]
         for m, bits in driven.items():
             for other in near[m]:
                 left[other] = left[other] | bits if other in left else bits
@@ -350,7 +349,7 @@ class Sweep:
     def _before(self, i: int, m: int, k: int, bit: int) -> tuple[int, int]:
         """Speed and slope at the station before, with the least change."""
         turns, before, possible = self.grid.turn_counts[k], self._at(i - 1), []
-        for speed in self._from[k]:
+        for speed in self.grid.speeds_before[k]:
             for slope, bits in before[speed].items():
                 if -turns <= slope - m <= turns and bits >> bit & 1:
                     possible.append((2 * abs(slope - m) + abs(speed - k), speed, slope))
@@ -362,7 +361,7 @@ class Sweep:
         grid, k, side = self.grid, len(self.grid.speeds) - 1, self._sides[m]
         line = EACH_STATION * (i - 1) + 1
         left, turns, before = 0, grid.turn_counts[k], self._at(i - 1)
-        for speed in self._from[k]:
+        for speed in self.grid.speeds_before[k]:
             for slope, bits in before[speed].items():
                 if -turns <= slope - m <= turns:
                     left |= bits

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, Any, TypeVar
 
 from scp_planner.errors import Fault, SettingsError
@@ -144,7 +145,15 @@ def for_scene(settings: Settings, units: Units | None = None) -> SceneSettings:
     SettingsError
         With every length and time that is too small or too large for the scene.
     """
-    return decided(settings, Settings, SceneSettings, units or Units())
+    if isinstance(settings, SceneSettings):
+        return settings
+    return _for_scene(of_kind(settings, Settings), units or Units())
+
+
+@lru_cache(maxsize=16)
+def _for_scene(settings: Settings, units: Units) -> SceneSettings:
+    """The same, kept for the next plan."""
+    return decided(settings, Settings, SceneSettings, units)
 
 
 def with_given(settings: SceneSettings, given: Mapping[str, Any], units: Units) -> SceneSettings:

@@ -208,7 +208,10 @@ class ZoneBatch:
         directions = self.own_directions
         if directions is not None:
             directions = directions.rounded(DIRECTION_DECIMALS, DIRECTION_DECIMALS)
-        return replace(self, centers=centers, covariances=covariances, outlines=outlines, own_directions=directions)
+        radius = np.round(self.radius, DECIMALS + 3)
+        return replace(
+            self, centers=centers, radius=radius, covariances=covariances, outlines=outlines, own_directions=directions
+        )
 
     def inflated(self, extra: Array) -> ZoneBatch:
         """Return the batch with every zone larger by ``extra``, (L,) m."""

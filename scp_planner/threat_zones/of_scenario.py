@@ -14,7 +14,7 @@ vehicle's reference point.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import atan2, hypot
@@ -119,7 +119,8 @@ class ZonesOf(SortedZones):
         self._obstacles = scenario.obstacles
         self._confidence = scenario.confidence
         uncertain = sum(is_uncertain(scenario.obstacles[k].motion) for k in others)
-        made = {k: _zones(scenario.obstacles[k], scenario, uncertain) for k in others}
+        estimates = _estimates(scenario, others)
+        made = {k: _zones(scenario.obstacles[k], estimates.get(k), scenario, uncertain) for k in others}
         first = _first_of_each(len(scenario.obstacles), made)
         self.discs, self._disc_of = replace(found, index=first[found.index]), found.index
         self._made = {int(first[k]) + part: zone for k, several in made.items() for part, zone in enumerate(several)}
@@ -205,22 +206,30 @@ def _walls(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
     return corridor.outside(polygons)
 
 
-def _zones(obstacle: Obstacle, scenario: Scenario, estimated: int) -> tuple[ThreatZone, ...]:
-    if obstacle.motion is not None:
-        confidence = scenario.confidence
-        return given_zones(obstacle.id, obstacle.shape, obstacle.margin, obstacle.motion, confidence, estimated)
-    return (_estimated_zone(obstacle, scenario, estimated),)
-
-
-def _estimated_zone(obstacle: Obstacle, scenario: Scenario, estimated: int) -> ThreatZone:
+def _estimates(scenario: Scenario, some: Iterable[int]) -> dict[int, MotionEstimate]:
+    """Estimate the motions of those of some obstacles that are not given, by their place in the scenario."""
+    unknown = [k for k in some if scenario.obstacles[k].motion is None]
+    if not unknown:
+        return {}
     from scp_planner.estimation.estimate import estimate_obstacle
+    from scp_planner.estimation.foretelling import foretell
 
-    estimate = estimate_obstacle(obstacle)
+    estimates = {k: estimate_obstacle(scenario.obstacles[k]) for k in unknown}
+    foretell(estimates.values(), scenario.start.time, HORIZON)
+    return estimates
+
+
+def _zones(
+    obstacle: Obstacle, estimate: MotionEstimate | None, scenario: Scenario, estimated: int
+) -> tuple[ThreatZone, ...]:
+    """Zones of an obstacle, with an estimate of its motion if that is not given."""
+    name, shape, margin, confidence = obstacle.id, obstacle.shape, obstacle.margin, scenario.confidence
+    if estimate is None:
+        assert obstacle.motion is not None, "otherwise it is estimated"
+        return given_zones(name, shape, margin, obstacle.motion, confidence, estimated)
     start = max(scenario.start.time, estimate.reference_time)  # which may be later by rounding
-    body = estimated_body(obstacle.shape, obstacle.model)
-    return estimated_zone(
-        Embodied(obstacle.id, obstacle.shape, body, obstacle.margin), estimate, scenario.confidence, estimated, start
-    )
+    body = Embodied(name, shape, estimated_body(shape, obstacle.model), margin)
+    return (estimated_zone(body, estimate, confidence, estimated, start),)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ Cells on which this is more than a tiny share of m are halved. Nothing here is a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -29,6 +29,7 @@ ORDER = 8  # Gauss nodes a cell
 POINTS = 15  # Chebyshev's: so many coefficients s^2 has, and |r'|^2 with offsets of degree 5 over a curved guide
 MOST_STEPS = 80  # of Newton or of bisection
 ROUNDING = 1e-15  # of the arc length
+TINY = float(np.finfo(float).tiny)  # in place of a length of 0
 
 Speeds = Callable[[Array], Array]
 """Speeds over the station |r'| at normalised stations, (n,)."""
@@ -112,9 +113,9 @@ class ArcLength:
         self._driven[:, 1:] = self._rates / np.arange(1, ORDER + 1)
         self._driven[:, 0] = -_valued(self._driven.T, np.full(len(order), -1.0))
         self.until = np.zeros(len(order) + 1)
-        lengths = self._driven.sum(axis=1)
-        np.cumsum(lengths, out=self.until[1:])
-        self.error = float(off[order] @ lengths) if bool(np.all(off <= CLOSE)) else float("inf")
+        self._lengths = self._driven.sum(axis=1)
+        np.cumsum(self._lengths, out=self.until[1:])
+        self.error = float(off[order] @ self._lengths) if bool(np.all(off <= CLOSE)) else float("inf")
 
     @property
     def total(self) -> float:
@@ -158,9 +159,11 @@ class ArcLength:
 
     def _found(self, cell: Index, target: Array) -> Array:
         """Places in cells, from -1 to 1, where arc lengths reach targets, (n,): by Newton's steps, or bisection."""
+        if len(target) == 1:
+            return np.array([self._found_one(int(cell[0]), float(target[0]))])
         driven, rates = self._driven.T[:, cell], self._rates.T[:, cell]
         low, high = np.full_like(target, -1.0), np.ones_like(target)
-        x = 2.0 * target / np.maximum(driven.sum(axis=0), np.finfo(float).tiny) - 1.0
+        x = 2.0 * target / np.maximum(driven.sum(axis=0), TINY) - 1.0
         for _ in range(MOST_STEPS):
             excess = _valued(driven, x) - target
             if bool(np.all(np.abs(excess) <= ROUNDING * self.total)):
@@ -170,6 +173,29 @@ class ArcLength:
             newton = x - excess / np.where(rate > 0.0, rate, np.inf)
             x = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
         return x
+
+    def _found_one(self, cell: int, target: float) -> float:
+        """The same of one target, to the same bits, in plain numbers: NUMPY-CALLS."""
+        driven, rates = self._driven[cell, ::-1].tolist(), self._rates[cell, ::-1].tolist()
+        low, high, close = -1.0, 1.0, ROUNDING * self.total
+        x = 2.0 * target / max(float(self._lengths[cell]), TINY) - 1.0
+        for _ in range(MOST_STEPS):
+            excess = _horner(driven, x) - target
+            if abs(excess) <= close:
+                break
+            low, high = x if excess <= 0.0 else low, x if excess >= 0.0 else high
+            rate = _horner(rates, x)
+            newton = x - (excess / rate if rate > 0.0 else 0.0)
+            x = newton if low <= newton <= high else 0.5 * (low + high)
+        return x
+
+
+def _horner(coefficients: Sequence[float], x: float) -> float:
+    """Value of a polynomial, its coefficients from the highest power down."""
+    value = 0.0
+    for coefficient in coefficients:
+        value = value * x + coefficient
+    return value
 
 
 def _valued(coefficients: Array, x: Array) -> Array:

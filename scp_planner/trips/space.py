@@ -118,6 +118,7 @@ class _Tables:
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)
         self.node_slopes = self.path.derivative.rows(self.node_parameters)
+        self._slope_pairs, self._pair_places = _pairs_of(self.node_slopes, path_degree, path_spans)
         self.station_parameters = np.linspace(0.0, 1.0, self.cells + 1)
         self.station_rows = self.path.rows(self.station_parameters)
         self.station_slopes = self.path.derivative.rows(self.station_parameters)
@@ -135,11 +136,30 @@ class _Tables:
         powers = (scaled - cell)[:, None] ** _POWERS
         return cell, powers @ self.antiderivative
 
+    def slopes_squared(self, weights: Array) -> Array:
+        """Sum of the squared slopes at the nodes, weighted (n,), as a quadratic form of the control points (K1, K1)."""
+        spans, _, pairs = self._slope_pairs.shape
+        local = np.matmul(weights.reshape(spans, 1, -1), self._slope_pairs)
+        size = self.path.size
+        return np.bincount(self._pair_places, local.reshape(spans * pairs), size * size).reshape(size, size)
+
     def time_table(self, sigma: Array) -> TimeTable:
         sigma = np.asarray(sigma, dtype=float)
         span, x = self.acceleration.locate(sigma)
         rows, size = self._time_basis.rows_at(span, x), self.acceleration.size
         return TimeTable(sigma, rows[:, :size], rows[:, size : 2 * size], rows[:, 2 * size :])
+
+
+def _pairs_of(slopes: Array, degree: int, spans: int) -> tuple[Array, Index]:
+    """Products of the slopes that are not zero in a span, (spans, nodes, pairs), and their places in a (K1, K1) form.
+
+    As many as the square of the degree and one: far fewer than the form has entries where there are many spans.
+    """
+    each, size = len(slopes) // spans, slopes.shape[1]
+    local = np.stack([slopes[each * k : each * (k + 1), k : k + degree + 1] for k in range(spans)])
+    first, among = np.arange(spans)[:, None], np.arange(degree + 1)
+    places = (first + among)[:, :, None] * size + (first + among)[:, None, :]
+    return (local[:, :, :, None] * local[:, :, None, :]).reshape(spans, each, -1), places.ravel()
 
 
 def _side_by_side(*parts: PiecewiseBasis) -> PiecewiseBasis:

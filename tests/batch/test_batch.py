@@ -20,7 +20,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from scp_planner import builtin
+from scp_planner import builtin, files
 from scp_planner.batch import dask_cluster, runner
 from scp_planner.batch.dask_cluster import DaskExecutor
 from scp_planner.batch.executor import Answer, ExecutorError, Fate
@@ -405,6 +405,16 @@ def test_scenarios_are_found_by_pattern_and_results_left_out(folder: Path) -> No
     found = scenario_files(folder, "**/*", [folder / "plans", folder / "broken.yaml"])
     assert list(found) == ["crossing.yaml", "headon.yaml", "overtaking.json", "sub/headon.yml"]
     assert list(scenario_files(folder, "head*")) == ["headon.yaml"]
+
+
+def test_a_folder_with_too_much_in_it_is_not_looked_through(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "sub").mkdir()
+    monkeypatch.setattr(files, "MOST_ENTRIES", len(list(folder.rglob("*"))))
+    assert len(scenario_files(folder, "**/*")) == 4
+    (folder / "sub" / "one_more.txt").touch()
+    with pytest.raises(ValueError, match=r"pattern '\*\*/\*': .* holds over [0-9]+ files, with those in its folders"):
+        scenario_files(folder, "**/*")
+    assert len(scenario_files(folder)) == 4  # of the folder alone
 
 
 # the command

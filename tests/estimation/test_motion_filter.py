@@ -17,7 +17,8 @@ from scp_planner.estimation.dynamics import Dynamics, MeanReverting, RandomWalk,
 from scp_planner.estimation.error_laws import NormalErrors, StudentErrors
 from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
 from scp_planner.estimation.observations import Outliers, Screening
-from scp_planner.estimation.process_estimate import CENTER_TOLERANCE, COVARIANCE_TOLERANCE, ProcessEstimate
+from scp_planner.estimation.process_estimate import ProcessEstimate
+from scp_planner.estimation.process_spans import CENTER_TOLERANCE, COVARIANCE_TOLERANCE
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.process_model import ProcessModel, Tails
 

@@ -90,3 +90,12 @@ def test_more_spans_of_the_drive_begin_with_a_trip_that_arrives() -> None:
         breaks = finer.space.acceleration.breakpoints
         assert again.travel_time == pytest.approx(trip.travel_time, rel=5e-3)
         assert again.speed_at(breaks) == pytest.approx(trip.speed_at(breaks), abs=0.05)
+
+
+def test_where_arrivals_count_in_steps_a_gain_within_one_is_none(among: Found) -> None:
+    assert among.best.holds
+    assert among.may_count(0.0) and among.may_count(np.inf)
+    time = among.best.travel_time
+    steps = Found(CheckedRuns(replace(among.runs.task, arrival_step=0.3 * time)), among.best, among.most)
+    assert not steps.may_count(0.05 * time)  # the steps are at 0.9 and 1.2 times the travel time
+    assert steps.may_count(0.11 * time) and steps.may_count(np.inf)

@@ -274,6 +274,18 @@ def test_powers_of_two_do_not_change_a_bit_among_many(seed: int) -> None:
     assert plan.certified
     assert numbers(other, length, time) == numbers(plan, 1.0, 1.0)
     assert other.iterations == plan.iterations
+    odd = sp.plan(rewritten(scenario, 0.37, 12.0))
+    np.testing.assert_allclose(numbers(odd, 0.37, 12.0), numbers(plan, 1.0, 1.0), rtol=1e-9, atol=1e-9)
+    assert odd.iterations == plan.iterations
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [pytest.param(path, id=path.stem) for path in FILES])
+def test_other_units_change_rounding_only_of_any_plan(path: Path) -> None:
+    scenario = sp.Scenario.load(path)
+    plan, other = sp.plan(scenario), sp.plan(NaturalUnits(1.0 / 0.37, 1.0 / 12.0).scenario(scenario))
+    assert other.status is plan.status
+    assert other.travel_time / 12.0 == pytest.approx(plan.travel_time, rel=1e-9)
 
 
 @pytest.mark.parametrize(("length", "time"), FACTORS)

@@ -8,7 +8,7 @@ from slopes import assert_rows, differences, moved, problem_and_trip
 
 from scp_planner.scp.bend_sites import bend_sites, station_sites
 from scp_planner.scp.evaluation import box_gaps, evaluate_trip
-from scp_planner.scp.linearisation import TrustRegion, linearise
+from scp_planner.scp.linearisation import TrustRegion, linearise, rows_within
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import STILL, curvature_rows, lateral_rows
 from scp_planner.scp.rows.box import box_rows
@@ -91,14 +91,14 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
     bundle, whose = TripBundle([trip]), np.zeros(0, dtype=int)
     sites = bend_sites(problem, bundle, trip.at(problem.samples))[0]
     assert len(sites.peaks.speed) > 0, "this trip is to come near the limit"
-    rows = curvature_rows(problem, [sites], -1.0, 0)
+    rows = curvature_rows(problem, [sites], 0)
 
     def curvature(other: Trajectory) -> Array:
         return other.path.station_bend.curvature / problem.limits.curvature
 
     assert_both_sides(rows, curvature(trip), differences(problem, trip, curvature, 1e-5))
 
-    lateral = lateral_rows(problem, bundle, trip.at(problem.samples), [sites], -1.0, 0)
+    lateral = lateral_rows(problem, bundle, trip.at(problem.samples), [sites], 0)
 
     def value(other: Trajectory) -> Array:
         fixed = station_sites(TripBundle([other]), whose, problem.space.tables.station_parameters).lateral
@@ -138,6 +138,9 @@ def test_rows_out_of_reach_are_left_out_and_cannot_be_violated() -> None:
     trust = TrustRegion(0.05, 0.1, 0.01)
     some, every = linearise(problem, base, trust, 1.5), linearise(problem, base, trust.scaled(1e6), 1.5)
     assert 0 < len(some.gap) < len(every.gap)
+    again = rows_within(problem, every, trust)
+    np.testing.assert_array_equal(again.key, some.key)
+    np.testing.assert_array_equal(again.matrix, some.matrix)
     box = np.full(every.matrix.shape[1], trust.beta)
     free = problem.ends.free
     box[: free.stop - free.start] = trust.theta * problem.space.tables.leverage[free]
@@ -147,3 +150,26 @@ def test_rows_out_of_reach_are_left_out_and_cannot_be_violated() -> None:
     assert len(left.gap) == len(every.gap) - len(some.gap)
     for _ in range(200):
         assert np.all(left.matrix @ (box * rng.choice([-1.0, 1.0], len(box))) <= left.gap)
+
+
+def test_a_straight_path_is_kept_from_bending_too_much_in_one_step() -> None:
+    problem, trip = problem_and_trip(0)
+    straight = Trajectory.of(problem.space, problem.ends.theta, trip.beta, trip.travel_time)
+    base, trust = evaluate_trip(problem, straight, 1.5), TrustRegion(1.0, 1.0, 0.1)
+    assert base.sites.worst_lateral < 0.1 * problem.limits.lateral_acceleration
+    rows = linearise(problem, base, trust, 1.5)
+
+    def lateral(other: Trajectory) -> Array:
+        stations = problem.space.tables.station_parameters
+        there = station_sites(TripBundle([other]), np.zeros(0, dtype=int), stations)
+        return there.lateral / problem.limits.lateral_acceleration
+
+    use, rng = differences(problem, straight, lateral, 1e-5), np.random.default_rng(5)
+    free = problem.ends.free
+    for _ in range(20):
+        z = np.zeros(problem.step_size)
+        count = free.stop - free.start
+        z[:count] = trust.theta * problem.space.tables.leverage[free] * rng.choice([-1.0, 1.0], count)
+        worst = float(np.abs(use @ z).max()) - 1.0
+        assert worst > 0.0, "the step is to bend too much"
+        assert float((rows.matrix @ z - rows.gap).max()) >= worst - 1e-3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 
@@ -11,6 +13,7 @@ from scenes import CROSSERS, scene
 
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
+from scp_planner.scp import together
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopStatus
@@ -57,3 +60,32 @@ def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPat
         each = ended[-1] / (1 + len(run.record))
     assert ended[0] > 20.0
     assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each
+
+
+def test_no_trip_is_linearised_twice_or_looked_at_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a step that is rejected the rows are known, and a trip that will be too slow is not looked at."""
+    looks = Counter[str]()
+
+    def counted(name: str) -> Callable[..., object]:
+        real = getattr(together, name)
+
+        def count(*given: object) -> object:
+            looks[name] += 1
+            return real(*given)
+
+        return count
+
+    for name in ("linearise_trips", "evaluate_trips"):
+        monkeypatch.setattr(together, name, counted(name))
+    loop = ScpLoop(PROBLEM, solver_named("daqp"))
+    run = loop.run(START, 60)
+    rejected = sum(not step.accepted for step in run.record)
+    assert rejected > 0
+    assert looks == {"linearise_trips": len(run.record) - rejected, "evaluate_trips": len(run.record) + 1}
+    looks.clear()
+    start = next(islice(bows(PROBLEM), 2, None))
+    best = loop.run(start, 60).evaluation.trajectory.travel_time
+    looks.clear()
+    slow = loop.run(start, 60, cutoff=0.97 * best)
+    assert slow.status is LoopStatus.SLOWER and slow.evaluation.trajectory.travel_time > 0.97 * best
+    assert looks == {"linearise_trips": len(slow.record) + 1, "evaluate_trips": len(slow.record) + 1}

@@ -108,3 +108,15 @@ def test_a_path_with_a_cusp_has_no_error_that_is_known() -> None:
     space = TripSpace(bend, 1.0, 3, 2, 0, (0.0, 1.0))
     path = Path(space, np.full(space.path_size, 5.0))
     assert path.exact.error == float("inf")
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=["straight", "curved"])
+def test_a_single_distance_is_found_as_among_others(guide: Guide) -> None:
+    exact = steep(guide).exact
+    distances = np.linspace(-0.1, 1.1, 37) * exact.total
+    together = exact.parameter_at(distances)
+    alone = np.array([float(exact.parameter_at(one)[0]) for one in distances[:, None]])
+    np.testing.assert_allclose(alone, together, rtol=0.0, atol=1e-14)
+    np.testing.assert_allclose(
+        exact.at(alone), np.clip(distances, 0.0, exact.total), rtol=0.0, atol=1e-13 * exact.total
+    )

@@ -32,6 +32,18 @@ def slope(trip: Trajectory, parameter: float) -> float:
     return float(trip.space.path.derivative.rows(np.array([parameter]))[0] @ trip.theta) / trip.space.length
 
 
+@pytest.mark.parametrize("path_degree", [3, 5])
+def test_the_weighted_squares_of_slopes_are_their_sum_over_the_nodes(path_degree: int) -> None:
+    trips = space(path_degree=path_degree)
+    rng = np.random.default_rng(path_degree)
+    weights, theta = rng.uniform(0.5, 2.0, len(trips.tables.node_parameters)), rng.normal(size=trips.path_size)
+    nodes, step = trips.tables.node_parameters, 1e-6
+    slopes = (trips.path.rows(nodes + step) - trips.path.rows(nodes - step)) @ theta / (2.0 * step)
+    form = trips.tables.slopes_squared(weights)
+    assert theta @ form @ theta == pytest.approx(weights @ slopes**2, rel=1e-7)
+    np.testing.assert_array_equal(form, form.T)
+
+
 @pytest.mark.parametrize("path_degree", [3, 4, 5])
 def test_the_arc_length_is_the_integral_of_the_speed(path_degree: int) -> None:
     trip = random_trip(space(path_degree=path_degree))

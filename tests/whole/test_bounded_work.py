@@ -76,13 +76,14 @@ def peak_of(work: Callable[[], T]) -> tuple[T, int]:
 
 def test_the_peak_is_what_was_taken_at_once() -> None:
     def take() -> int:
-        for _ in range(3):
+        for _ in range(6):
             last = np.ones(4_000_000)
         return int(last.sum())
 
     result, peak = peak_of(take)
     assert result == 4_000_000
-    assert 30 * MEGABYTE < peak < 80 * MEGABYTE
+    # two at once, 64 MB, and perhaps a third that the allocator keeps; all six would be 192
+    assert 30 * MEGABYTE < peak < 130 * MEGABYTE
 
 
 def test_the_grid_of_a_trip_of_two_hundred_kilometres_fits_into_memory() -> None:

@@ -92,7 +92,7 @@ class CurvatureRateLimit(OptionalLimit):
     """
 
     name: ClassVar[str] = "curvature_rate"
-    reach: ClassVar[float] = 0.5
+    reach: ClassVar[float] = np.inf  # a straight path is steered too fast after one step
 
     def __init__(self, space: TripSpace, free: slice, limit: float) -> None:
         self.space = space
@@ -116,9 +116,14 @@ class CurvatureRateLimit(OptionalLimit):
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradient: at fixed stations, and at jumps of the acceleration, which move by dD - dS."""
+        count = len(self._parameters) + len(self._jumps.sigma)
+        places, which = np.unique(index % count, return_inverse=True)  # both sides of a place have one gradient
+        sign = np.where(index < count, 1.0, -1.0) / self.limit
+        return self._rates_gradient(trajectory, places)[which] * sign[:, None]
+
+    def _rates_gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        """Gradient of dk/dt in some of the sites, (m, step) 1/(m s)."""
         sites, basis, length = self._sites(trajectory), self.space.path, self.space.length
-        sign = np.where(index < len(sites.speed), 1.0, -1.0)
-        index = index % len(sites.speed)
         parameter, sigma, speed = sites.parameter[index], sites.sigma[index], sites.speed[index]
         fixed_time = index >= len(self._parameters)
         table = self.space.time_table(sigma)
@@ -137,7 +142,7 @@ class CurvatureRateLimit(OptionalLimit):
             gradient[:, :count] -= moving[:, None] * trajectory.path.arc_length_gradient(parameter)[:, self.free]
             gradient[:, count:-1] += (trajectory.travel_time**2 * moving)[:, None] * table.distance
             gradient[:, -1] += self.space.start_speed * trajectory.travel_time * moving * sigma
-        return gradient * (sign / self.limit)[:, None]
+        return gradient
 
     def _rate_along(self, path: Path, parameter: Array) -> Array:
         """Derivative of dk/ds by the arc length at normalised stations, (n,) 1/m^3."""

@@ -71,6 +71,10 @@ class SpeedLimits(OptionalLimit):
         self.space = space
         self.free = free
         self.stretches = stretches
+        self._borders = _Borders(
+            tuple(part for part in stretches for _ in range(2)),
+            np.array([border for part in stretches for border in (part.first, part.last)]),
+        )
         self._jumps = space.time_table(space.acceleration.breakpoints[1:-1])
         self._last: _Looked | None = None
 
@@ -107,11 +111,9 @@ class SpeedLimits(OptionalLimit):
 
     def _gate_moves(self, path: Path, gates: Index, parameter: Array) -> Array:
         """How far along the path a step of the offset moves its crossings of borders, (m, K1 free) m."""
-        borders = np.array([(part.first, part.last) for part in self.stretches]).ravel()[gates]
-        lines = [self.stretches[gate // 2].line for gate in gates.tolist()]
-        points = path.points(parameter)
-        places = zip(lines, points.position, borders, strict=True)
-        tangent = np.array([line.across_border(place, at) for line, place, at in places]).reshape(-1, 2)
+        points, borders = path.points(parameter), self._borders.of(gates)
+        places = zip(borders.stretches, points.position, borders.at, strict=True)
+        tangent = np.array([part.line.across_border(place, at) for part, place, at in places]).reshape(-1, 2)
         sideways = np.einsum("ij,ij->i", tangent, np.broadcast_to(points.normal, tangent.shape))
         along = np.einsum("ij,ij->i", tangent, points.direction) / points.speed
         rows = self.space.path.rows_at(points.span, points.local)[:, self.free]
@@ -154,13 +156,17 @@ class SpeedLimits(OptionalLimit):
         The side is that on which the acceleration counts: where the speed is a maximum of two pieces at a border
         that the acceleration jumps at, before entering and after leaving.
         """
-        stations = self.space.tables.station_parameters
-        gates: list[float] = []
-        for part in self.stretches:
-            along = part.line.nearest(path.station_positions)
-            gates.extend(_crossing(path, part, stations, along, border) for border in (part.first, part.last))
+        along = self._borders.lines_at(path.station_positions)
+        cells = (along[:, :-1] < self._borders.at[:, None]) & (along[:, 1:] >= self._borders.at[:, None])
+        gates, stations = np.full(len(cells), -1.0), self.space.tables.station_parameters
+        # Borders whose first cell with a crossing turns out to have none are looked for in the next one.
+        while (some := np.flatnonzero(cells.any(axis=1) & (gates < 0.0))).size:
+            cell = np.argmax(cells[some], axis=1)
+            ends = np.stack([cell, cell + 1])
+            gates[some] = _crossings(path, self._borders.of(some), stations[ends], along[some, ends])
+            cells[some, cell] = False
         sides = np.tile([-1.0, 1.0], len(self.stretches))
-        return np.array(gates), sides, np.repeat([part.speed for part in self.stretches], 2)
+        return gates, sides, np.repeat([part.speed for part in self.stretches], 2)
 
 
 def squared_speed_gradient(
@@ -192,34 +198,84 @@ def squared_speed_gradient(
     return np.concatenate([theta, beta, rho[:, None]], axis=1)
 
 
-def _crossing(path: Path, part: Stretch, stations: Array, along: Array, border: float) -> float:
-    """Normalised station at which a path first crosses a border of a stretch upwards; -1 if it does not."""
-    for cell in np.flatnonzero((along[:-1] < border) & (along[1:] >= border)).tolist():
-        gate = _crossing_in(path, part, stations[cell : cell + 2], along[cell : cell + 2], border)
-        if gate >= 0.0:
-            return gate
-    return -1.0
+@dataclass(frozen=True)
+class _Borders:
+    """Borders of stretches.
+
+    Attributes
+    ----------
+    stretches : tuple of Stretch
+        Of each.
+    at : (n,) array
+        m along its line.
+    """
+
+    stretches: tuple[Stretch, ...]
+    at: Array
+
+    def of(self, index: Index) -> _Borders:
+        """Return some of them."""
+        return _Borders(tuple(self.stretches[k] for k in index.tolist()), self.at[index])
+
+    def lines_at(self, positions: Array) -> Array:
+        """Stations along the line of each of the points of it nearest to positions (k, 2) m, (n, k) m."""
+        known = {line: line.nearest(positions) for line in {part.line: None for part in self.stretches}}
+        return np.array([known[part.line] for part in self.stretches])
+
+    def each_at(self, path: Path, parameters: Array) -> Array:
+        """Stations along its line of the path at normalised stations, for each its own, (n, k)."""
+        shape = parameters.shape
+        positions = path.points(parameters.ravel()).position.reshape(*shape, 2)
+        found = np.empty(shape)
+        for line in {part.line: None for part in self.stretches}:
+            mine = [k for k, part in enumerate(self.stretches) if part.line is line]
+            found[mine] = line.nearest(positions[mine].reshape(-1, 2)).reshape(len(mine), -1)
+        return found
 
 
-def _crossing_in(path: Path, part: Stretch, cell: Array, along: Array, border: float) -> float:
-    """The same within a cell; -1 where the stations jump over all of the stretch, and the path is never in it."""
-    low, high = cell.tolist()
-    slope = float(along[1] - along[0]) / (high - low)
-    guess = low + (border - float(along[0])) / slope
+def _crossings(path: Path, borders: _Borders, cells: Array, along: Array) -> Array:
+    """Normalised stations at which a path first crosses borders, each upwards in a cell; -1 if it jumps past it.
+
+    Parameters
+    ----------
+    path : Path
+    borders : _Borders
+        n of them.
+    cells, along : (2, n) arrays
+        Normalised stations at the ends of the cell of each, and m along its line there.
+
+    Returns
+    -------
+    (n,) array
+    """
+    (low, high), (first, last) = cells, along
+    slope = (last - first) / (high - low)
+    guess = low + (borders.at - first) / slope
     for _ in range(CROSSING_STEPS):
-        here = part.line.nearest(path.points(np.array([guess])).position)[0]
-        guess = min(max(guess + (border - here) / slope, low), high)
-    here = part.line.nearest(path.points(np.array([guess])).position)[0]
-    if abs(here - border) < ON_BORDER * float(along[1] - along[0]):
-        return float(guess)
-    # Inside of a bend of the line the stations jump over the border.
+        here = borders.each_at(path, guess[:, None])[:, 0]
+        guess = np.minimum(np.maximum(guess + (borders.at - here) / slope, low), high)
+    here = borders.each_at(path, guess[:, None])[:, 0]
+    bent = np.flatnonzero(np.abs(here - borders.at) >= ON_BORDER * (last - first))
+    if bent.size:
+        guess[bent] = _jumps(path, borders.of(bent), low[bent], high[bent])
+    return guess
+
+
+def _jumps(path: Path, borders: _Borders, low: Array, high: Array) -> Array:
+    """The same inside of a bend of a line, where its stations jump over borders.
+
+    It is -1 where they jump over all of the stretch, and the path is never in it.
+    """
+    every = np.arange(len(low))
     for _ in range(JUMP_STEPS):
-        trials = np.linspace(low, high, JUMP_PARTS + 1)
-        beyond = part.line.nearest(path.points(trials[1:-1]).position) >= border
-        first = int(np.argmax(np.append(beyond, True)))
-        low, high = float(trials[first]), float(trials[first + 1])
-    inside = part.line.nearest(path.points(np.array([high if border == part.first else low])).position)[0]
-    return high if part.first <= inside <= part.last else -1.0
+        trials = np.linspace(low, high, JUMP_PARTS + 1, axis=1)
+        beyond = borders.each_at(path, trials[:, 1:-1]) >= borders.at[:, None]
+        jump = np.where(beyond.any(axis=1), np.argmax(beyond, axis=1), JUMP_PARTS - 1)
+        low, high = trials[every, jump], trials[every, jump + 1]
+    entered = np.array([at == part.first for part, at in zip(borders.stretches, borders.at, strict=True)])
+    inside = borders.each_at(path, np.where(entered, high, low)[:, None])[:, 0]
+    within = [part.first <= at <= part.last for part, at in zip(borders.stretches, inside.tolist(), strict=True)]
+    return np.where(within, high, -1.0)
 
 
 def speed_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:

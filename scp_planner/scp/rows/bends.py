@@ -52,18 +52,17 @@ class _StationBasis:
         )
 
 
-def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, group: int) -> Rows:
+def curvature_rows(problem: Problem, sites: Sequence[BendSites], group: int) -> Rows:
     """Return the rows of -limit <= curvature <= limit at fixed stations, relative to the limit.
 
-    Both sides are rows: the curvature may change its sign in one step.
+    All stations are rows, and both sides of each: in one step a straight path may become too curved, or a curvature
+    change its sign.
 
     Parameters
     ----------
     problem : Problem
     sites : sequence of BendSites
         Of K trips.
-    within : float
-        Stations with less than this of the limit are no rows.
     group : int
         Index of the violation in the merit.
 
@@ -71,12 +70,8 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, 
     -------
     Rows
     """
-    limit = problem.limits.curvature
-    if max(site.worst_curvature for site in sites) <= within * limit:
-        return Rows.none(problem.step_size)
-    curvature = stacked([site.curvature for site in sites])
-    owner, station = np.nonzero(np.abs(curvature) > within * limit)
-    tables = problem.space.tables
+    limit, tables = problem.limits.curvature, problem.space.tables
+    owner, station = np.divmod(np.arange(len(sites) * len(tables.station_parameters)), len(tables.station_parameters))
     rows, slopes, bends = tables.station_rows[station], tables.station_slopes[station], tables.station_bends[station]
     bend = _bends_at(sites, owner, station, straight=problem.space.guide.straight)
     theta = _bend_gradient(problem, bend, rows, slopes, bends) / limit
@@ -85,7 +80,7 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], within: float, 
 
 
 def lateral_rows(
-    problem: Problem, bundle: TripBundle, points: TripPoints, sites: Sequence[BendSites], within: float, group: int
+    problem: Problem, bundle: TripBundle, points: TripPoints, sites: Sequence[BendSites], group: int
 ) -> Rows:
     """Return the rows of -limit <= v^2 curvature <= limit, relative to the limit: stations, peaks, then jumps.
 
@@ -103,18 +98,15 @@ def lateral_rows(
         These trips at the problem's samples, one after the other.
     sites : sequence of BendSites
         Of these trips.
-    within, group
-        As in :func:`curvature_rows`; all peaks and jumps are rows.
+    group : int
+        Index of the violation in the merit.
 
     Returns
     -------
     Rows
     """
     limit, tables = problem.limits.lateral_acceleration, problem.space.tables
-    lateral = stacked([site.stations.lateral for site in sites])
-    owner, station = np.nonzero(np.abs(lateral) > within * limit)
-    if len(owner) == 0:
-        return Rows.none(problem.step_size)
+    owner, station = np.divmod(np.arange(len(sites) * len(tables.station_parameters)), len(tables.station_parameters))
     fixed = StationSites(
         tables.station_parameters[station],
         _bends_at(sites, owner, station, straight=problem.space.guide.straight),
