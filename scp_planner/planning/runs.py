@@ -14,7 +14,6 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
-from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
@@ -29,6 +28,7 @@ from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.search.grid import typical_radius
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
@@ -219,18 +219,21 @@ class CheckedRuns:
             if certificate.holds or not run.feasible or certificate.late:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
-            problem = self._asking_for_more(problem, certificate, URGENCY**repeat)
+            problem = self._asking_for_more(problem, attempt, URGENCY**repeat)
             loop = self._loop(problem)
             start = run.evaluation.trajectory
         return attempt
 
     def _loop(self, problem: Problem, hopeless_after: int | None = None, steps: ArrivalSteps | None = None) -> ScpLoop:
-        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, SPARING, steps)
+        radius = typical_radius(problem.zones)
+        # Trips on different sides of what is small are near to each other.
+        apart = SPARING.same_way if radius is None else min(SPARING.same_way, radius)
+        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, replace(SPARING, same_way=apart), steps)
 
-    def _asking_for_more(self, problem: Problem, certificate: Certificate, urgency: float) -> Problem:
-        if met_what_was_left_out(problem, certificate):
+    def _asking_for_more(self, problem: Problem, attempt: ScpAttempt, urgency: float) -> Problem:
+        if met_what_was_left_out(problem, attempt.verdict):
             return self.everything
-        return tightened(problem, certificate, urgency)
+        return tightened(problem, attempt.verdict, urgency, attempt.travel_time)
 
     def _run(
         self,
