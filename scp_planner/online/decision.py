@@ -20,6 +20,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import FEASIBILITY
 from scp_planner.settings.online import GiveWay
 from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
@@ -191,13 +192,22 @@ class Decision:
         return found
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory, problem: Problem) -> Vetted | Refusal:
-        """Improve what is left of the last trip in the problem of a loop; judge what comes of it by another problem."""
-        most = self._means.online.iterations
+        """Improve what is left of the last trip in the problem of a loop; judge what comes of it by another problem.
+
+        Once more where it is refused before it keeps its limits.
+        """
+        most, steps = self._means.online.iterations, 0
         if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
             most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-        run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
-        now.lap("scp")
-        evaluation = run.evaluation
-        if problem is not loop.problem:
-            evaluation = evaluate_trip(problem, evaluation.trajectory, NEAR)
-        return self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
+        for last_run in (False, True):
+            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+            now.lap("scp")
+            evaluation, steps = run.evaluation, steps + len(run.record)
+            ahead = evaluation.trajectory
+            if problem is not loop.problem:
+                evaluation = evaluate_trip(problem, ahead, NEAR)
+            found = self._means.vet(now, problem, ahead, evaluation, steps)
+            finished = float(run.evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+            if last_run or finished or isinstance(found, Vetted) or problem is not loop.problem:
+                break
+        return found

@@ -13,7 +13,7 @@ from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
 from scp_planner.planning.other_guides import with_the_fastest_way
 from scp_planner.planning.plan import Plan, PlanStatus
-from scp_planner.planning.refinements import at_any_time, on_a_step, refined
+from scp_planner.planning.refinements import among_small_zones, at_any_time, on_a_step, refined
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpAttempt, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.scenario.models import Scenario
@@ -105,7 +105,7 @@ def plan(
         given=None if constraints is None else OwnConstraints(constraints, units),
         arrival_step=inside.goal.arrival_step,
     )
-    runs = CheckedRuns(task)
+    runs = among_small_zones(CheckedRuns(task))
     best = WaysRound(runs).best()
     if constraints is None:  # those are written in stations of the guide
         for over, attempt in with_the_fastest_way(runs, best):

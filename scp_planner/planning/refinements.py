@@ -24,7 +24,8 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.scp.goal import to_beat
-from scp_planner.settings.planning import Settings, for_scene
+from scp_planner.search.grid import typical_radius
+from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
 
@@ -33,6 +34,8 @@ logger = logging.getLogger(__name__)
 WORK, LEAST_WORK = 3, 250  # times the iterations until a trip was found, and iterations: what a better one may cost
 GUIDES = 6  # how often the best path becomes the guide
 WORTH_A_GUIDE = 1e-3  # relative gain below which it does not again
+SMALL = 0.1  # of a span of the path: zones of a smaller radius are passed by turns that it cannot make
+ZONES_TO_A_SPAN = 3  # of those, at most
 FINER_PATHS, MOST_PATH_SPANS = 3, 200  # how often there are twice as many spans of the path, and the most of them
 WORTH_FINER_PATHS = 2e-3  # relative gain below which there are no more of them
 NOTABLE = 5e-4  # relative gain that is expected of them at least: a run that promises less ends early
@@ -90,6 +93,21 @@ class Found:
         gained = self.best.travel_time - attempt.travel_time
         much = attempt.holds and (not self.best.holds or gained >= least * attempt.travel_time)
         return Found(runs, attempt, self.most), much
+
+
+def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
+    """Return runs with shorter spans of the path, where many zones to a span are far smaller than it; else the same.
+
+    Which of them are passed on which side could not be told by one span, and runs from hardly any way would end well.
+    Spans of a length that the user gave stay as they are, and those over a curved guide, which has as many as it needs.
+    """
+    problem, task = runs.problem, runs.task
+    space, spans, radius = problem.space, len(problem.space.path.widths), typical_radius(problem.zones)
+    usual = task.settings.path_span == SceneSettings.path_span and space.guide.straight
+    if not usual or radius is None or radius > SMALL * space.length / spans:
+        return runs
+    wanted = min(ceil(problem.zones.size / ZONES_TO_A_SPAN), task.settings.max_path_spans)
+    return runs if wanted <= spans else CheckedRuns(task, space.guide, _breakpoints_of(space), wanted)
 
 
 def refined(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:

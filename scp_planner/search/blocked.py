@@ -6,7 +6,7 @@ meet: they are found from looks at the ends of stretches of delays, and only the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
@@ -228,6 +228,11 @@ class Cells:
                 for lines, blocked in self._closed[side]:
                     words[lines, :, case] &= ~blocked
         return words
+
+    def first_line(self, closed: Iterable[tuple[int, int]], besides: Container[tuple[int, int]]) -> int:
+        """The first line on which sides that are closed block anything, besides some that are not looked at."""
+        lines = [lines for side in closed if side not in besides for lines, _ in self._closed[side] if len(lines)]
+        return min((int(some[0]) for some in lines), default=self.shape[0])
 
     def _closure(self, zone: int, side: int) -> Closure:
         """What is blocked when one side of one zone is closed."""

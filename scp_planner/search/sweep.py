@@ -67,6 +67,26 @@ class States:
     waited: Index
 
 
+@dataclass(frozen=True)
+class Begun:
+    """What a sweep of one case has reached up to a station: another, with the same cells until there, goes on.
+
+    Attributes
+    ----------
+    sweep : Sweep
+    station : int
+    """
+
+    sweep: Sweep
+    station: int
+
+    @property
+    def reached(self) -> list[Reached | None]:
+        """What is reached at each station up to that."""
+        last = min(self.station, len(self.sweep.reached) - 1)
+        return [*self.sweep.reached[:last], self.sweep.at(last)]
+
+
 class Layout:
     """Words of delays as one integer: offset after offset, the lowest first, and case after case.
 
@@ -163,6 +183,8 @@ class Sweep:
         So many delays are looked at, at each station, of each class of speed and offset.
     deadline : float
         Value of :func:`time.perf_counter` after which nothing further is reached.
+    begun : Begun, optional
+        What is known of a sweep of the same grid, ends and times.
 
     Attributes
     ----------
@@ -174,7 +196,15 @@ class Sweep:
         Whether the deadline has passed before the goal was reached.
     """
 
-    def __init__(self, grid: Grid, free: Words, ends: Ends, in_time: Counts, deadline: float = np.inf) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        free: Words,
+        ends: Ends,
+        in_time: Counts,
+        deadline: float = np.inf,
+        begun: Begun | None = None,
+    ) -> None:
         self.grid, self.free, self.in_time = grid, free, in_time
         looked_at = np.append(np.flatnonzero(in_time.any(axis=(0, 1))), grid.middle)
         first, last = int(looked_at.min()), int(looked_at.max())
@@ -183,20 +213,15 @@ class Sweep:
         self.layout = Layout(first, last + 1 - first, beside, free.shape[2], int(in_time[-1].max()))
         self._sides = grid.sidestep_counts
         self._aside = [self.layout.length * side for side in self._sides]
-        speeds = range(len(grid.speeds))
         self._loaded = range(0)
         classes = len(grid.speeds) * len(grid.slopes)
         self._thin = classes * grid.columns * self.layout.bytes > MOST_KEPT
-        start = 0
-        for case in range(free.shape[2]):
-            start |= 1 << self.layout.bit(grid.middle, 0, case)
-        slopes = range(len(grid.slopes))
-        there = range(len(grid.speeds))[grid.first_speeds]
-        before: Reached = [dict.fromkeys(slopes[ends.first_slopes], start) if k in there else {} for k in speeds]
-        self.reached: list[Reached | None] = [before]
-        self.arrivals: Reached = [{} for _ in speeds]
+        self.reached: list[Reached | None] = [self._first(ends)] if begun is None else begun.reached
+        self.arrivals: Reached = [{} for _ in grid.speeds]
         self.cut_off = False
-        for i in range(1, grid.columns + 1):
+        before = self.reached[-1]
+        assert before is not None, "the last one is kept"
+        for i in range(len(self.reached), grid.columns + 1):
             before = self._advanced(i, before)
             self.cut_off = i % LOOK_EACH == 0 and perf_counter() > deadline
             if self.cut_off or not any(before):
@@ -205,10 +230,18 @@ class Sweep:
             if self._thin and (i - 1) % STRETCH:
                 self.reached[i - 1] = None
         goal = self.layout.of_each(ends.goal[None, first : last + 1])[0]
-        at_last = set(slopes[ends.last_slopes])
+        at_last = set(range(len(grid.slopes))[ends.last_slopes])
         self.arrivals = [
             {m: bits & goal for m, bits in some.items() if m in at_last and bits & goal} for some in before
         ]
+
+    def _first(self, ends: Ends) -> Reached:
+        """Where ways begin."""
+        grid, start = self.grid, 0
+        for case in range(self.layout.cases):
+            start |= 1 << self.layout.bit(grid.middle, 0, case)
+        slopes, speeds = range(len(grid.slopes))[ends.first_slopes], range(len(grid.speeds))
+        return [dict.fromkeys(slopes, start) if k in speeds[grid.first_speeds] else {} for k in speeds]
 
     def _load(self, begin: int) -> None:
         """Take the cells of some stations as integers: free at stations, and halfway at whole and at half offsets."""
@@ -225,7 +258,7 @@ class Sweep:
         timely = layout.of_counts(self.in_time[begin:end, :, first:last].reshape(-1, layout.size))
         self._timely = [timely[row : row + speeds] for row in range(0, len(timely), speeds)]
 
-    def _at(self, i: int) -> Reached:
+    def at(self, i: int) -> Reached:
         """What is reached at a station."""
         found = self.reached[i]
         if found is None:
@@ -348,7 +381,7 @@ class Sweep:
 
     def _before(self, i: int, m: int, k: int, bit: int) -> tuple[int, int]:
         """Speed and slope at the station before, with the least change."""
-        turns, before, possible = self.grid.turn_counts[k], self._at(i - 1), []
+        turns, before, possible = self.grid.turn_counts[k], self.at(i - 1), []
         for speed in self.grid.speeds_before[k]:
             for slope, bits in before[speed].items():
                 if -turns <= slope - m <= turns and bits >> bit & 1:
@@ -360,7 +393,7 @@ class Sweep:
         """The delay at which the slowest came to a station where they then waited until another."""
         grid, k, side = self.grid, len(self.grid.speeds) - 1, self._sides[m]
         line = EACH_STATION * (i - 1) + 1
-        left, turns, before = 0, grid.turn_counts[k], self._at(i - 1)
+        left, turns, before = 0, grid.turn_counts[k], self.at(i - 1)
         for speed in self.grid.speeds_before[k]:
             for slope, bits in before[speed].items():
                 if -turns <= slope - m <= turns:

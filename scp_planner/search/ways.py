@@ -19,7 +19,7 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import Counts, Ends, Sweep
+from scp_planner.search.sweep import Begun, Counts, Ends, Sweep
 
 Closed = tuple[tuple[int, int], ...]
 
@@ -56,6 +56,18 @@ class Way:
         return frozenset(self.sides)
 
 
+@dataclass(frozen=True)
+class _Base:
+    """A sweep, and the sides that were closed in it: where fewer cells are free, others go on from it."""
+
+    sweep: Sweep
+    closed: frozenset[tuple[int, int]]
+
+    def until(self, line: int) -> Begun:
+        """The sweep up to the last station before a line."""
+        return Begun(self.sweep, (line - 1) // EACH_STATION)
+
+
 class WaySearch:
     """The grid of a problem, and searches on it.
 
@@ -80,7 +92,7 @@ class WaySearch:
         self.problem, self.deadline = problem, deadline
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
-        self._fastest = np.inf  # of the ways that were found, s
+        self._fastest = np.inf  # arrival of the ways that were found, s
         self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
 
     def _slopes(self, end: int) -> slice:
@@ -139,12 +151,14 @@ class WaySearch:
             if self.cells.out_of_time:
                 return found
             in_time = self._in_time(latest)
+            base = self._base([cases[k] for k in left], in_time) if together == 1 < len(left) else None
             for begin in range(0, len(left), together):
                 some = left[begin : begin + together]
                 free = self.cells.without_each([cases[k] for k in some], int(in_time[-1].max()))
                 if self.cells.cut_off or self.cells.out_of_time:
                     return found
-                sweep = Sweep(grid, free, self.ends, in_time, self.deadline)
+                known = None if base is None else base.until(self.cells.first_line(cases[some[0]], base.closed))
+                sweep = Sweep(grid, free, self.ends, in_time, self.deadline, known)
                 if sweep.cut_off:
                     return found
                 for case, k in enumerate(some):
@@ -153,6 +167,12 @@ class WaySearch:
             if not left:
                 break
         return found
+
+    def _base(self, cases: Sequence[Closed], in_time: Counts) -> _Base:
+        """A sweep with those sides closed that are in all of several cases, which are swept one at a time."""
+        closed = frozenset(cases[0]).intersection(*cases[1:])
+        free = self.cells.without_each([tuple(sorted(closed))], int(in_time[-1].max()))
+        return _Base(Sweep(self.grid, free, self.ends, in_time, self.deadline), closed)
 
     def _windows(self, within: float) -> list[float]:
         """Times at the goal up to which ways are looked for in turn, s."""
@@ -173,7 +193,10 @@ class WaySearch:
         offsets = grid.offsets[states.offset]
         legs = grid.durations[np.arange(grid.columns), states.speed[1:], states.slope[1:]]
         times = np.concatenate([[0.0], np.cumsum(legs + grid.delay_step * states.waited)])
-        self._fastest = min(self._fastest, float(times[-1]))
+        # Windows are of the grid's delays, and over many legs their rounding adds up.
+        arrival, by_the_grid = float(times[-1]), float(grid.fastest[-1]) + grid.delay_step * delay
+        apart = arrival - by_the_grid > LIKELY * grid.delay_step
+        self._fastest = min(self._fastest, by_the_grid if apart else arrival)
         return Way(float(times[-1]), grid.stations, offsets, times, self._sides(offsets, times))
 
     @cached_property

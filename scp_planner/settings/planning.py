@@ -39,7 +39,7 @@ class Settings(Knobs):
     path_span : float or None
         Wanted length of a span of the offset's B-spline. Smaller: tighter bends fit, and every step takes longer. They
         get longer where there would be more than ``max_path_spans``, and where the trip that was found bends within
-        them, shorter ones are tried. None: 1.5 units.
+        them, shorter ones are tried. None: 1.5 units, and less among many obstacles that are far smaller than that.
     max_path_spans : int
         Spans over a straight guide, at most. More: narrower gaps fit on long trips, and every step takes longer.
     acceleration_degree : int

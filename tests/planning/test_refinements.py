@@ -11,7 +11,7 @@ from scenes import disc, drone, scene
 import scp_planner as sp
 from scp_planner.planning import refinements
 from scp_planner.planning.attempts import HARDLY
-from scp_planner.planning.refinements import Found, refined, with_finer_paths
+from scp_planner.planning.refinements import Found, among_small_zones, refined, with_finer_paths
 from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import build_problem
@@ -90,6 +90,25 @@ def test_more_spans_of_the_drive_begin_with_a_trip_that_arrives() -> None:
         breaks = finer.space.acceleration.breakpoints
         assert again.travel_time == pytest.approx(trip.travel_time, rel=5e-3)
         assert again.speed_at(breaks) == pytest.approx(trip.speed_at(breaks), abs=0.05)
+
+
+def test_many_small_zones_get_shorter_spans_and_few_or_large_ones_do_not() -> None:
+    def spans(count: int, radius: float, settings: Settings | None = None) -> int:
+        crossers = [disc(f"{k}", (20.0 * k / count, -3.5 * k / count), (0.0, 0.5), radius=radius) for k in range(count)]
+        scenario = scene(*crossers[1:], vehicle={"radius": 0.02})
+        before = CheckedRuns(Task(scenario, sp.zones(scenario), for_scene(settings or Settings()), np.inf))
+        after = among_small_zones(before)
+        found = after.problem.space.path.widths
+        assert (after is before) == (len(found) == len(before.problem.space.path.widths))
+        assert found == pytest.approx(np.full(len(found), 1.0 / len(found)))
+        return len(found)
+
+    usual = len(CheckedRuns(Task(scene(), (), for_scene(Settings()), np.inf)).problem.space.path.widths)
+    assert spans(91, 0.02) == 30 > usual
+    assert spans(20, 0.02) == usual
+    assert spans(91, 0.2) == usual
+    assert spans(91, 0.02, Settings(path_span=1.6)) < usual
+    assert spans(91, 0.02, Settings(max_path_spans=25)) == 25
 
 
 def test_where_arrivals_count_in_steps_a_gain_within_one_is_none(among: Found) -> None:

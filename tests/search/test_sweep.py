@@ -11,7 +11,7 @@ from scenes import scene
 
 from scp_planner.problem.build import build_problem
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid
-from scp_planner.search.sweep import Ends, Sweep
+from scp_planner.search.sweep import Begun, Ends, Sweep
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
@@ -202,3 +202,23 @@ def test_cases_do_not_touch_each_other() -> None:
     for case in range(4):
         one = alone(free=free[..., case : case + 1])
         assert together.first_arrival(case) == one.first_arrival()
+
+
+@pytest.mark.parametrize("thin", [False, True])
+def test_a_sweep_goes_on_from_one_with_the_same_cells_until_there(monkeypatch: pytest.MonkeyPatch, thin: bool) -> None:
+    if thin:
+        monkeypatch.setattr("scp_planner.search.sweep.MOST_KEPT", 0.0)
+        monkeypatch.setattr("scp_planner.search.sweep.STRETCH", 3)
+    grid, rng = small_grid(), np.random.default_rng(12)
+    free, ends = free_cells(grid, rng, 1), ends_of(grid)
+    base = Sweep(grid, free, ends, always(grid))
+    changed, line = free.copy(), EACH_STATION * grid.columns // 2 + 1
+    changed[line:] &= free_cells(grid, rng, 1)[line:]
+    alone = Sweep(grid, changed, ends, always(grid))
+    further = Sweep(grid, changed, ends, always(grid), begun=Begun(base, (line - 1) // EACH_STATION))
+    assert further.arrivals == alone.arrivals != base.arrivals
+    assert [further.at(i) for i in range(grid.columns + 1)] == [alone.at(i) for i in range(grid.columns + 1)]
+    delay = alone.first_arrival()
+    assert delay is not None
+    for mine, its in zip(vars(further.trace(delay)).values(), vars(alone.trace(delay)).values(), strict=True):
+        np.testing.assert_array_equal(mine, its)

@@ -199,3 +199,18 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
     search.cells.look(1)
     assert (before, search.cells.cut_off) == (False, True)
     assert len(looked) == 1
+
+
+def test_cases_one_at_a_time_are_those_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One at a time they go on from what they share; together they are swept whole."""
+    problem = problem_of(scene(*CROSSERS))
+    way = WaySearch(problem).best()
+    assert way is not None and len(way.sides) > 1
+    cases = [(way.sides[0], side) for side in way.sides[1:]]
+    found = WaySearch(problem).best_of(cases)
+    monkeypatch.setattr("scp_planner.search.ways.MOST_TOGETHER", 0)
+    for one, other in zip(WaySearch(problem).best_of(cases), found, strict=True):
+        assert (one is None) == (other is None)
+        if one is not None and other is not None:
+            assert one.travel_time == other.travel_time and one.sides == other.sides
+            np.testing.assert_array_equal(one.offsets, other.offsets)
