@@ -174,8 +174,13 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
     turns = np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi
     signed = turns / ((lengths[1:] + lengths[:-1]) / 2.0)
     curvatures = np.abs(signed)
-    when_turning = times[chosen[1:-1]]
-    mean_speeds = (lengths[1:] + lengths[:-1]) / (times[chosen[2:]] - times[chosen[:-2]])
+    # A curvature that changes at a constant rate has this value a third of what the second chord is longer by beyond
+    # the point between the chords; there the speed is looked for, too.
+    spans = np.diff(times[chosen])
+    when_turning = times[chosen[1:-1]] + np.diff(spans) / 3.0
+    chord_speeds = lengths / spans
+    between_chords = (spans[:-1] + 2.0 * spans[1:]) / (3.0 * (spans[:-1] + spans[1:]))
+    turning_speeds = chord_speeds[:-1] + between_chords * np.diff(chord_speeds)
     if vehicle.get("max_curvature") is not None:
         at_most("curvature", curvatures, float(vehicle["max_curvature"]), allowed.curvature, when_turning)
     if vehicle.get("max_curvature_rate") is not None:
@@ -184,7 +189,7 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
         at_most("curvature_rate", changes, float(vehicle["max_curvature_rate"]), allowed.curvature_rate, clock[1:])
     if vehicle.get("max_lateral_acceleration") is not None:
         limit = float(vehicle["max_lateral_acceleration"])
-        lateral = curvatures * mean_speeds**2
+        lateral = curvatures * turning_speeds**2
         at_most("lateral_acceleration", lateral, limit, allowed.lateral_acceleration, when_turning)
     return found
 

@@ -28,7 +28,7 @@ from benchmarks.online_crowds import fitted_model, recordings
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
-from scp_planner.simulation.crowds import among_people
+from scp_planner.simulation.crowds import LEVEL, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
@@ -50,9 +50,8 @@ VEHICLE = sp.Vehicle(
     max_curvature=TURNING / TOP_SPEED,
     steering=Steering.BOTH_WAYS,
 )
-LEVEL = 0.1
-"""At which zones hold people: lower than where they avoid each other. With wider zones a robot that is so slow, among
-people who take so much room, mostly stands, and is run into."""
+GONE = 1.5
+"""Steps after which somebody who is not seen has gone: everybody who is there is seen in every step."""
 BEGINNINGS = (100, 200, 300)
 """Steps of the recording at which the published scenes begin; further ones follow at the same distance."""
 
@@ -102,8 +101,8 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
 
 
 def among_recorded_people() -> OnlineSettings:
-    """Settings among people who take as much room as here: a stop stays clear up to the next decision."""
-    return replace(among_people(VEHICLE, STEP), stay_clear=STEP)
+    """Settings among people, but that nobody is hidden here."""
+    return replace(among_people(VEHICLE, STEP), forget_after=GONE * STEP)
 
 
 def run(row: Row, folder: str | None = None) -> Row:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from scp_planner.mathematics import planar
 
@@ -44,11 +45,19 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]
     left, right, low, high = min(xs) - wall, max(xs) + wall, min(ys) - wall, max(ys) + wall
     flat = FLAT * max(right - left, high - low) ** 2
-    pieces: list[Polygon] = [((left, low), (right, low), (right, high), (left, high))]
-    for ring in rings:
-        pieces = _largest([part for piece in pieces for part in _beyond(piece, ring, flat, len(pieces))], flat)
     same = SAME * max(right - left, high - low)
-    merged = (_merged(piece, same) for piece in pieces)
+    pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
+    for ring in rings:
+        around, apart, new = _Piece.of(ring), [], []
+        for piece in pieces:
+            parts = _beyond(piece.polygon, ring, flat, len(pieces)) if piece.meets(around) else None
+            if parts is None:
+                apart.append(piece)
+            else:
+                new += [_Piece.of(part) for part in parts]
+        pieces = [*apart, *_largest(apart, new, flat)]
+    pieces.sort(key=lambda piece: piece.area, reverse=True)
+    merged = (_merged(piece.polygon, same) for piece in pieces)
     return [piece for piece in merged if len(piece) >= 3]
 
 
@@ -106,8 +115,8 @@ def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -
     return covered < 1.0 - FLAT
 
 
-def _beyond(piece: Polygon, ring: Polygon, flat: float, count: int) -> list[Polygon]:
-    """The parts of a convex polygon that lie beyond each edge of another; all of it if they do not overlap."""
+def _beyond(piece: Polygon, ring: Polygon, flat: float, count: int) -> list[Polygon] | None:
+    """The parts of a convex polygon that lie beyond each edge of another; None if they do not overlap."""
     left, parts = piece, []
     for a, b in planar.edges(ring):
         part = _clipped(left if count > MOST_PIECES else piece, b, a)
@@ -115,7 +124,7 @@ def _beyond(piece: Polygon, ring: Polygon, flat: float, count: int) -> list[Poly
             parts.append(part)
         left = _clipped(left, a, b)
         if len(left) < 3 or planar.area(left) <= flat:
-            return [piece]
+            return None
     return parts
 
 
@@ -145,12 +154,45 @@ def _merged(polygon: Polygon, same: float) -> Polygon:
     return tuple(kept)
 
 
-def _largest(pieces: list[Polygon], flat: float) -> list[Polygon]:
-    """Those pieces that lie in no other one."""
-    pieces = sorted(pieces, key=planar.area, reverse=True)
-    kept: list[Polygon] = []
-    for piece in pieces:
-        if not any(_lies_in(piece, other, flat) for other in kept):
+@dataclass(frozen=True)
+class _Piece:
+    """A convex polygon, its area in m2, and the box around it, m."""
+
+    polygon: Polygon
+    area: float
+    left: float
+    right: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, polygon: Polygon) -> _Piece:
+        xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
+        return cls(polygon, planar.area(polygon), min(xs), max(xs), min(ys), max(ys))
+
+    def meets(self, other: _Piece) -> bool:
+        """Whether the boxes have a point in common."""
+        beside = self.left > other.right or other.left > self.right
+        return not (beside or self.low > other.high or other.low > self.high)
+
+    def lies_in(self, other: _Piece, flat: float) -> bool:
+        """Whether the polygon does not reach out of another one, but by rounding."""
+        near = math.sqrt(flat)
+        if self.left < other.left - near or self.right > other.right + near:
+            return False
+        if self.low < other.low - near or self.high > other.high + near:
+            return False
+        return _lies_in(self.polygon, other.polygon, flat)
+
+
+def _largest(pieces: list[_Piece], new: list[_Piece], flat: float) -> list[_Piece]:
+    """Those of new pieces that lie in no other one, neither of these nor of others.
+
+    They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
+    """
+    kept: list[_Piece] = []
+    for piece in sorted(new, key=lambda one: one.area, reverse=True):
+        if not any(piece.lies_in(other, flat) for other in (*kept, *pieces)):
             kept.append(piece)
     return kept
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from time import perf_counter
 
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
@@ -14,10 +15,14 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.stops import STANDING
-from scp_planner.online.vetting import Vetted
+from scp_planner.online.vetting import Refusal, Vetted
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.record import FEASIBILITY
 from scp_planner.settings.online import GiveWay
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
 
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
@@ -27,6 +32,8 @@ ARRIVED = 1e-3
 """Units of length."""
 UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
+ROOM_PRICE = 7e-3
+"""Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -67,6 +74,8 @@ class Decision:
         self._looks, self._fallback = Looks(means), Fallback(means)
         self._improved = 0
         self._good_enough = True
+        self._spent = 0.0  # time that was given for room, s
+        self._roomy: Vetted | None = None  # the last trip that it was given for
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -122,7 +131,7 @@ class Decision:
         best, why = self._improve(now, loop, None if last is None else ahead)
         if best is None:
             return self._fallback.fall_back(now, problem, last, ahead, why)
-        later = last is not None and best.arrival > last.arrival_time + SLOWER
+        later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + SLOWER
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             now.lap("certificate")
@@ -153,12 +162,7 @@ class Decision:
         best: Vetted | None = None
         why, refused = "first plan", ""
         if ahead is not None:
-            most = self._means.online.iterations
-            if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
-                most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
-            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
-            now.lap("scp")
-            found = self._means.vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
+            found = self._continued(now, loop, ahead)
             if isinstance(found, Vetted):
                 best, why = found, "the last plan, continued"
             else:
@@ -168,3 +172,42 @@ class Decision:
             why = "first plan" if now.last is None else "another way round"
             refused = refused or said
         return best, why if best is not None else refused
+
+    def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
+        """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
+        assert now.last is not None, "there is a last trip"
+        arrival = now.last.arrival_time
+        roomy = self._means.roomy(loop.problem)
+        if roomy is not None:
+            found = self._run(now, ScpLoop(roomy, self._means.solver), ahead, loop.problem)
+            if isinstance(found, Vetted) and found.feasible:
+                spent = self._spent + found.arrival - arrival
+                cheap = spent <= ROOM_PRICE * (arrival - now.moment.state.time)
+                if cheap or perf_counter() > now.deadline:
+                    self._spent, self._roomy = max(spent, 0.0), found
+                    return found
+        found = self._run(now, loop, ahead, loop.problem)
+        if isinstance(found, Vetted):
+            self._spent = max(self._spent + min(found.arrival - arrival, 0.0), 0.0)
+        return found
+
+    def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory, problem: Problem) -> Vetted | Refusal:
+        """Improve what is left of the last trip in the problem of a loop; judge what comes of it by another problem.
+
+        Once more where it is refused before it keeps its limits.
+        """
+        most, steps = self._means.online.iterations, 0
+        if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
+            most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+        for last_run in (False, True):
+            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+            now.lap("scp")
+            evaluation, steps = run.evaluation, steps + len(run.record)
+            ahead = evaluation.trajectory
+            if problem is not loop.problem:
+                evaluation = evaluate_trip(problem, ahead, NEAR)
+            found = self._means.vet(now, problem, ahead, evaluation, steps)
+            finished = float(run.evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+            if last_run or finished or isinstance(found, Vetted) or problem is not loop.problem:
+                break
+        return found

@@ -116,7 +116,7 @@ class Fallback:
         vetting = self._means.vetting
         kept = vetting.vet_kept(moment, last.trip)
         if kept is None:
-            kept = vetting.vet_on(moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
+            kept = vetting.vet_on(moment, last.trip, self._means.foreseen, last.branch_time, whole=False)
         return None if kept is None else Vetted(last.trip, refused(kept.certificate), None, kept.violation)
 
     def _as_promised(self, now: Replan) -> Vetted | None:

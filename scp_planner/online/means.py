@@ -37,6 +37,8 @@ LOOK_GAIN_TIME = 0.1
 """Units of time by which another way round must be faster for the vehicle to change over."""
 SPARE_WIDTHS = 0.15
 """Widths of the vehicle, by which trips keep farther away than they must where it gives way early."""
+ROOM_DEVIATIONS = 1.0
+"""Deviations of what is seen, by which trips keep farther away from who may change its motion, unnoticed yet."""
 CLEAR_WIDTHS = 4.0
 """Widths of the vehicle: a stop stays clear for the time in which it drives these from there, unless that is set."""
 
@@ -165,6 +167,11 @@ class Means:
         problem = build_problem(now.moment.scenario, (), self.settings, self.breakpoints)
         batch = self.foreseen(now.moment.batch)
         return problem.among(batch.inflated(np.full(batch.size, self.spare)))
+
+    def roomy(self, problem: Problem) -> Problem | None:
+        """The same problem with more room from those whose motion may change unnoticed; None if there are none."""
+        room = ROOM_DEVIATIONS * self.obstacles.noise_deviations(problem.zones.ids)
+        return problem.among(problem.zones.inflated(room)) if room.any() else None
 
     def vet(
         self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0

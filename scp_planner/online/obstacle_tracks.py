@@ -414,6 +414,18 @@ class ObstacleTracks:
             for track in some
         }
 
+    def noise_deviations(self, ids: Sequence[str]) -> Array:
+        """Standard deviation of what is seen of obstacles, (n,) m; 0 of those whose motion is not taken for foretold.
+
+        That is, whose motion is given or has process noise, or that are noticed, or suspected, to do otherwise.
+        """
+        noise = np.zeros((len(ids), 2, 2))
+        for number, track in enumerate(map(self.tracks.get, ids)):
+            believed = track is not None and isinstance(track.estimator, NoticingTrack) and track.settled
+            if believed and track is not None and not (track.alarmed or track.suspected):
+                noise[number] = track.known_noise
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(noise)[:, -1]))
+
     def _foretold(self, zone: ThreatZone) -> Course:
         """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)

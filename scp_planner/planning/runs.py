@@ -14,7 +14,6 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
-from scp_planner.certificate.verdict import Certificate
 from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
@@ -25,6 +24,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import ArrivalSteps
+from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -207,7 +207,8 @@ class CheckedRuns:
         """Run a loop, and again with what its certificate found missing."""
         for repeat in range(TIGHTENINGS + 1):
             with self.task.tally.timed("scp"):
-                run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation)
+                trust = SPARING.retry_trust if repeat else None
+                run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation, trust)
             if run.status is LoopStatus.ON_TIME:
                 return Attempt(run, None)
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
@@ -218,7 +219,7 @@ class CheckedRuns:
             if certificate.holds or not run.feasible or certificate.late:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
-            problem = self._asking_for_more(problem, certificate, URGENCY**repeat)
+            problem = self._asking_for_more(problem, attempt, URGENCY**repeat)
             loop = self._loop(problem)
             start = run.evaluation.trajectory
         return attempt
@@ -229,15 +230,22 @@ class CheckedRuns:
         apart = SPARING.same_way if radius is None else min(SPARING.same_way, radius)
         return ScpLoop(problem, self.solver, self._fallback, hopeless_after, replace(SPARING, same_way=apart), steps)
 
-    def _asking_for_more(self, problem: Problem, certificate: Certificate, urgency: float) -> Problem:
-        if met_what_was_left_out(problem, certificate):
+    def _asking_for_more(self, problem: Problem, attempt: ScpAttempt, urgency: float) -> Problem:
+        if met_what_was_left_out(problem, attempt.verdict):
             return self.everything
-        return tightened(problem, certificate, urgency)
+        return tightened(problem, attempt.verdict, urgency, attempt.travel_time)
 
-    def _run(self, loop: ScpLoop, start: Trajectory, cutoff: float, rival: Evaluation | None) -> LoopRun:
+    def _run(
+        self,
+        loop: ScpLoop,
+        start: Trajectory,
+        cutoff: float,
+        rival: Evaluation | None,
+        trust: TrustRegion | None = None,
+    ) -> LoopRun:
         """Run the loop from a start; go on from where it was at its limit of iterations, while it gains by that."""
         most, task = self.task.settings.max_iterations, self.task
-        run = loop.run(start, most, cutoff, task.deadline, rival=rival)
+        run = loop.run(start, most, cutoff, task.deadline, trust, rival=rival)
         task.tally.iterations += len(run.record)
         for _ in range(CONTINUATIONS):
             if run.status is not LoopStatus.ITERATION_LIMIT or task.out_of_time:

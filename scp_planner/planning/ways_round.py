@@ -36,11 +36,15 @@ FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk
 
 @dataclass
 class Branch:
-    """Starts, given how smooth, with the estimate of their travel time, and what the trip from one touched."""
+    """Starts, given how smooth, with the estimate of their travel time, and what the trip from one touched.
+
+    Exhausted: a run from the start closest to the way has ended for another reason than that there may be other ways.
+    """
 
     estimate: float
     start: Callable[[float], Trajectory]
     touched: tuple[tuple[int, int], ...] = ()
+    exhausted: bool = False
 
 
 class WaysRound(OuterSearch[Branch, LoopRun]):
@@ -111,13 +115,19 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         rival = self.incumbent if self.certified else None
         cutoff = self._cutoff(rival)
         self.tally.tried += 1
-        attempt = self.runs.attempt(start.start(SMOOTHING), cutoff, rival)
-        run = attempt.run
-        hardly = run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY
-        if hardly and not self.out_of_time:
-            self.tally.tried += 1
-            again = self.runs.attempt(start.start(CLOSE_SMOOTHING), cutoff, rival)
-            attempt = again if again.better_than(attempt) else attempt
+        first = start.start(SMOOTHING)
+        attempt = self.runs.attempt(first, cutoff, rival)
+        if _hardly_infeasible(attempt) and not self.out_of_time:
+            closer = start.start(CLOSE_SMOOTHING)
+            # Close to a straight way there is nothing to smooth.
+            start.exhausted = bool(
+                np.array_equal(first.theta, closer.theta) and np.array_equal(first.beta, closer.beta)
+            )
+            if not start.exhausted:
+                self.tally.tried += 1
+                again = self.runs.attempt(closer, cutoff, rival)
+                start.exhausted = _hardly_infeasible(again)
+                attempt = again if again.better_than(attempt) else attempt
         if not self.out_of_time:
             start.touched = _touched(self.problem, attempt.run)
         if attempt.travel_time < self._known < np.inf and not attempt.run.feasible:
@@ -129,7 +139,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
 
     def _second_thoughts(self) -> Iterator[ScpAttempt]:
         """Runs from starts that keep closer to the ways, then from bows: where nothing is certified yet."""
-        for branch in self._failed[:SECOND_THOUGHTS]:
+        for branch in [each for each in self._failed if not each.exhausted][:SECOND_THOUGHTS]:
             self.tally.tried += 1
             yield self.runs.attempt(branch.start(CLOSE_SMOOTHING), loop=self.runs.patient_loop)
         # Runs over another guide count as well: where no way was found over this one, nothing has been tried here.
@@ -210,6 +220,11 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
                 with timed("search"):
                     tree.branch(branch.touched, self._within(search))
                     way = tree.next()
+
+
+def _hardly_infeasible(attempt: ScpAttempt) -> bool:
+    run = attempt.run
+    return run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY
 
 
 def _touched(problem: Problem, run: LoopRun) -> tuple[tuple[int, int], ...]:

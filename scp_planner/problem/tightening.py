@@ -7,15 +7,19 @@ from dataclasses import replace
 import numpy as np
 
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.problem import Problem
 
 TIGHTENINGS = 3  # how often a run is repeated with what its certificate found missing
 UNDECIDED = 5e-4  # relative, of what was found to be just below its limit, and may be above it beside that
 MOST_LESS = 0.5  # of a limit, that is taken off at once: a trip that is so far above it may not tell by how much
+AROUND = np.linspace(-0.5, 0.5, 5)  # steps between samples, from where a limit is found to be exceeded
 URGENCY = 2.0  # times as much is asked for with each repeat
 
 
-def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) -> Problem:
+def tightened(
+    problem: Problem, certificate: Certificate, urgency: float = 1.0, travel_time: float | None = None
+) -> Problem:
     """Return a problem that asks for somewhat more of all that the certificate of a trip found violated.
 
     Parameters
@@ -25,6 +29,8 @@ def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) 
         Of a trip that keeps all sampled constraints of the problem.
     urgency : float
         How many times as much as usual is asked for: the next trip may be another one, with other peaks.
+    travel_time : float, optional
+        Of that trip, s: optional limits of a drive are then looked at where it exceeds them as well.
 
     Returns
     -------
@@ -52,4 +58,19 @@ def tightened(problem: Problem, certificate: Certificate, urgency: float = 1.0) 
     asked = problem.tightened(
         inflation, missing["lateral_acceleration"], missing["curvature"], missing["workspace bounds"], optional
     )
-    return replace(asked, limits=replace(asked.limits, speed=asked.limits.speed * (1.0 - missing["speed"])))
+    asked = replace(asked, limits=replace(asked.limits, speed=asked.limits.speed * (1.0 - missing["speed"])))
+    if travel_time is None:
+        return asked
+    return replace(
+        asked, optional=tuple(_also_there(asked, limit, certificate, travel_time) for limit in asked.optional)
+    )
+
+
+def _also_there(problem: Problem, limit: OptionalLimit, certificate: Certificate, travel_time: float) -> OptionalLimit:
+    """A limit, looked at around the times where a trip exceeds it as well: what rises between samples is seen there."""
+    begun = problem.scenario.start.time
+    times = np.array([one.time - begun for one in certificate.violations if one.what == limit.name])
+    if len(times) == 0:
+        return limit
+    around = times[:, None] / travel_time + AROUND / problem.grid
+    return limit.also_at(np.clip(around.ravel(), 0.0, 1.0))

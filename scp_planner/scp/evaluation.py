@@ -175,7 +175,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     settle_minima(problem, bundle, points, owner, sample, zone, sigma)
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
-    violation = _entries(clearance, owner, zone, contacts)
+    violation = _entries(clearance, owner, zone, contacts, zones.whole)
     sites = bend_sites(problem, bundle, points)
     gaps = [box_gaps(problem, trip.path) for trip in trips]
     each = bundle.split_each(points)
@@ -208,13 +208,21 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     return evaluations
 
 
-def _entries(clearance: Array, owner: Index, zone: Index, contacts: ZoneContacts) -> Array:
-    """Deepest entry of each trip into each zone, (trips, L) m, at the samples (trips, n, L) and refined minima."""
+def _entries(clearance: Array, owner: Index, zone: Index, contacts: ZoneContacts, whole: Index | None) -> Array:
+    """Deepest entry of each trip into each zone, (trips, L) m, at the samples (trips, n, L) and refined minima.
+
+    That of a zone of several parts is its first one's, and the others' are 0: walls that overlap are entered once.
+    """
     violation = np.zeros((len(clearance), clearance.shape[2]))
     if violation.shape[1]:
         np.maximum(-clearance.min(axis=1), 0.0, out=violation)
         np.maximum.at(violation, (owner, zone), -contacts.distance)
-    return violation
+    if whole is None:
+        return violation
+    together = np.zeros_like(violation)
+    for of_parts, of_zones in zip(violation, together, strict=True):
+        np.maximum.at(of_zones, whole, of_parts)
+    return together
 
 
 def local_minima(values: Array, below: float) -> tuple[Index, Index, Index]:

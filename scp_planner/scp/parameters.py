@@ -41,7 +41,7 @@ class LoopParameters:
     first_penalty, last_penalty : float
         Units of time to one of length, or to one of relative excess.
     escalation : float
-        By which penalties are raised.
+        By which penalties are raised: what stays violated at a moderate price mostly does at any.
     patience : int
         Iterations without coming nearer to feasibility, after which penalties are raised.
     progress : float
@@ -89,7 +89,7 @@ class LoopParameters:
     watch_loss: float = 1.0
     first_penalty: float = 5.0
     last_penalty: float = 1000.0
-    escalation: float = 25.0
+    escalation: float = 600.0
     patience: int = 3
     progress: float = 0.8
     grave: float = 5e-3

@@ -120,6 +120,13 @@ class ZoneBatch:
         return len(self.ids)
 
     @cached_property
+    def whole(self) -> Index | None:
+        """The first part of the zone that each is a part of, (L,); None where no zone has several."""
+        first: dict[str, int] = {}
+        found = [first.setdefault(name, place) for place, name in enumerate(self.ids)]
+        return None if len(first) == self.size else np.array(found, dtype=np.intp)
+
+    @cached_property
     def velocities(self) -> PiecewisePolynomials:
         """Of the centres, m/s."""
         return self.centers.derivative

@@ -141,7 +141,8 @@ class _Tables:
         spans, _, pairs = self._slope_pairs.shape
         local = np.matmul(weights.reshape(spans, 1, -1), self._slope_pairs)
         size = self.path.size
-        return np.bincount(self._pair_places, local.reshape(spans * pairs), size * size).reshape(size, size)
+        form = np.bincount(self._pair_places, local.reshape(spans * pairs), size * size)
+        return np.asarray(form, dtype=float).reshape(size, size)
 
     def time_table(self, sigma: Array) -> TimeTable:
         sigma = np.asarray(sigma, dtype=float)

@@ -8,10 +8,12 @@ from scenes import CROSSERS, scene
 
 from scp_planner.certificate.verdict import Certificate, Clearance, Violation
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.limits.drive import PowerLimit, TotalAccelerationLimit
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import tightened
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -69,3 +71,22 @@ def test_no_limit_becomes_less_than_half_however_far_it_is_exceeded(problem: Pro
     allowed = getattr(problem.limits, name)
     asked = tightened(problem, found(Violation(name, 9.0 * allowed, allowed, 1.0)), urgency=4.0)
     assert getattr(asked.limits, name) == 0.5 * allowed
+
+
+def test_a_limit_that_is_exceeded_between_samples_is_looked_at_there() -> None:
+    scenario = scene(vehicle={"max_power": 2.0, "max_total_acceleration": 2.2}, start={"time": 3.0})
+    problem = build_problem(scenario, zones(scenario), Settings())
+    certificate = found(Violation("total_acceleration", 2.21, 2.2, 5.0))
+    tyres, motor = (
+        {one.name: one for one in tightened(problem, certificate, travel_time=8.0).optional}[name]
+        for name in ("total_acceleration", "power")
+    )
+    before = {one.name: one for one in problem.optional}
+    assert isinstance(tyres, TotalAccelerationLimit)
+    assert isinstance(motor, PowerLimit)
+    assert motor.times is before["power"].times
+    more = tyres.times.sigma[len(before["total_acceleration"].times.sigma) :]
+    assert np.abs(more - 0.25).min() < 1e-12
+    assert np.abs(more - 0.25).max() == pytest.approx(0.5 / problem.grid)
+    trip = Trajectory.of(problem.space, problem.ends.theta, np.full(problem.space.acceleration_size, 0.1))
+    assert len(tyres.excess(trip)) == len(tyres.times.sigma)

@@ -9,6 +9,7 @@ from slopes import problem_and_trip
 
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.evaluation import evaluate_trip
+from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.merit import Limit, Penalties
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
@@ -54,3 +55,22 @@ def test_zones_smaller_than_the_way_between_samples_are_entered_as_deep_as_they_
     # Both drive straight on: seen from the crosser, the vehicle passes by on a line. Zones are rounded a little.
     missed = np.abs(early) * speeds * 3.0 / np.hypot(speeds, 3.0)
     assert found == pytest.approx(problem.zones.radius - missed, abs=1e-6)
+
+
+def test_walls_that_overlap_are_entered_once() -> None:
+    bent = [[[-1, -1], [9, -1], [9, 1], [-1, 1]], [[7, -1], [9, -1], [9, 9], [7, 9]]]
+    scenario = scene(disc("a", (4.0, 0.0)), goal={"position": [8.0, 8.0]}, corridor=bent)
+    problem = build_problem(scenario, zones(scenario), Settings())
+    space = problem.space
+    theta = problem.ends.theta.copy()
+    theta[problem.ends.free] += 2.5 * np.sin(np.linspace(0.0, 6.0, problem.ends.free.stop - problem.ends.free.start))
+    astray = Trajectory.of(space, theta, np.zeros(space.acceleration_size))
+    found = evaluate_trip(problem, astray, 1.0)
+    points = astray.at(problem.space.time_table(np.linspace(0.0, 1.0, 20_001)))
+    entry = -problem.zones.distances(points.time, points.path.position, np.inf).min(axis=0)
+    walls = np.array(problem.zones.ids) == "corridor"
+    assert (entry[walls] > 0.5).sum() > 1, "it is to be in several walls at once"
+    assert found.zone_violation[walls].sum() == pytest.approx(entry[walls].max(), abs=1e-3)
+    rows = linearise(problem, found, TrustRegion(1.0, 1.0, 0.1), 1.0)
+    violated = np.unique(rows.group[rows.gap < 0.0])
+    assert np.all(found.zone_violation[violated[violated < problem.zones.size]] > 0.0), "each has what it is about"

@@ -78,7 +78,8 @@ def test_no_trip_is_linearised_twice_or_looked_at_in_vain(monkeypatch: pytest.Mo
     for name in ("linearise_trips", "evaluate_trips"):
         monkeypatch.setattr(together, name, counted(name))
     loop = ScpLoop(PROBLEM, solver_named("daqp"))
-    run = loop.run(next(islice(bows(PROBLEM), 9, None)), 60)
+    bow = next(islice(bows(PROBLEM), 3, None))
+    run = loop.run(bow, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
     rejected = sum(not step.accepted for step in run.record)
     assert rejected > 0
     # The last one, from which nothing is left to gain, ends without a step.

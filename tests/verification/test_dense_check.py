@@ -120,6 +120,34 @@ def test_bang_bang_turning_trip_at_three_limits_holds() -> None:
     assert report["curvature"].value == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.parametrize("samples", [240, 310, 400])
+def test_a_curve_that_tightens_while_the_vehicle_brakes_holds(samples: int) -> None:
+    """Always at the limit of the lateral acceleration: whatever the chords, of few samples, no more is seen of it."""
+    first, braking, lateral = 1.8, 4.4, 3.8
+    share = lateral / (2.0 * braking)  # the heading is minus so many times the logarithm of the squared speed's ratio
+
+    def position(t: Array) -> Array:
+        ratio = (1.0 - braking * t / first) ** 2
+
+        def integrals(u: Array) -> Array:
+            angle = share * np.log(u)
+            cosine, sine = np.cos(angle), np.sin(angle)
+            both = np.stack([cosine + share * sine, share * cosine - sine], axis=-1)
+            return u[..., None] * both / (1.0 + share**2)
+
+        return first**2 / (2.0 * braking) * (integrals(np.ones(1)) - integrals(ratio))
+
+    end = position(np.array([0.2]))[0]
+    data = scenario(
+        vehicle=VEHICLE | {"max_deceleration": braking, "max_lateral_acceleration": lateral, "max_curvature": None},
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": first},
+        goal={"position": end.tolist(), "heading": None, "speed": None},
+    )
+    report = check_trip(data, position, 0.0, 0.2, samples=samples)
+    assert report["lateral_acceleration"].value == pytest.approx(lateral, rel=5e-5)
+    assert report["lateral_acceleration"].excess <= report["lateral_acceleration"].tolerance
+
+
 def test_stop_and_go_on_a_curve_holds() -> None:
     """Braking to a stand and driving on: the heading must not be read off a displacement of nothing."""
 

@@ -26,8 +26,8 @@ from scp_planner.trips.trajectory import Trajectory
 STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
 
 
-def disc_positions(path: PathPoints, offset: float) -> Array:
-    """Centres of a disc that is so far ahead of points of a path on the vehicle's axis, (n, 2) m."""
+def disc_positions(path: PathPoints, offset: float | Array) -> Array:
+    """Centres of a disc that is so far ahead, or each so far, of points of a path on its axis, (n, 2) m."""
     positions: Array = path.position + (offset / path.speed)[:, None] * path.direction
     return positions
 
@@ -67,7 +67,7 @@ class Swing:
             points.stretch / squared,
         )
 
-    def rows(self, path: Path, points: PathPoints, normal: Array, offset: float) -> Array:
+    def rows(self, path: Path, points: PathPoints, normal: Array, offset: float | Array) -> Array:
         """Derivative of normal . q by theta at fixed stations, (n, K1)."""
         basis = path.space.path
         sideways = np.einsum("ij,ij->i", normal, np.broadcast_to(points.normal, normal.shape))
@@ -102,6 +102,7 @@ class Discs:
         self.offsets, self.samples, self.zones = offsets, samples, zones
         self._order = np.argsort(samples.sigma, kind="stable")
         self._last: tuple[Trajectory, Array] | None = None
+        self._near: _NearRows | None = None
         self._others: Discs | None = None
 
     def among(self, zones: ZoneBatch) -> Discs:
@@ -134,6 +135,42 @@ class Discs:
         counts = np.empty_like(beside)
         counts[:, self._order] = beside
         return np.where(counts, -clearance, -np.inf)
+
+    def gradient(self, trajectory: Trajectory, place: int, index: Index) -> Array:
+        """Return gradients of some depths of one disc by all offsets and what follows; of all that are near at once."""
+        wanted = index + place * len(self.samples.sigma) * self.zones.size
+        if self._near is None or self._near.trajectory is not trajectory:
+            near = np.flatnonzero(self.depths(trajectory) > -NEAR)
+            self._near = _NearRows(trajectory, near, self._gradient(trajectory, near))
+        near, rows = self._near.index, self._near.index.searchsorted(wanted)
+        if rows.max(initial=-1) >= len(near) or np.any(near[rows] != wanted):
+            return self._gradient(trajectory, wanted)
+        return self._near.gradient[rows]
+
+    def _gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        disc, index = np.divmod(index, max(len(self.samples.sigma) * self.zones.size, 1))
+        sample, zone = np.divmod(index, max(self.zones.size, 1))
+        points, offset = trajectory.kept_at(self.samples).take(sample), self.offsets[disc]
+        path, tau = points.path, trajectory.travel_time
+        contacts = self.zones.contacts(zone, points.time, disc_positions(path, offset))
+        swing = Swing.of(path)
+        curvature = trajectory.path.bend(path).curvature
+        along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
+        along += offset * curvature * np.einsum("ij,ij->i", contacts.normal, swing.across)
+        theta = swing.rows(trajectory.path, path, contacts.normal, offset)
+        theta -= along[:, None] * trajectory.path.arc_length_gradient(points.parameter)
+        beta = (tau * tau * along)[:, None] * points.table.distance
+        rho = tau * points.table.sigma * (along * trajectory.space.start_speed + contacts.rate)
+        return -np.concatenate([theta, beta, rho[:, None]], axis=1)
+
+
+@dataclass(frozen=True)
+class _NearRows:
+    """Gradients of the depths of all discs of a trip that are near, (m, all offsets and more), and which, (m,)."""
+
+    trajectory: Trajectory
+    index: Index
+    gradient: Array
 
 
 @dataclass(frozen=True)
@@ -186,20 +223,8 @@ class DiscClearance(OptionalLimit):
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradients of the depths."""
-        zones = self.discs.zones
-        sample, zone = np.divmod(index, max(zones.size, 1))
-        points = trajectory.kept_at(self.discs.samples).take(sample)
-        path, tau = points.path, trajectory.travel_time
-        contacts = zones.contacts(zone, points.time, disc_positions(path, self.offset))
-        swing = Swing.of(path)
-        curvature = trajectory.path.bend(path).curvature
-        along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
-        along += self.offset * curvature * np.einsum("ij,ij->i", contacts.normal, swing.across)
-        theta = swing.rows(trajectory.path, path, contacts.normal, self.offset)
-        theta -= along[:, None] * trajectory.path.arc_length_gradient(points.parameter)
-        beta = (tau * tau * along)[:, None] * points.table.distance
-        rho = tau * points.table.sigma * (along * trajectory.space.start_speed + contacts.rate)
-        return -np.concatenate([theta[:, self.free], beta, rho[:, None]], axis=1)
+        whole, free = self.discs.gradient(trajectory, self.place, index), self.free
+        return np.concatenate([whole[:, free], whole[:, trajectory.space.path_size :]], axis=1)
 
 
 @dataclass(frozen=True)

@@ -52,10 +52,15 @@ class _DriveLimit(OptionalLimit):
 
     limit: float
     times: TimeTable
+    space: TripSpace
 
     def tightened(self, more: float) -> Self:
         """Return a lower limit."""
         return replace(self, limit=self.limit * (1.0 - more))
+
+    def also_at(self, sigma: Array) -> Self:
+        """Return the limit at further times as well."""
+        return replace(self, times=TimeTable.joined([self.times, self.space.time_table(sigma)]))
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,6 @@ class PowerLimit(_DriveLimit):
     name: ClassVar[str] = "power"
     reach: ClassVar[float] = 0.6
 
-    space: TripSpace
     free_size: int
 
     def excess(self, trajectory: Trajectory) -> Array:
@@ -116,7 +120,6 @@ class TotalAccelerationLimit(_DriveLimit):
     name: ClassVar[str] = "total_acceleration"
     reach: ClassVar[float] = 0.6
 
-    space: TripSpace
     free: slice
 
     def excess(self, trajectory: Trajectory) -> Array:

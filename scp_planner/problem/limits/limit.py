@@ -43,6 +43,11 @@ class OptionalLimit(ABC):
         del more  # what cannot be missed between samples need not be asked for again
         return self
 
+    def also_at(self, sigma: Array) -> Self:
+        """Return the limit looked at at further normalised times, (n,), as well, if it is looked at at times."""
+        del sigma
+        return self
+
     def among(self, zones: ZoneBatch) -> Self:
         """Return the limit among other zones."""
         del zones  # most limits have nothing to do with them

@@ -32,6 +32,8 @@ class _SpeedSites:
         Normalised station and time, m/s, m/s^2.
     limit : (n,) array
         m/s; inf where there is none.
+    pieces : _Pieces
+        Of them, those that stand for other pieces of the acceleration.
     """
 
     parameter: Array
@@ -39,6 +41,7 @@ class _SpeedSites:
     speed: Array
     acceleration: Array
     limit: Array
+    pieces: _Pieces
 
 
 @dataclass(frozen=True)
@@ -105,8 +108,14 @@ class SpeedLimits(OptionalLimit):
         first = len(self.space.tables.station_parameters)
         gates = np.flatnonzero((index >= first) & ~fixed_time)
         count = self.free.stop - self.free.start
-        moved = self._gate_moves(trajectory.path, index[gates] - first, sites.parameter[index[gates]])
+        border = (index[gates] - first) % len(self._borders.at)
+        moved = self._gate_moves(trajectory.path, border, sites.parameter[index[gates]])
         gradient[gates, :count] += (2.0 * sites.acceleration[index[gates]])[:, None] * moved
+        rows = gates[index[gates] >= first + len(self._borders.at)]
+        pieces, each = sites.pieces, index[rows] - first - len(self._borders.at)
+        further = 2.0 * trajectory.travel_time * pieces.speed[each] * pieces.since[each]
+        gradient[rows, count + pieces.other[each]] += further
+        gradient[rows, count + pieces.own[each]] -= further
         return gradient / (sites.limit[index] ** 2)[:, None]
 
     def _gate_moves(self, path: Path, gates: Index, parameter: Array) -> Array:
@@ -131,23 +140,23 @@ class SpeedLimits(OptionalLimit):
         space, path = self.space, trajectory.path
         stations = space.tables.station_parameters
         gates, sides, speeds = self._gates(path)
+        limits, count = np.where(gates >= 0.0, speeds, np.inf), len(stations)
         driven = np.concatenate([path.station_arc_lengths, path.arc_length_at(np.maximum(gates, 0.0))])
         arrivals = trajectory.arrivals(driven)
         side = np.concatenate([np.zeros(len(stations)), sides])
         beside = np.clip(arrivals.sigma + BESIDE * side, 0.0, 1.0)
         jumps = trajectory.at(self._jumps)
+        at_gates, speed = arrivals.sigma[count:], arrivals.speed[count:]
+        pieces = _Pieces.beside(trajectory, at_gates, speed, beside[count:], limits)
+        own = space.time_table(beside).acceleration @ trajectory.beta
+        fixed, moving = (limits_at(self.stretches, at) for at in (path.station_positions, jumps.path.position))
         return _SpeedSites(
-            np.concatenate([stations, np.maximum(gates, 0.0), jumps.parameter]),
-            np.concatenate([arrivals.sigma, self._jumps.sigma]),
-            np.concatenate([arrivals.speed, jumps.speed]),
-            np.concatenate([space.time_table(beside).acceleration @ trajectory.beta, jumps.acceleration]),
-            np.concatenate(
-                [
-                    limits_at(self.stretches, path.station_positions),
-                    np.where(gates >= 0.0, speeds, np.inf),
-                    limits_at(self.stretches, jumps.path.position),
-                ]
-            ),
+            np.concatenate([stations, *[np.maximum(gates, 0.0)] * 3, jumps.parameter]),
+            np.concatenate([arrivals.sigma, at_gates, at_gates, self._jumps.sigma]),
+            np.concatenate([arrivals.speed, pieces.speed, jumps.speed]),
+            np.concatenate([own, pieces.acceleration, jumps.acceleration]),
+            np.concatenate([fixed, limits, pieces.limit, moving]),
+            pieces,
         )
 
     def _gates(self, path: Path) -> tuple[Array, Array, Array]:
@@ -167,6 +176,50 @@ class SpeedLimits(OptionalLimit):
             cells[some, cell] = False
         sides = np.tile([-1.0, 1.0], len(self.stretches))
         return gates, sides, np.repeat([part.speed for part in self.stretches], 2)
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Other pieces of the acceleration than that at gates, gone on with: (n,) arrays.
+
+    Attributes
+    ----------
+    speed, acceleration, limit : arrays
+        As in _SpeedSites. The acceleration is what counts for each m that the gate moves at the speed driven.
+    own, other : arrays of int
+        Number of the piece at the gate, and of that which is gone on with.
+    since : array
+        Normalised time since the jump between them; negative before it.
+    """
+
+    speed: Array
+    acceleration: Array
+    limit: Array
+    own: Index
+    other: Index
+    since: Array
+
+    @classmethod
+    def beside(cls, trajectory: Trajectory, sigma: Array, speed: Array, counted: Array, limit: Array) -> _Pieces:
+        """Return the piece before that at each gate, and the one after it, where the acceleration rises between them.
+
+        There the speed is the larger one of both pieces, gone on with: a step that moves a gate past the rise would
+        meet what a row of its own piece knows nothing of. It is below the speed itself, so it asks for nothing more.
+        """
+        basis, beta = trajectory.space.acceleration, trajectory.beta
+        sigma, speed, limit = np.tile(sigma, 2), np.tile(speed, 2), np.tile(limit, 2)
+        own = np.tile(basis.locate(counted)[0], 2)
+        side = np.repeat([-1, 1], len(counted))
+        other = np.minimum(np.maximum(own + side, 0), len(basis.widths) - 1)
+        since = sigma - basis.breakpoints[np.maximum(own, other)]
+        if basis.coefficients.shape[1] > 1:  # it does not jump
+            return cls(speed, np.zeros_like(speed), np.full_like(speed, np.inf), own, own, since)
+        rise = beta[other] - beta[own]
+        extended = speed + rise * since * trajectory.travel_time
+        known = (side * rise > 0.0) & (extended > 0.0)
+        share = np.where(known, extended, 0.0) / np.where(known, speed, 1.0)
+        limit = np.where(known, limit, np.inf)
+        return cls(np.where(known, extended, speed), beta[other] * share, limit, own, other, since)
 
 
 def squared_speed_gradient(

@@ -115,4 +115,6 @@ def clearance_rows(problem: Problem, bundle: TripBundle, sites: ClearanceSites) 
         (-tau * tau * along)[:, None] * sites.distance_rows,
         -tau * sites.sigma * (along * v0 + sites.rate),
     )
-    return Rows(matrix, sites.clearance, sites.zone, sites.zone * MOST_SAMPLES + sites.sample, sites.owner)
+    whole = problem.zones.whole
+    group = sites.zone if whole is None else whole[sites.zone]
+    return Rows(matrix, sites.clearance, group, sites.zone * MOST_SAMPLES + sites.sample, sites.owner)

@@ -19,9 +19,10 @@ from scp_planner.baseline.objective import PenalisedObjective
 from scp_planner.baseline.objective_parts import OPTIONAL, Hinge, Weights
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.limits.rates import rate_partials
+from scp_planner.problem.limits.speed import SpeedLimits
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.profile import fastest_profile
-from scp_planner.scenario.places import Line
+from scp_planner.scenario.places import Line, Stretch
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 from verification.dense_check import check_trip
@@ -59,6 +60,32 @@ def problem_and_trip(name: str, seed: int) -> tuple[Problem, Trajectory]:
     scenario, settings = SCENES[name]
     problem = build_problem(scenario, sp.zones(scenario), settings)
     return problem, trip_near_the_guide(problem, seed)
+
+
+def test_a_border_moved_past_a_rise_of_the_acceleration_is_foreseen() -> None:
+    """Braking up to a slow stretch: whoever is there later, in a share of the travel time, has braked no longer."""
+    problem = build_problem(scene(), (), Settings())
+    space, free = problem.space, problem.ends.free
+    breaks = space.acceleration.breakpoints
+    beta = np.where(np.arange(len(breaks) - 1) < 8, 0.3, 0.0)
+    beta[8:11] = -1.0
+    trip = Trajectory.of(space, np.zeros(space.path_size), beta)
+    gate = trip.at(space.time_table(breaks[[11]] - 1e-6))
+    stretch = Stretch(Line(np.array([[0.0, 0.0], [20.0, 0.0]])), float(gate.path.position[0, 0]), np.inf, 1.0)
+    limit = SpeedLimits(space, free, (stretch,))
+    first = len(space.tables.station_parameters)
+    rows = first + np.array([0, 2, 4])  # the border's own, and those of the pieces before and after it
+    known = limit.excess(trip)[rows]
+    assert known[1] == -np.inf
+    assert known[2] <= known[0]
+    other = beta + 1e-4 * (np.arange(len(beta)) == 2)
+    moved = Trajectory.of(space, trip.theta, other)
+    rho = moved.travel_time / trip.travel_time - 1.0
+    step = np.concatenate([np.zeros(free.stop - free.start), other - beta + 2.0 * beta * rho, [rho]])
+    foreseen = known[[0, 2]] + limit.gradient(trip, rows[[0, 2]]) @ step
+    found = limit.excess(moved)[rows[0]]
+    assert found == pytest.approx(foreseen[1], abs=1e-6)
+    assert found > foreseen[0] + 1e-4
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])

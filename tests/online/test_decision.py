@@ -1,0 +1,60 @@
+"""What a replan decides: room from those who may change their motion, and what it may cost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import disc, scene
+
+from scp_planner.online import decision
+from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.planner import Planner
+
+pytestmark = pytest.mark.numerics
+
+NOISE = 0.1
+PLACE = (10.0, 0.3)
+
+
+def watched(name: str) -> dict[str, Any]:
+    """A post that has been seen to stand for so long that it is known well."""
+    times = np.linspace(-59.9, 0.0, 300)
+    places = np.array(PLACE) + NOISE * np.random.default_rng(1).standard_normal((300, 2))
+    spread = [[NOISE**2, 0.0], [0.0, NOISE**2]]
+    seen = {"time": times.tolist(), "position": places.tolist(), "covariance": spread}
+    return {"id": name, "shape": {"disc": 0.5}, "model": {"order": 0}, "observations": seen}
+
+
+def driven(obstacle: dict[str, Any], price: float, monkeypatch: pytest.MonkeyPatch) -> tuple[OnlinePlan, float]:
+    """The plan after a second, where room may cost so much, and how far it keeps from the obstacle's centre, m."""
+    monkeypatch.setattr(decision, "ROOM_PRICE", price)
+    planner = Planner(scene(obstacle, start={"speed": 3.0}))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    for time in 0.1 * np.arange(1, 12):
+        plan = planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+    away = plan.position(np.linspace(1.1, plan.arrival_time, 500)) - np.array(PLACE)
+    return plan, float(np.hypot(*away.T).min())
+
+
+def test_room_is_kept_from_who_may_change_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    price = decision.ROOM_PRICE
+    hurried, near = driven(watched("a"), -1.0, monkeypatch)
+    plan, away = driven(watched("a"), price, monkeypatch)
+    assert hurried.certified and plan.certified
+    assert near + 0.8 * NOISE < away < near + 1.2 * NOISE
+    assert hurried.arrival_time < plan.arrival_time < (1.0 + price) * hurried.arrival_time
+
+
+def test_room_costs_no_more_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    hurried, near = driven(watched("a"), -1.0, monkeypatch)
+    plan, away = driven(watched("a"), 1e-4, monkeypatch)
+    assert plan.arrival_time < (1.0 + 2e-4) * hurried.arrival_time
+    assert away < near + 0.5 * NOISE
+
+
+def test_no_room_is_kept_from_who_is_known_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
+    price = decision.ROOM_PRICE
+    (hurried, near), (plan, away) = (driven(disc("a", PLACE), each, monkeypatch) for each in (-1.0, price))
+    assert away == near and plan.arrival_time == hurried.arrival_time
