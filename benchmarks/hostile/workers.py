@@ -101,9 +101,10 @@ class Worker:
 
     def end(self) -> None:
         """End it, whatever it is at, and all that it has started."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.process.pid, signal.SIGKILL)
         self.process.kill()
+        if self.process.pid is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
         self.process.join()
         self.link.close()
 

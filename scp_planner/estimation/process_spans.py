@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.dynamics import Dynamics, RandomWalk
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, MotionPolynomials, integrate, standardised_speeds
 from scp_planner.scenario.process_model import Tails
@@ -58,7 +58,7 @@ class ProcessSpans:
     mean: Array
     covariance: Array
 
-    def of(self, some: Sequence[int] | Array) -> ProcessSpans:
+    def of(self, some: Sequence[int] | Index) -> ProcessSpans:
         """Some of them."""
         return ProcessSpans(self.dynamics, self.tails, self.reference_time, self.mean[some], self.covariance[some])
 
@@ -69,7 +69,12 @@ class ProcessSpans:
         return np.asarray(np.interp(lead, self.tails.lead_time, self.tails.inflation))
 
     def rates(self, lead: Array) -> tuple[Array, Array, Array]:
-        """Covariances of the errors, of them with their rates, and of these after lead times (L,), s, not inflated.
+        """Covariances of the errors, of them with their rates, and of these, all before inflation.
+
+        Parameters
+        ----------
+        lead : (L,) array
+            Lead times, s.
 
         Returns
         -------
@@ -131,8 +136,8 @@ class ProcessSpans:
         scales = widths[:, None, None] ** _EXPONENTS[:, None]
         center, covariance = center / scales, covariance / scales
         times = self.reference_time + leads
-        worst = zip(center_error.max(axis=1).tolist(), (2.0 * covariance_error.max(axis=1)).tolist(), strict=True)
-        fitted = [MotionPolynomials(times, *given, *by) for *given, by in zip(center, covariance, worst, strict=True)]
+        worst = center_error.max(axis=1).tolist(), (2.0 * covariance_error.max(axis=1)).tolist()
+        fitted = [MotionPolynomials(times, *each) for each in zip(center, covariance, *worst, strict=True)]
         return fitted, (center_error > CENTER_TOLERANCE) | (covariance_error > COVARIANCE_TOLERANCE)
 
     def _positions(self, leads: Array) -> tuple[Array, Array]:
