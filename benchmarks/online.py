@@ -269,7 +269,7 @@ def faults(options: argparse.Namespace) -> int:
             "refused": len(done.refused),
             "unsaid": done.unsaid,
             "arrived": int(done.arrived),
-            **{name: done.outcomes.get(name, 0) for name in ("improved", "kept", "repaired", "braking")},
+            **{name: done.outcomes.get(name, 0) for name in ("improved", "kept", "repaired", "evading", "braking")},
             "says": done.error.splitlines()[-1] if done.error else "; ".join(done.refused),
         }
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
+from scipy.optimize import minimize
 
 from scp_planner.arrays import Array
 from scp_planner.baseline.descent_settings import DescentSettings, Variant
@@ -43,8 +44,6 @@ class Minimisation(Protocol):
 
 
 def _lbfgs(task: Minimisation, start: Array, until: int) -> None:
-    from scipy.optimize import minimize  # takes a while to load
-
     budget = until - task.evaluations
     minimize(
         task.evaluate,

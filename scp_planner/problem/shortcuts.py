@@ -41,7 +41,7 @@ class Ground:
     box : Box
     line : Line
         The guide of the scenario, in the planning frame.
-    reach : float
+    farthest : float
         Largest distance from it, m.
     slow : tuple of Stretch
         In the planning frame.
@@ -54,14 +54,14 @@ class Ground:
     standing: ZoneBatch
     box: Box
     line: Line
-    reach: float
+    farthest: float
     slow: tuple[Stretch, ...]
     top: float
     beside: float = 0.0
 
     def room(self, points: Array) -> Array:
         """How far points (n, 2) m are from where may not be driven, (n,) m; negative there."""
-        found = np.minimum(self.reach - self.line.distances(points), self.box.room(points))
+        found = np.minimum(self.farthest - self.line.distances(points), self.box.room(points))
         if self.standing.size:
             size = max(1, MOST_LOOKS // self.standing.size)
             for begin in range(0, len(points), size):
@@ -138,7 +138,7 @@ class _Grid:
     @classmethod
     def of(cls, ground: Ground) -> _Grid:
         line = ground.line.points
-        low, high = line.min(axis=0) - ground.reach, line.max(axis=0) + ground.reach
+        low, high = line.min(axis=0) - ground.farthest, line.max(axis=0) + ground.farthest
         step = sqrt(float(np.prod(high - low)) / MOST_NODES)
         counts = np.ceil((high - low) / step).astype(np.intp) + 1
         columns, rows = np.meshgrid(np.arange(counts[0]), np.arange(counts[1]))

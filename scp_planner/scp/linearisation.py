@@ -134,7 +134,7 @@ def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: Tri
 
 def _optional_rows(problem: Problem, limit: OptionalLimit, number: int, owner: int, base: Evaluation) -> Rows:
     excess = base.optional[number]
-    index = np.flatnonzero(excess > -limit.reach)
+    index = np.flatnonzero(excess > -limit.near)
     group = np.full(len(index), problem.zones.size + len(Limit) + number)
     return Rows(
         limit.gradient(base.trajectory, index), -excess[index], group, index, np.full(len(index), owner, dtype=np.intp)

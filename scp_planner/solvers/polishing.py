@@ -50,6 +50,11 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
         pivots = _Pivots(sides, deadline)
     except LinAlgError:
         return None
+    # Where the guess tells all active sides, pivots would only lose them: they go by way of the minimiser without
+    # constraints, which a weak Hessian has far away, and rounding with it.
+    x, prices = sides.solve(active)
+    if sides.optimal(active, x, prices):
+        return sides.solution(active, x, prices)
     for _ in range(PASSES):
         mended = pivots.mended(active)
         if mended is None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -222,9 +220,3 @@ def test_scaled_offsets_have_unit_curvature_of_the_arc_length() -> None:
     values = np.linalg.eigvalsh(hessian)
     assert values.max() <= 1.0 + 1e-6
     assert values.min() > 0.8
-
-
-def test_scipy_is_imported_only_when_it_is_needed() -> None:
-    code = "import sys, scp_planner.baseline.penalty_descent; print('scipy.optimize' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.strip() == "False"

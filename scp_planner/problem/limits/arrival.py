@@ -29,7 +29,7 @@ class EarliestArrival(OptionalLimit):
     """
 
     name: ClassVar[str] = "earliest arrival"
-    reach: ClassVar[float] = np.inf
+    near: ClassVar[float] = np.inf
 
     travel_time: float
     step_size: int

@@ -188,7 +188,7 @@ class DiscClearance(OptionalLimit):
     """
 
     name: ClassVar[str] = "discs"
-    reach: ClassVar[float] = NEAR
+    near: ClassVar[float] = NEAR
 
     discs: Discs
     place: int
@@ -244,7 +244,7 @@ class DiscBox(OptionalLimit):
     """
 
     name: ClassVar[str] = "workspace bounds"
-    reach: ClassVar[float] = NEAR
+    near: ClassVar[float] = NEAR
 
     offset: float
     free: slice

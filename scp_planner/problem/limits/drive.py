@@ -78,7 +78,7 @@ class PowerLimit(_DriveLimit):
     """
 
     name: ClassVar[str] = "power"
-    reach: ClassVar[float] = 0.6
+    near: ClassVar[float] = 0.6
 
     free_size: int
 
@@ -118,7 +118,7 @@ class TotalAccelerationLimit(_DriveLimit):
     """
 
     name: ClassVar[str] = "total_acceleration"
-    reach: ClassVar[float] = 0.6
+    near: ClassVar[float] = 0.6
 
     free: slice
 

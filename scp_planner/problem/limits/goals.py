@@ -41,7 +41,7 @@ class GoalRegion(OptionalLimit):
     """
 
     name: ClassVar[str] = "goal region"
-    reach: ClassVar[float] = np.inf
+    near: ClassVar[float] = np.inf
 
     ahead: float
     free: slice
@@ -81,7 +81,7 @@ class GoalHeading(OptionalLimit):
     """
 
     name: ClassVar[str] = "goal heading"
-    reach: ClassVar[float] = np.inf
+    near: ClassVar[float] = np.inf
 
     middle: float
     half: float
@@ -121,7 +121,7 @@ class GoalSpeed(OptionalLimit):
     """
 
     name: ClassVar[str] = "goal speed"
-    reach: ClassVar[float] = np.inf
+    near: ClassVar[float] = np.inf
 
     space: TripSpace
     lowest: float

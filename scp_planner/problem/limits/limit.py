@@ -23,12 +23,12 @@ class OptionalLimit(ABC):
     ----------
     name : str
         What the certificate calls it.
-    reach : float
-        Places with an excess below -reach are not looked at in a step.
+    near : float
+        Places with an excess below -near are not looked at in a step.
     """
 
     name: ClassVar[str]
-    reach: ClassVar[float]
+    near: ClassVar[float]
 
     @abstractmethod
     def excess(self, trajectory: Trajectory) -> Array:

@@ -48,7 +48,7 @@ class JerkLimit(OptionalLimit):
     """
 
     name: ClassVar[str] = "jerk"
-    reach: ClassVar[float] = np.inf
+    near: ClassVar[float] = np.inf
 
     space: TripSpace
     free_size: int
@@ -92,7 +92,7 @@ class CurvatureRateLimit(OptionalLimit):
     """
 
     name: ClassVar[str] = "curvature_rate"
-    reach: ClassVar[float] = np.inf  # a straight path is steered too fast after one step
+    near: ClassVar[float] = np.inf  # a straight path is steered too fast after one step
 
     def __init__(self, space: TripSpace, free: slice, limit: float) -> None:
         self.space = space

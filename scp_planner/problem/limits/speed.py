@@ -68,7 +68,7 @@ class SpeedLimits(OptionalLimit):
     """
 
     name: ClassVar[str] = "speed_limits"
-    reach: ClassVar[float] = 0.6
+    near: ClassVar[float] = 0.6
 
     def __init__(self, space: TripSpace, free: slice, stretches: tuple[Stretch, ...]) -> None:
         self.space = space
