@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 
 from scp_planner.online.means import LOOK_GAIN_TIME, Means, Replan
@@ -46,18 +46,21 @@ class Look:
 
     Attributes
     ----------
+    runs : int
+        How many more ways are to be tried.
+    cutoff : float
+        Units of time; only ways that may be faster are looked for.
     starts : iterator of Trip
         What is left to start from.
-    runs : int
-        How many more of them are to be tried.
     trip : Trip or None
         What has come of the one that is being tried...
     steps : int
         ...after so many steps of the loop.
     """
 
-    starts: Iterator[Trip]
     runs: int
+    cutoff: float
+    starts: Iterator[Trip] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
     steps: int = 0
 
@@ -104,7 +107,8 @@ class Looks:
             cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOK_RUNS
-            self._look = Look(self._means.starts(problem, cutoff), runs)
+            self._look = look = Look(runs, cutoff)
+            look.starts = self._means.starts(problem, lambda: look.cutoff)
         self._looked = now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
@@ -149,7 +153,8 @@ class Looks:
                 elif clear and not first:
                     return vetted, ""
                 elif clear or spare is None:
-                    spare, cutoff = vetted, vetted.trip.trajectory.travel_time if clear else cutoff
+                    spare = vetted
+                    look.cutoff = cutoff = vetted.trip.trajectory.travel_time if clear else cutoff
             if ended:
                 look.trip = None
                 if not first:

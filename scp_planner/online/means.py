@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import Any
@@ -184,14 +184,17 @@ class Means:
         now.lap("certificate")
         return vetted
 
-    def starts(self, problem: Problem, cutoff: float) -> Iterator[Trip]:
-        """Give trips along the ways to the goal that may be faster than a cutoff, s; bows where there is none."""
+    def starts(self, problem: Problem, cutoff: Callable[[], float]) -> Iterator[Trip]:
+        """Give trips along the ways to the goal that may be faster than a cutoff, s, as it is when each is asked for.
+
+        Bows where there is none.
+        """
         any_way = False
         search = WaySearch(problem)
-        for way in ways(search, self.settings.searches, cutoff + LOOK_GAIN_TIME):
+        for way in ways(search, self.settings.searches, lambda: cutoff() + LOOK_GAIN_TIME):
             any_way = True
             yield Trip(problem.frame, trip_along(problem, way))
-        if not any_way and not math.isfinite(cutoff):
+        if not any_way and not math.isfinite(cutoff()):
             for bow in bows(problem):
                 yield Trip(problem.frame, bow)
 

@@ -7,7 +7,7 @@ of this kind. Other ways are found by closing the side that the last one used.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from heapq import heappop, heappush
@@ -292,7 +292,7 @@ class WayTree:
                 heappush(self.heap, (way.travel_time, len(self.tried) - len(new) + number, way, closed))
 
 
-def ways(search: WaySearch, most: int, within: float = np.inf) -> Iterator[Way]:
+def ways(search: WaySearch, most: int, within: Callable[[], float] = lambda: np.inf) -> Iterator[Way]:
     """Yield different ways round, the fastest estimate first, found as they are asked for.
 
     Parameters
@@ -300,14 +300,14 @@ def ways(search: WaySearch, most: int, within: float = np.inf) -> Iterator[Way]:
     search : WaySearch
     most : int
         Ways that are searched for, at most.
-    within : float
-        Only ways whose estimate is not longer than this are looked for, s.
+    within : callable
+        Gives how long the estimates of ways may be that are still looked for, s; asked before each.
 
     Yields
     ------
     Way
     """
-    tree = WayTree(search, most, within)
-    while (way := tree.next()) is not None:
+    tree = WayTree(search, most, within())
+    while (way := tree.next()) is not None and way.travel_time <= within():
         yield way
-        tree.branch(way.sides[:BRANCHES], within)
+        tree.branch(way.sides[:BRANCHES], within())

@@ -114,6 +114,19 @@ def test_first_trips_ask_the_motor_for_what_it_has() -> None:
     assert asked["weak"] <= 0.3 * 1.2
 
 
+def test_ways_end_where_none_can_be_as_fast_as_what_has_been_found() -> None:
+    problem = problem_of(scene(*CROSSERS))
+    every = [way.travel_time for way in ways(WaySearch(problem), 8)]
+    assert len(every) > 2 and every[1] < every[-1]
+    most: list[float] = [np.inf]
+    bounded: list[float] = []
+    for way in ways(WaySearch(problem), 8, lambda: most[-1]):
+        bounded.append(way.travel_time)
+        if len(bounded) == 1:
+            most.append(every[1] + 1e-6)
+    assert bounded == [one for one in every if one <= most[-1]]
+
+
 def test_the_same_search_twice_is_the_same_to_the_bit() -> None:
     problem = problem_of(scene(*CROSSERS))
     first, second = (list(ways(WaySearch(problem), 8)) for _ in range(2))
