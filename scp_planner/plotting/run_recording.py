@@ -121,7 +121,8 @@ def _obstacle(
     """Put together what the cycles knew of one obstacle."""
     count = len(time)
     center, heading = np.full((count, 2), np.nan), np.zeros(count)
-    parts = max((sum(len(one.outlines) or 1 for one in several.get(name, ())) for several in zones), default=1)
+    # One at least, of which nothing is known, where no cycle knew of it.
+    parts = max([1, *(sum(len(one.outlines) or 1 for one in several.get(name, ())) for several in zones)])
     boundary, clearance = np.full((count, parts, BOUNDARY_POINTS, 2), np.nan), np.full(count, np.nan)
     radius = 0.0
     for number in np.unique(cycle):
