@@ -22,11 +22,10 @@ def foretell(estimates: Iterable[MotionEstimate], start: float, span: float) -> 
     span : float
         For how long, s.
     """
-    alike: dict[Hashable, list[MotionEstimate]] = {}
+    alike: dict[tuple[float, Hashable], list[MotionEstimate]] = {}
     for one in estimates:
         alike.setdefault((max(start, one.earliest), _kind(one)), []).append(one)
-    for some in alike.values():
-        begin = max(start, some[0].earliest)
+    for (begin, _), some in alike.items():
         _foretell_processes([one for one in some if isinstance(one, ProcessEstimate)], begin, begin + span)
         _foretell_polynomials([one for one in some if isinstance(one, PolynomialEstimate)], begin, begin + span)
 

@@ -262,23 +262,40 @@ def lengths_together(estimates: Sequence[PolynomialEstimate], start: float, stop
     # With s = tan(angle) the row (1, s, s^2) is (cos^2, sin cos, sin^2) but for a factor, which
     # standardising removes. So infinite times are as good as any other.
     begin, end = (math.atan((t - first.center_time) / first.time_scale) for t in (start, stop))
-    pairs = covariance.transpose(0, 1, 3, 2, 4).reshape(len(estimates), (order + 1) ** 2, 4)
 
     def speeds(angles: Array) -> Array:
-        rows, slopes = _turning_rows(order, angles)
-        products = np.concatenate([one[:, :, None] * other[:, None] for one, other in _both(rows, slopes)])
-        blocks = products.reshape(3 * len(angles), -1) @ pairs
+        error, cross, rate = error_blocks(row_products(*_turning_rows(order, angles)), covariance)
         if of_regressions:  # the covariance is a spread (p, p) times a matrix that standardising removes
-            error, cross, rate = np.moveaxis(blocks[..., 0].reshape(-1, 3, len(angles)), 1, 0)
+            error, cross, rate = (one[..., 0, 0] for one in (error, cross, rate))
             return np.asarray(np.sqrt(np.maximum(rate * error - cross**2, 0.0)) / error)
-        error, cross, rate = np.moveaxis(blocks.reshape(-1, 3, len(angles), 2, 2), 1, 0)
-        return standardised_speeds(error, cross, rate)
+        return standardised_speed(error, cross, rate)
 
     return integrate(speeds, begin, end)
 
 
-def _both(rows: Array, slopes: Array) -> tuple[tuple[Array, Array], ...]:
-    return (rows, rows), (rows, slopes), (slopes, slopes)
+def row_products(rows: Array, slopes: Array) -> Array:
+    """Products of the entries of rows (L, p), of rows and slopes (L, p), and of slopes: (3 L, p p)."""
+    pairs = (rows, rows), (rows, slopes), (slopes, slopes)
+    return np.concatenate([one[:, :, None] * other[:, None] for one, other in pairs]).reshape(3 * len(rows), -1)
+
+
+def error_blocks(products: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Covariances of errors, of them with their rates, and of these, where rows and slopes give both from states.
+
+    Parameters
+    ----------
+    products : (3 L, p p) array
+        By `row_products`.
+    covariance : (n, p, 2, p, 2) array
+        Of the states.
+
+    Returns
+    -------
+    three arrays (n, L, 2, 2)
+    """
+    states = covariance.transpose(0, 1, 3, 2, 4).reshape(len(covariance), -1, 4)
+    blocks = (products @ states).reshape(len(covariance), 3, -1, 2, 2)
+    return blocks[:, 0], blocks[:, 1], blocks[:, 2]
 
 
 def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
@@ -293,12 +310,6 @@ def _turning_rows(order: int, angles: Array) -> tuple[Array, Array]:
         if m:
             slopes[:, k] -= m * sine ** (k + 1) * cosine ** (m - 1)
     return rows, slopes
-
-
-def standardised_speeds(error: Array, cross: Array, rate: Array) -> Array:
-    """As `standardised_speed`, of motions (n, L, 2, 2): (n, L)."""
-    flat = (one.reshape(-1, 2, 2) for one in (error, cross, rate))
-    return standardised_speed(*flat).reshape(error.shape[:2])
 
 
 @lru_cache(maxsize=8)
@@ -325,23 +336,23 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
 
     Parameters
     ----------
-    error, cross, rate : (n, 2, 2)
+    error, cross, rate : (..., 2, 2)
         Covariance of the error e, of e with its derivative, and of its derivative.
 
     Returns
     -------
-    (n,), per unit of what the derivative is with respect to
+    (...), per unit of what the derivative is with respect to
     """
     # Lambda = L^-1 (rate - cross' error^-1 cross) L^-T with Cholesky's factor L = ((a, 0), (b, c)) of the error,
     # written out: calls of LAPACK for so many matrices of two rows cost three times as much.
-    a = np.sqrt(error[:, 0, 0])
-    b = error[:, 0, 1] / a
-    c = np.sqrt(error[:, 1, 1] - b * b)
-    first = cross[:, 0] / a[:, None]
-    second = (cross[:, 1] - b[:, None] * first) / c[:, None]
-    xx = rate[:, 0, 0] - first[:, 0] ** 2 - second[:, 0] ** 2
-    xy = rate[:, 0, 1] - first[:, 0] * first[:, 1] - second[:, 0] * second[:, 1]
-    yy = rate[:, 1, 1] - first[:, 1] ** 2 - second[:, 1] ** 2
+    a = np.sqrt(error[..., 0, 0])
+    b = error[..., 0, 1] / a
+    c = np.sqrt(error[..., 1, 1] - b * b)
+    first = cross[..., 0, :] / a[..., None]
+    second = (cross[..., 1, :] - b[..., None] * first) / c[..., None]
+    xx = rate[..., 0, 0] - first[..., 0] ** 2 - second[..., 0] ** 2
+    xy = rate[..., 0, 1] - first[..., 0] * first[..., 1] - second[..., 0] * second[..., 1]
+    yy = rate[..., 1, 1] - first[..., 1] ** 2 - second[..., 1] ** 2
     along, beside = xx / (a * a), (xy - b * xx / a) / (a * c)
     across = (yy - 2.0 * b * xy / a + b * b * xx / (a * a)) / (c * c)
     half_trace = np.maximum(0.5 * (along + across), 0.0)
@@ -358,16 +369,14 @@ def standardised_speed(error: Array, cross: Array, rate: Array) -> Array:
 def integrate(speed: Callable[[Array], Array], start: float, stop: float) -> Array:
     """Integrate smooth functions >= 0, of times (L,) to (..., L), by Gauss-Legendre panels until two answers agree."""
     panels, rule = 2, gauss_rule(_PANEL_NODES)
-    answer: Array | None = None
+    answer = np.array(np.inf)
     while True:
         edges = np.linspace(start, stop, panels + 1)
         half = 0.5 * (stop - start) / panels
         values = speed((edges[:-1, None] + half * (1.0 + rule.nodes)).ravel())
-        total = half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights)
-        if answer is not None:
-            agree = np.abs(total - answer) <= _LENGTH_TOLERANCE * total
-            if panels >= _MOST_PANELS or np.all(agree):
-                return np.asarray(total)
+        total = np.asarray(half * (values.reshape(*values.shape[:-1], panels, -1).sum(axis=-2) @ rule.weights))
+        if panels >= _MOST_PANELS or np.all(np.abs(total - answer) <= _LENGTH_TOLERANCE * total):
+            return total
         answer, panels = total, 2 * panels
 
 

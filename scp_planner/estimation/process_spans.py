@@ -15,7 +15,14 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.dynamics import Dynamics, RandomWalk
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, MotionPolynomials, integrate, standardised_speeds
+from scp_planner.estimation.motion_estimate import (
+    POLYNOMIAL_TERMS,
+    MotionPolynomials,
+    error_blocks,
+    integrate,
+    row_products,
+    standardised_speed,
+)
 from scp_planner.scenario.process_model import Tails
 
 CENTER_TOLERANCE = 1e-3
@@ -82,11 +89,11 @@ class ProcessSpans:
             m^2, m^2/s and m^2/s^2.
         """
         d = self.dynamics.states
-        responses, noise = _rate_responses(self.dynamics, lead.tobytes())
-        states = self.covariance.reshape(-1, d, 2, d, 2).transpose(0, 1, 3, 2, 4).reshape(-1, d * d, 4)
-        blocks = (responses @ states).reshape(-1, 3, len(lead), 2, 2)
-        blocks[..., [0, 1], [0, 1]] += noise[:, :, None]
-        return blocks[:, 0], blocks[:, 1], blocks[:, 2]
+        products, noise = _rate_products(self.dynamics, lead.tobytes())
+        blocks = error_blocks(products, self.covariance.reshape(-1, d, 2, d, 2))
+        for block, more in zip(blocks, noise, strict=True):
+            block[..., [0, 1], [0, 1]] += more[:, None]
+        return blocks
 
     def lengths(self, first: float, last: float) -> Array:
         """How much each standardised error moves between two lead times, s: (n,)."""
@@ -156,7 +163,7 @@ def _lengths(spans: ProcessSpans, first: float, last: float, scale: float) -> Ar
     """Lengths between two lead times, s, by an integral over the logarithm of the time in units of a scale, s: (n,)."""
 
     def speeds(u: Array) -> Array:
-        return scale * np.exp(u) * standardised_speeds(*spans.rates(scale * np.expm1(u)))
+        return scale * np.exp(u) * standardised_speed(*spans.rates(scale * np.expm1(u)))
 
     return integrate(speeds, math.log1p(first / scale), math.log1p(last / scale))
 
@@ -173,12 +180,11 @@ def _halved(single: ProcessSpans, leads: Array, missed: Mask) -> MotionPolynomia
 
 
 @lru_cache(maxsize=_KEPT)
-def _rate_responses(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array]:
+def _rate_products(dynamics: Dynamics, leads: bytes) -> tuple[Array, Array]:
     """How pairs of states become covariances of position and velocity, (3 L, d d), and their noise, (3, L)."""
     lead = np.frombuffer(leads)
     f, q = dynamics.transition(lead), dynamics.process_noise(lead)
-    pairs = [f[:, i, :, None] * f[:, j, None, :] for i, j in ((0, 0), (0, 1), (1, 1))]
-    return np.concatenate(pairs).reshape(3 * len(lead), -1), np.stack([q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]])
+    return row_products(f[:, 0], f[:, 1]), np.stack([q[:, 0, 0], q[:, 0, 1], q[:, 1, 1]])
 
 
 @lru_cache(maxsize=_KEPT)

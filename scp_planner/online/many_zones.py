@@ -264,7 +264,7 @@ def _lengths_of_mixtures(error: Array, cross: Array, rate: Array) -> Array:
     grown = scale[:, None] * np.exp(last[:, None] * nodes)
     powers = (grown - scale[:, None])[:, :, None] ** np.arange(6)
     at = [np.einsum("knp,kpab->knab", powers[:, :, : part.shape[1]], part) for part in (error, cross, rate)]
-    speed = standardised_speed(*(part.reshape(-1, 2, 2) for part in at)).reshape(grown.shape)
+    speed = standardised_speed(*at)
     return last * ((grown * speed) @ weights)
 
 
