@@ -65,7 +65,7 @@ def first_parts(motion: SampledMotion, knots: Array) -> Parts:
 
 
 @dataclass(frozen=True)
-class Courses:
+class PieceVelocities:
     """How a motion's pieces are driven.
 
     Attributes
@@ -92,7 +92,7 @@ class Courses:
     still: float
 
     @classmethod
-    def of(cls, motion: SampledMotion) -> Courses:
+    def of(cls, motion: SampledMotion) -> PieceVelocities:
         """Return what can be said of a motion's pieces."""
         every = np.arange(len(motion.begin))
         first, last = motion.velocity_at(every, motion.begin), motion.velocity_at(every, motion.end)

@@ -27,7 +27,7 @@ from scp_planner.online import regions
 from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Level, zones_of_mixtures, zones_together
-from scp_planner.online.mixtures import Mixture, Widening
+from scp_planner.online.mixtures import FilterModels, Mixture
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 from scp_planner.online.suspicions import (
@@ -164,7 +164,7 @@ class ObstacleTracks:
         bank = self._banks.get(order)
         if bank is None:
             deviations = self.newcomers
-            widening = Widening(deviations.velocity_deviation, deviations.acceleration_deviation)
+            widening = FilterModels(deviations.velocity_deviation, deviations.acceleration_deviation)
             bank = self._banks[order] = Bank(order, widening, self.watch.alarm_probability)
             bank.set_noise(self.noise.factor)
         return bank

@@ -24,7 +24,7 @@ from scp_planner import builtin, files
 from scp_planner.batch import dask_cluster, runner
 from scp_planner.batch.dask_cluster import DaskExecutor
 from scp_planner.batch.executor import Answer, ExecutorError, Fate
-from scp_planner.batch.jobs import Method, Options, Row
+from scp_planner.batch.jobs import Options, PlanningMethod, TableRow
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.batch.table import TableError, opened
@@ -37,7 +37,7 @@ R = TypeVar("R")
 
 COLUMNS = ("file", "status", "reason")
 SLOW = Options(
-    Method.PENALTY_DESCENT, Settings(path_span=2.5, acceleration_spans=8, samples=80, max_runs=1)
+    PlanningMethod.PENALTY_DESCENT, Settings(path_span=2.5, acceleration_spans=8, samples=80, max_runs=1)
 )  # a good part of a second for each scenario, so that there is a middle to interrupt
 SLOW_OPTIONS = [option for text in str(SLOW).split()[1:] for option in ("--set", text)]
 
@@ -373,7 +373,7 @@ def test_the_command_tells_of_strange_names(strange: Path, tmp_path: Path) -> No
 
 
 def test_text_that_is_no_unicode_has_a_cell() -> None:
-    made = Row("a.yaml", name="\ud800", reason="one\ntwo  three").texts()
+    made = TableRow("a.yaml", name="\ud800", reason="one\ntwo  three").texts()
     assert (made["name"], made["reason"]) == (r"\ud800", "one two three")
 
 

@@ -16,7 +16,7 @@ from scp_planner.online.suspicions import (
     ONSETS,
     SPEAKS,
     Changes,
-    Looks,
+    Sightings,
     changed_motions,
     changes_of,
 )
@@ -35,7 +35,7 @@ class Sight:
     times: np.ndarray
     places: np.ndarray
     estimator: RecursiveEstimator
-    looks: Looks
+    looks: Sightings
 
 
 def sight(order: int, count: int, sigma: np.ndarray) -> Sight:
@@ -51,7 +51,7 @@ def sight(order: int, count: int, sigma: np.ndarray) -> Sight:
     newest = min(count, 32)
     clock, rows = np.full((32, 1), -np.inf), np.zeros((2, 32, 1))
     clock[-newest:, 0], rows[:, -newest:, 0] = times[-newest:], places[-newest:].T
-    return Sight(times, places, estimator, Looks(clock, rows))
+    return Sight(times, places, estimator, Sightings(clock, rows))
 
 
 @pytest.mark.parametrize("order", [1, 2])
