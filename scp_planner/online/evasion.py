@@ -18,7 +18,7 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import braking_of
-from scp_planner.online.courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.dodge_courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen

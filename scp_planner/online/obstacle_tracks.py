@@ -242,7 +242,7 @@ class ObstacleTracks:
             return None
         track.suspects = []
         if self.watch.regions is Regions.ADAPTIVE:
-            regions.compare(self.scales, [track], [one], self.newcomers)
+            regions.learn(self.scales, [track], [one], self.newcomers)
         track.insert(one, self.newcomers, self._make)
         if track.estimator is not None and track.estimator.bank is not None:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
@@ -251,7 +251,7 @@ class ObstacleTracks:
     def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
         if self.watch.regions is Regions.ADAPTIVE:
-            regions.compare(self.scales, tracks, seen, self.newcomers)
+            regions.learn(self.scales, tracks, seen, self.newcomers)
         for track, one in zip(tracks, seen, strict=True):
             track.times.append(one.time)
             track.positions.append(one.position)

@@ -13,8 +13,8 @@ from scenes import disc, scene
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.assumptions import _radii_towards
-from scp_planner.online.courses import GRADUAL, PROMPT, Bend, Profiles
 from scp_planner.online.decision import Waiting
+from scp_planner.online.dodge_courses import GRADUAL, PROMPT, Bend, Profiles
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, _Driven, _until
 from scp_planner.online.means import Replan

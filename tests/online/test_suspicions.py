@@ -9,7 +9,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.recursive import RecursiveEstimator
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.suspicions import (
@@ -129,7 +129,7 @@ def watched(change: float, watch: Watch) -> tuple[np.ndarray, np.ndarray]:
     for time in STEP * np.arange(-60, 15):
         place = np.array([time, 0.5 * change * max(time, 0.0) ** 2])
         ones = place + NOISE * rng.standard_normal((len(names), 2))
-        frames.take_in(tracks, names, [Seen(float(time), (x, y)) for x, y in ones.tolist()])
+        sensor_frames.take_in(tracks, names, [Seen(float(time), (x, y)) for x, y in ones.tolist()])
         if time < -1.0:
             continue
         ahead = time + 1.5
