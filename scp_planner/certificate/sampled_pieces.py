@@ -9,7 +9,7 @@ from math import atan2
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.sampled_motion import WITHOUT_DIRECTION, SampledMotion
 
@@ -176,8 +176,7 @@ class PieceVelocities:
         found = np.zeros(len(self.turn))
         moving = np.flatnonzero(np.isfinite(self.entering[:, 0]))
         before, after = self.leaving[moving[:-1]], self.entering[moving[1:]]
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        angle = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+        angle = np.abs(np.arctan2(cross(before, after), (before * after).sum(axis=1)))
         standing = np.hypot(*self.first[moving[1:]].T) <= self.still
         found[moving[1:]] = np.where(standing, angle, 0.0)
         return found
