@@ -10,7 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import Batch, Evaluation
+from scp_planner.scp.evaluation import Evaluation, TripBatch
 from scp_planner.scp.merit import Limit
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import curvature_rows, lateral_rows
@@ -79,7 +79,7 @@ def linearise_trips(
         One for each trip.
     """
     zones = problem.zones
-    batch = Batch.of(bases, problem.samples)
+    batch = TripBatch.of(bases, problem.samples)
     bundle, points = batch.bundle, batch.points
     sites = [base.sites for base in bases]
     rows = Rows.stack(

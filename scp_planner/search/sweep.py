@@ -32,7 +32,7 @@ Reached = list[dict[int, int]]
 
 
 @dataclass(frozen=True)
-class Ends:
+class WayEnds:
     """Where ways begin and end.
 
     Attributes
@@ -178,7 +178,7 @@ class Sweep:
     grid : Grid
     free : (lines, half offsets, C) array of words
         Free cells in each case.
-    ends : Ends
+    ends : WayEnds
     in_time : (n + 1, K, O) array of int
         So many delays are looked at, at each station, of each class of speed and offset.
     deadline : float
@@ -200,7 +200,7 @@ class Sweep:
         self,
         grid: Grid,
         free: Words,
-        ends: Ends,
+        ends: WayEnds,
         in_time: Counts,
         deadline: float = np.inf,
         begun: Begun | None = None,
@@ -235,7 +235,7 @@ class Sweep:
             {m: bits & goal for m, bits in some.items() if m in at_last and bits & goal} for some in before
         ]
 
-    def _first(self, ends: Ends) -> Reached:
+    def _first(self, ends: WayEnds) -> Reached:
         """Where ways begin."""
         grid, start = self.grid, 0
         for case in range(self.layout.cases):

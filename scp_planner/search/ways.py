@@ -19,7 +19,7 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import Begun, Counts, Ends, Sweep
+from scp_planner.search.sweep import Begun, Counts, Sweep, WayEnds
 
 Closed = tuple[tuple[int, int], ...]
 
@@ -93,7 +93,7 @@ class WaySearch:
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
         self._fastest = np.inf  # arrival of the ways that were found, s
-        self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
+        self.ends = WayEnds(self._slopes(0), self._slopes(-1), self._goal())
 
     def _slopes(self, end: int) -> slice:
         """Slopes that the heading at an end allows."""

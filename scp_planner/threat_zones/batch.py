@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
@@ -396,8 +396,8 @@ class ZoneBatch:
         if len(rows):
             pointing = self.directions.at(index[rows], times[rows])
             change = self.directions.derivative.at(index[rows], times[rows])
-            spin = _cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
-            rate[rows] += spin * _cross(normal[rows], lever[rows])
+            spin = cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
+            rate[rows] += spin * cross(normal[rows], lever[rows])
         return rate
 
 
@@ -474,11 +474,6 @@ def _support_point(covariance: Array, normal: Array) -> Array:
     return (
         np.stack([xx * x + xy * y, xy * x + yy * y], axis=1) / np.maximum(support(covariance, normal), 1e-300)[:, None]
     )
-
-
-def _cross(first: Array, second: Array) -> Array:
-    product: Array = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    return product
 
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
