@@ -46,7 +46,7 @@ def test_is_the_filter_but_for_rounding(kind: dict[str, Any], at_once: int, monk
 def test_a_filter_goes_on_from_there() -> None:
     rng = np.random.default_rng(1)
     model = ProcessModel.model_validate({"process": KINDS[2], "velocity_deviation": 1.0, "noise_deviation": 0.1})
-    times, positions = 0.1 * np.arange(30), 0.1 * rng.normal(size=(30, 2))
+    times, positions = np.linspace(0.0, 2.9, 30), 0.1 * rng.normal(size=(30, 2))
     noise = np.broadcast_to(0.01 * np.eye(2), (30, 2, 2))
     one, other = MotionFilter(model), MotionFilter(model)
     one.update(times[0], positions[:1])
