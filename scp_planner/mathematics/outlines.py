@@ -265,7 +265,7 @@ class _Edges:
         tangent = vector / length[:, None]
         before, first = [np.zeros(0, dtype=np.intp)], 0
         for vertices in polygons:
-            before.append(first + _before(np.arange(len(vertices))))
+            before.append(first + np.arange(-1, len(vertices) - 1) % len(vertices))
             first += len(vertices)
         normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
         return cls(start, tangent, normal, length, np.concatenate(before))
