@@ -219,8 +219,9 @@ def _present(t: Array, z: Array, screening: Screening) -> Mask:
 
 def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> Mask:
     first = np.ones(len(t), dtype=bool)
-    for i in np.flatnonzero(t[1:] == t[:-1]) + 1:
-        group = np.flatnonzero((t[:i] == t[i]) & first[:i])
+    again = np.flatnonzero(t[1:] == t[:-1]) + 1
+    for i, begin in zip(again, np.searchsorted(t, t[again]), strict=True):
+        group = begin + np.flatnonzero(first[begin:i])
         same = group[(z[group] == z[i]).all(axis=1)]
         if len(same) and screening.repeated is Faulty.REFUSE:
             raise EstimationError(
