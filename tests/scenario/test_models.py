@@ -227,14 +227,16 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 @given(scenario=scenarios(), suffix=st.sampled_from(SUFFIXES))
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-def test_load_gives_back_what_save_wrote(scenario: Scenario, suffix: str, tmp_path: Path) -> None:
+def test_load_gives_back_what_save_wrote(
+    scenario: Scenario, suffix: str, tmp_path: Path, scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     file = tmp_path / f"scenario{suffix}"
     scenario.save(file)
     again = Scenario.load(file)
     assert again == scenario
     assert again.model_dump_json() == scenario.model_dump_json()  # to the last bit: -0.0 is not 0.0
     if suffix == ".json":
-        jsonschema.Draft202012Validator(Scenario.json_schema()).validate(json.loads(file.read_text()))
+        scenario_schema.validate(json.loads(file.read_text()))
 
 
 @given(text=st.text(min_size=1))
@@ -302,21 +304,24 @@ def test_json_schema_is_a_schema_that_accepts_scenarios(scenario_data: dict[str,
         ("obstacles.1.model.order", 3),
     ],
 )
-def test_json_schema_refuses(path: str, value: Any, scenario_data: dict[str, Any]) -> None:
+def test_json_schema_refuses(
+    path: str, value: Any, scenario_data: dict[str, Any], scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     *steps, last = path.split(".")
     place: Any = scenario_data
     for step in steps:
         place = place[int(step)] if isinstance(place, list) else place[step]
     place[last] = value
-    assert not jsonschema.Draft202012Validator(Scenario.json_schema()).is_valid(scenario_data)
+    assert not scenario_schema.is_valid(scenario_data)
 
 
-def test_reference_scenarios_load_save_and_match_the_schema(reference_scenarios: Path, tmp_path: Path) -> None:
-    validator = jsonschema.Draft202012Validator(Scenario.json_schema())
+def test_reference_scenarios_load_save_and_match_the_schema(
+    reference_scenarios: Path, tmp_path: Path, scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     found = [file for file in sorted(reference_scenarios.glob("*.json")) if file.name != "best_known.json"]
     assert len(found) >= 50
     for place, file in enumerate(found[::3]):
-        validator.validate(json.loads(file.read_text()))
+        scenario_schema.validate(json.loads(file.read_text()))
         scenario = Scenario.load(file)
         for suffix in SUFFIXES if place % 7 == 0 else [".json"]:  # YAML takes its time
             scenario.save(tmp_path / f"copy{suffix}")
