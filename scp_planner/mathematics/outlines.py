@@ -66,7 +66,7 @@ class Outline:
         """Outward unit normals of the edges, (V, 2); none for an ellipse."""
         if self.vertices is None:
             return np.zeros((0, 2))
-        edge = _after(self.vertices) - self.vertices
+        edge = np.roll(self.vertices, -1, axis=0) - self.vertices
         normal: Array = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.hypot(edge[:, 0], edge[:, 1])[:, None]
         return normal
 
@@ -100,7 +100,7 @@ class Outline:
         """Return the outline with its vertices or matrix rounded; vertices that become one are one."""
         if self.vertices is not None:
             vertices = np.round(self.vertices, decimals)
-            apart = np.any(vertices != _before(vertices), axis=1)
+            apart = np.any(vertices != np.roll(vertices, 1, axis=0), axis=1)
             if not apart.all():
                 # What is too small to be rounded stays as it is.
                 vertices = vertices[apart] if np.count_nonzero(apart) >= 3 else self.vertices
@@ -258,14 +258,14 @@ class _Edges:
 
     @classmethod
     def of(cls, polygons: Sequence[Array]) -> _Edges:
-        ends = [_after(vertices) for vertices in polygons]
+        ends = [np.roll(vertices, -1, axis=0) for vertices in polygons]
         start = np.concatenate([*polygons, np.zeros((0, 2))])
         vector = np.concatenate([*ends, np.zeros((0, 2))]) - start
         length = np.hypot(vector[:, 0], vector[:, 1])
         tangent = vector / length[:, None]
         before, first = [np.zeros(0, dtype=np.intp)], 0
         for vertices in polygons:
-            before.append(first + np.arange(-1, len(vertices) - 1) % len(vertices))
+            before.append(first + np.roll(np.arange(len(vertices)), 1))
             first += len(vertices)
         normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
         return cls(start, tangent, normal, length, np.concatenate(before))
@@ -318,16 +318,6 @@ def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
     return Contact(separation(angle), np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
-def _after(ring: Array) -> Array:
-    """What comes after each of a ring, as `numpy.roll` has it in ten times the time."""
-    return np.concatenate([ring[1:], ring[:1]])
-
-
-def _before(ring: Array) -> Array:
-    """What comes before each of a ring."""
-    return np.concatenate([ring[-1:], ring[:-1]])
-
-
 def _rotation(angle: float) -> Array:
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
@@ -338,7 +328,7 @@ def _tidy(vertices: Array) -> Array:
     if _area(vertices) < 0.0:
         vertices = vertices[::-1]
     while len(vertices) > 3:
-        before, after = vertices - _before(vertices), _after(vertices) - vertices
+        before, after = vertices - np.roll(vertices, 1, axis=0), np.roll(vertices, -1, axis=0) - vertices
         turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         straight = np.abs(turn) <= STRAIGHT * np.hypot(*before.T) * np.hypot(*after.T)
         if not straight.any():
@@ -349,7 +339,7 @@ def _tidy(vertices: Array) -> Array:
 
 def _area(vertices: Array) -> float:
     x, y = (vertices - vertices[0]).T
-    return 0.5 * float(np.sum(x * _after(y) - _after(x) * y))
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 @lru_cache(maxsize=256)
@@ -382,7 +372,7 @@ def _cross(a: Array, b: Array, c: Array) -> Array:
 
 def _convex(vertices: Array, ring: list[int]) -> bool:
     corner = vertices[ring]
-    return bool(np.all(_cross(_before(corner), corner, _after(corner)) >= 0.0))
+    return bool(np.all(_cross(np.roll(corner, 1, axis=0), corner, np.roll(corner, -1, axis=0)) >= 0.0))
 
 
 def _ears(vertices: Array) -> list[list[int]]:
@@ -390,7 +380,7 @@ def _ears(vertices: Array) -> list[list[int]]:
     ring, triangles = list(range(len(vertices))), []
     while len(ring) > 3:
         corner = vertices[ring]
-        turn = _cross(_before(corner), corner, _after(corner))
+        turn = _cross(np.roll(corner, 1, axis=0), corner, np.roll(corner, -1, axis=0))
         for place in np.argsort(-turn, kind="stable"):
             three = [ring[place - 1], ring[place], ring[(place + 1) % len(ring)]]
             a, b, c = vertices[three]

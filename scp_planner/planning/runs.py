@@ -254,6 +254,8 @@ class CheckedRuns:
             further = loop.run(run.evaluation.trajectory, most, cutoff, task.deadline, rival=rival)
             task.tally.iterations += len(further.record)
             if not promise(further) < promise(run):
+                if further.status is LoopStatus.INFEASIBLE:
+                    run.status = further.status  # it was not cut short: where it is, no step comes nearer
                 break
             run = further
         return run
