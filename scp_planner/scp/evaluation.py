@@ -256,7 +256,7 @@ def settle_minima(
     zones = problem.zones
     step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
-    rows = np.flatnonzero(rugged & (sample > 0) & (sample < problem.grid - 1))
+    rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
     if len(rows) == 0:
         return
     middle, which = sample[rows], zone[rows]

@@ -95,7 +95,7 @@ def linearise_trips(
             ],
         ]
     )
-    return rows.shares(np.flatnonzero(_usable(problem, rows, trusts) >= rows.gap), len(bases))
+    return rows.shares((_usable(problem, rows, trusts) >= rows.gap).nonzero()[0], len(bases))
 
 
 def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
@@ -112,7 +112,7 @@ def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
     -------
     Rows
     """
-    return rows.take(np.flatnonzero(_usable(problem, rows, [trust]) >= rows.gap))
+    return rows.take((_usable(problem, rows, [trust]) >= rows.gap).nonzero()[0])
 
 
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
