@@ -47,6 +47,7 @@ def box_gaps(problem: Problem, path: Path) -> Array:
 
 
 SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
+TOUCHED = 2.0  # times that way: what stands farther away from a sample is not touched next to it
 SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 
 
@@ -171,8 +172,13 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     clearance = clearance.reshape(count, len(problem.samples.sigma), zones.size)
     equidistant = clearance[:, : problem.grid]
     owner, sample, zone = local_minima(equidistant, near)
+    if zones.whole is not None:
+        place = sample + len(points.table.sigma) * owner
+        touched = zones.contacts(zone, points.time[place], points.path.position[place])
+        single = zones.singles(place, zone, touched)
+        owner, sample, zone = owner[single], sample[single], zone[single]
     sigma = refine_minima(problem.samples.sigma[: problem.grid], equidistant, owner, sample, zone)
-    settle_minima(problem, bundle, points, owner, sample, zone, sigma)
+    settle_minima(problem, bundle, points, owner, sample, zone, sigma, equidistant[owner, sample, zone])
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
     violation = _entries(clearance, owner, zone, contacts, zones.whole)
@@ -246,7 +252,14 @@ def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: 
 
 
 def settle_minima(
-    problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, sample: Index, zone: Index, sigma: Array
+    problem: Problem,
+    bundle: TripBundle,
+    points: TripPoints,
+    owner: Index,
+    sample: Index,
+    zone: Index,
+    sigma: Array,
+    least: Array,
 ) -> None:
     """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
 
@@ -256,6 +269,8 @@ def settle_minima(
     zones = problem.zones
     step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
+    if zones.ground is not None:
+        rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
     rows = np.flatnonzero(rugged & (sample > 0) & (sample < problem.grid - 1))
     if len(rows) == 0:
         return

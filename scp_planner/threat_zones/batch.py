@@ -23,6 +23,7 @@ from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
+SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
 _ALL = slice(None)
 _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
@@ -102,7 +103,6 @@ class ZoneBatch:
             paths = [part.centers if part.pointing is None else part.pointing for part in parts]
             pointing = frame.points_batch([*known, *paths])
             directions = (pointing.take(order) if known else pointing).derivative
-        still = np.zeros(2)
         return cls(
             ids=tuple(ids[k] for k in order),
             radius=radius + inflation,
@@ -110,7 +110,7 @@ class ZoneBatch:
             uncertain=np.array([k for k, _ in uncertain], dtype=np.intp),
             covariances=frame.covariances_batch([one for _, one in uncertain]) if uncertain else None,
             shaped=np.array([k for k, _ in shaped], dtype=np.intp),
-            outlines=Outlines([outline.moved(still, -frame.heading) for _, outline in shaped]) if shaped else None,
+            outlines=Outlines([outline for _, outline in shaped]).turned(-frame.heading) if shaped else None,
             own_directions=directions,
         )
 
@@ -125,6 +125,18 @@ class ZoneBatch:
         first: dict[str, int] = {}
         found = [first.setdefault(name, place) for place, name in enumerate(self.ids)]
         return None if len(first) == self.size else np.array(found, dtype=np.intp)
+
+    def singles(self, place: Index, zone: Index, contacts: ZoneContacts) -> Index:
+        """Which of some contacts with zones, (n,), in places, are not those with a part of which another has the same.
+
+        Parts of one zone that overlap share edges: what is nearest is then the same point of both.
+        """
+        assert self.whole is not None, "otherwise all are"
+        distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
+        keys = np.stack([place, self.whole[zone], distance, *normal.T])
+        order = np.lexsort((zone, *keys))
+        same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
+        return np.sort(np.delete(order, np.flatnonzero(same) + 1))
 
     @cached_property
     def velocities(self) -> PiecewisePolynomials:
@@ -174,7 +186,7 @@ class ZoneBatch:
         if self.covariances is not None and np.any(uncertain >= 0):
             covariances = self.covariances.take(uncertain[uncertain >= 0])
         if self.outlines is not None and np.any(shaped >= 0):
-            outlines = Outlines([self.outlines.outlines[k] for k in shaped[shaped >= 0]])
+            outlines = self.outlines.take(shaped[shaped >= 0])
         return ZoneBatch(
             ids=tuple(self.ids[i] for i in index),
             radius=self.radius[index],
@@ -210,7 +222,7 @@ class ZoneBatch:
         if covariances is not None:
             covariances = covariances.rounded(DECIMALS + 3, DECIMALS + 3)
         if outlines is not None:
-            outlines = Outlines([outline.rounded(DECIMALS + 2) for outline in outlines.outlines])
+            outlines = outlines.rounded(DECIMALS + 2)
         centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
         directions = self.own_directions
         if directions is not None:
@@ -274,9 +286,9 @@ class ZoneBatch:
         """Put the distances to outlines into the array, (n, L) m, of those to their centres."""
         distance[:, self.shaped] -= self.extent[self.shaped]
         near = distance[:, self.shaped] < exact_below
-        if self._ground is not None:
-            ground = self._ground.zones
-            bound = np.maximum(distance[:, ground], self._ground.heights(points) - self.radius[ground])
+        if self.ground is not None:
+            ground = self.ground.zones
+            bound = np.maximum(distance[:, ground], self.ground.heights(points) - self.radius[ground])
             distance[:, ground] = bound
             near[:, self.outline_slot[ground]] = bound < exact_below
         row, column = np.nonzero(near)
@@ -287,7 +299,7 @@ class ZoneBatch:
             distance[row, index] = exact - self.radius[index]
 
     @cached_property
-    def _ground(self) -> _Ground | None:
+    def ground(self) -> Ground | None:
         """Polygons that stand and are known; None without any."""
         if self.outlines is None:
             return None
@@ -296,7 +308,7 @@ class ZoneBatch:
         if len(zones) == 0:
             return None
         places = self.centers.take(zones).grid(np.zeros(1))[0]
-        return _Ground.of(zones, [self.outlines.outlines[k] for k in self.outline_slot[zones]], places)
+        return Ground.of(zones, self.outlines, self.outline_slot[zones], places)
 
     def reach(self, times: Array) -> Array:
         """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
@@ -402,7 +414,7 @@ class ZoneBatch:
 
 
 @dataclass(frozen=True)
-class _Ground:
+class Ground:
     """Polygons that stand, by the lines of their edges.
 
     Attributes
@@ -423,17 +435,23 @@ class _Ground:
     first: Index
 
     @classmethod
-    def of(cls, zones: Index, outlines: Sequence[Outline], places: Array) -> _Ground:
-        """Return the edges of polygons about places, (s, 2) m."""
-        normals = np.concatenate([outline.normals for outline in outlines])
-        counts = np.array([len(outline.normals) for outline in outlines])
-        corners = np.concatenate([outline.vertices for outline in outlines if outline.vertices is not None])
-        offsets = np.einsum("ij,ij->i", normals, corners + places.repeat(counts, axis=0))
-        return cls(zones, normals, offsets, np.cumsum(counts) - counts)
+    def of(cls, zones: Index, outlines: Outlines, some: Index, places: Array) -> Ground:
+        """Return the edges of some polygons about places, (s, 2) m."""
+        (first, own, _), counts, edges = outlines.ragged(some), outlines.counts[some], outlines.edges
+        normals = edges.normal[own]
+        offsets = np.einsum("ij,ij->i", normals, edges.start[own] + places.repeat(counts, axis=0))
+        return cls(zones, normals, offsets, first)
 
     def heights(self, points: Array) -> Array:
         """Return how far points, (n, 2) m, are beyond the farthest edge, (n, s) m: outside at most the distance."""
         return np.maximum.reduceat(points @ self.normals.T - self.offsets, self.first, axis=1)
+
+    def least_heights(self, points: Array, moves: Array) -> Array:
+        """Return the same, at least, for points that move by no more than some vectors, (n, 2) m, to either side."""
+        heights = points @ self.normals.T
+        heights -= np.abs(moves @ self.normals.T)
+        heights -= self.offsets
+        return np.maximum.reduceat(heights, self.first, axis=1)
 
 
 class _Part(NamedTuple):
@@ -457,7 +475,7 @@ class _Part(NamedTuple):
         coefficients = zone.centers.coefficients.copy()
         coefficients[:, :, 0] += outline.middle
         centers = PiecewisePolynomials(zone.centers.breakpoints, coefficients)
-        return cls(zone.id, zone.radius, centers, zone.covariances, outline.moved(-outline.middle), zone.pointing)
+        return cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing)
 
 
 def _slots(index: Index, size: int) -> Index:
