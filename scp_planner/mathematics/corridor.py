@@ -13,11 +13,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
-import numpy as np
-
-from scp_planner.arrays import Index
 from scp_planner.mathematics import planar
 
 NAME = "corridor"  # the id of its outside among obstacles
@@ -54,7 +50,7 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     for ring in rings:
         around, apart, new = _Piece.of(ring), [], []
         for piece in pieces:
-            parts = _beyond(piece.polygon, ring, flat, len(pieces)) if piece.may_overlap(around) else None
+            parts = _beyond(piece.polygon, ring, flat, len(pieces)) if piece.meets(around) else None
             if parts is None:
                 apart.append(piece)
             else:
@@ -136,12 +132,7 @@ def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
     """The part of a convex polygon to the left of a line through two points."""
     kept: list[planar.Point] = []
     size = math.dist(a, b)
-    ax, ay, dx, dy = a[0], a[1], b[0] - a[0], b[1] - a[1]
-    sides = [(dx * (y - ay) - dy * (x - ax)) / size for x, y in polygon]
-    if min(sides, default=0.0) > 0.0:
-        return polygon
-    if max(sides, default=0.0) <= 0.0:
-        return ()
+    sides = [((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / size for x, y in polygon]
     for place, here in enumerate(polygon):
         before, side, last = polygon[place - 1], sides[place], sides[place - 1]
         if (side > 0.0) != (last > 0.0) and side != last:
@@ -179,37 +170,37 @@ class _Piece:
         xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
         return cls(polygon, planar.area(polygon), min(xs), max(xs), min(ys), max(ys))
 
-    def may_overlap(self, other: _Piece) -> bool:
-        """Whether neither the boxes nor an edge of the other one keep both apart."""
+    def meets(self, other: _Piece) -> bool:
+        """Whether the boxes have a point in common."""
         beside = self.left > other.right or other.left > self.right
-        if beside or self.low > other.high or other.low > self.high:
+        return not (beside or self.low > other.high or other.low > self.high)
+
+    def lies_in(self, other: _Piece, flat: float) -> bool:
+        """Whether the polygon does not reach out of another one, but by rounding."""
+        near = math.sqrt(flat)
+        if self.left < other.left - near or self.right > other.right + near:
             return False
-        return all(any(dx * (y - ay) > dy * (x - ax) for x, y in self.polygon) for ax, ay, dx, dy in other.lines)
-
-    def lies_in(self, other: _Piece, tolerance: float) -> bool:
-        """Whether no vertex is outside of another one, by more than a tolerance in m times the edge."""
-        lines = other.lines
-        # By vertices first: of what does not lie in it most are outside
-        return all(dx * (y - ay) - dy * (x - ax) >= tolerance for x, y in self.polygon for ax, ay, dx, dy in lines)
-
-    @cached_property
-    def lines(self) -> list[tuple[float, float, float, float]]:
-        """Where each edge begins, and where it leads from there, m."""
-        return [(a[0], a[1], b[0] - a[0], b[1] - a[1]) for a, b in planar.edges(self.polygon)]
+        if self.low < other.low - near or self.high > other.high + near:
+            return False
+        return _lies_in(self.polygon, other.polygon, flat)
 
 
 def _largest(pieces: list[_Piece], new: list[_Piece], flat: float) -> list[_Piece]:
-    """Those of new pieces that lie in no other one, but by rounding: neither of these nor of others.
+    """Those of new pieces that lie in no other one, neither of these nor of others.
 
     They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
     """
-    near, tolerance = math.sqrt(flat), -FLAT * math.sqrt(flat)
-    ordered = sorted(new, key=lambda one: one.area, reverse=True)
-    others = [*pieces, *ordered]
-    boxes = np.array([(one.left, -one.right, one.low, -one.high) for one in others])
-    kept = np.ones(len(others), dtype=bool)
-    kept[len(pieces) :] = False
-    for place, piece in enumerate(ordered, start=len(pieces)):
-        around: Index = np.flatnonzero((boxes <= boxes[place] + near).all(axis=1) & kept)
-        kept[place] = not any(piece.lies_in(others[k], tolerance) for k in around.tolist())
-    return [piece for piece, stays in zip(ordered, kept[len(pieces) :].tolist(), strict=True) if stays]
+    kept: list[_Piece] = []
+    for piece in sorted(new, key=lambda one: one.area, reverse=True):
+        if not any(piece.lies_in(other, flat) for other in (*kept, *pieces)):
+            kept.append(piece)
+    return kept
+
+
+def _lies_in(piece: Polygon, other: Polygon, flat: float) -> bool:
+    tolerance = -math.sqrt(flat) * FLAT
+    return all(
+        ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) >= tolerance
+        for a, b in planar.edges(other)
+        for x, y in piece
+    )

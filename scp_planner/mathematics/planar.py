@@ -24,12 +24,7 @@ def turned(point: Point, angle: float) -> Point:
 def area(polygon: Sequence[Point]) -> float:
     """Compute the signed area of a polygon in m2, positive if its vertices run anticlockwise."""
     x0, y0 = polygon[0]  # relative to a vertex: far from the origin the products would cancel
-    around = [(x - x0, y - y0) for x, y in polygon]
-    (ax, ay), doubled = around[-1], 0.0
-    for bx, by in around:
-        doubled += ax * by - bx * ay
-        ax, ay = bx, by
-    return 0.5 * doubled
+    return 0.5 * sum((ax - x0) * (by - y0) - (bx - x0) * (ay - y0) for (ax, ay), (bx, by) in edges(polygon))
 
 
 def centroid(polygon: Sequence[Point]) -> Point:

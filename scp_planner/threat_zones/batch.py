@@ -20,6 +20,7 @@ from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
 from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -81,7 +82,7 @@ class ZoneBatch:
         """
         discs = zones.discs if isinstance(zones, SortedZones) else _NO_DISCS
         others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
-        numbered = [(k, _Part.of(zones[k], some)) for k in others for some in (zones[k].outlines or (None,))]
+        numbered = [(k, part) for k in others for part in _Part.all_of(zones[k])]
         parts = [part for _, part in numbered]
         # Discs first, then all in the order of the zones
         still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
@@ -413,47 +414,6 @@ class ZoneBatch:
         return rate
 
 
-@dataclass(frozen=True)
-class Ground:
-    """Polygons that stand, by the lines of their edges.
-
-    Attributes
-    ----------
-    zones : (s,) array of int
-        Which zones they are.
-    normals : (E, 2) array
-        Outward unit normals of all edges, those of a polygon together.
-    offsets : (E,) array
-        normal . p on the line of each edge, m.
-    first : (s,) array of int
-        Where the edges of each polygon begin.
-    """
-
-    zones: Index
-    normals: Array
-    offsets: Array
-    first: Index
-
-    @classmethod
-    def of(cls, zones: Index, outlines: Outlines, some: Index, places: Array) -> Ground:
-        """Return the edges of some polygons about places, (s, 2) m."""
-        (first, own, _), counts, edges = outlines.ragged(some), outlines.counts[some], outlines.edges
-        normals = edges.normal[own]
-        offsets = np.einsum("ij,ij->i", normals, edges.start[own] + places.repeat(counts, axis=0))
-        return cls(zones, normals, offsets, first)
-
-    def heights(self, points: Array) -> Array:
-        """Return how far points, (n, 2) m, are beyond the farthest edge, (n, s) m: outside at most the distance."""
-        return np.maximum.reduceat(points @ self.normals.T - self.offsets, self.first, axis=1)
-
-    def least_heights(self, points: Array, moves: Array) -> Array:
-        """Return the same, at least, for points that move by no more than some vectors, (n, 2) m, to either side."""
-        heights = points @ self.normals.T
-        heights -= np.abs(moves @ self.normals.T)
-        heights -= self.offsets
-        return np.maximum.reduceat(heights, self.first, axis=1)
-
-
 class _Part(NamedTuple):
     """One convex part of a zone, in world coordinates, about a centre of its own."""
 
@@ -465,17 +425,18 @@ class _Part(NamedTuple):
     pointing: PiecewisePolynomials | None = None
 
     @classmethod
-    def of(cls, zone: ThreatZone, outline: Outline | None) -> _Part:
-        """Return a part; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
-        if outline is None:
-            return cls(zone.id, zone.radius, zone.centers, zone.covariances, None)
-        if outline.matrix is not None and not outline.turning and zone.covariances is None:
-            constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
-            return cls(zone.id, zone.radius, zone.centers, constant, None)
-        coefficients = zone.centers.coefficients.copy()
-        coefficients[:, :, 0] += outline.middle
-        centers = PiecewisePolynomials(zone.centers.breakpoints, coefficients)
-        return cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing)
+    def all_of(cls, zone: ThreatZone) -> list[_Part]:
+        """Return all parts; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
+        if not zone.outlines:
+            return [cls(zone.id, zone.radius, zone.centers, zone.covariances, None)]
+        found = []
+        for outline, centers in zip(zone.outlines, zone.part_centers, strict=True):
+            if outline.matrix is not None and not outline.turning and zone.covariances is None:
+                constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
+                found.append(cls(zone.id, zone.radius, zone.centers, constant, None))
+            else:
+                found.append(cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing))
+        return found
 
 
 def _slots(index: Index, size: int) -> Index:
