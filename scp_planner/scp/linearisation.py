@@ -127,6 +127,10 @@ def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: Tri
     which = np.concatenate([base.minima_zone for base in bases])
     whose = np.arange(len(bases)).repeat([len(base.minima_zone) for base in bases])
     at_samples = zones.contacts(zone, points.time, points.path.position)
+    if zones.whole is not None:
+        single = zones.singles(sample + problem.grid * owner, zone, at_samples)
+        owner, sample, zone = owner[single], sample[single], zone[single]
+        points, at_samples = points.take(single), at_samples.take(single)
     return ClearanceSites.of(whose, which, np.zeros_like(which), minima, contacts).joined(
         ClearanceSites.of(owner, zone, sample, points, at_samples)
     )
