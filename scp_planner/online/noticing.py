@@ -352,8 +352,7 @@ class Bank:
 
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
-        x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 1:])
-        holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0  # (M, n)
+        holds = self._hold(slots, begin)
         holds[self._walks - 1, ~holds.any(axis=0)] = True  # the freest
         self._since[slots] += 1
         evidence = self._evidence[..., _run(slots)].sum(axis=-2)
@@ -367,6 +366,15 @@ class Bank:
         self.gain[slots] = most + np.log(total / len(among)) - evidence[0]
         false = calm & (self._since[slots] >= EVIDENCE) & (evidence[0] > most + CALM)
         self.alarmed[slots[false]] = False
+
+    def _hold(self, slots: Index, begin: Index) -> Mask:
+        """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
+        whole = slice(0, len(self.count))
+        among = whole if 2 * len(slots) > len(self.count) and (begin == begin[0]).all() else _run(slots)
+        place = np.broadcast_to(begin[:1], len(self.count)) if among is whole else begin
+        x, y, squares = _Places.of(among, place).rows(self._cut[:, 1:])
+        holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
+        return holds[:, slots] if among is whole else holds  # most are all: it costs less to look where they are
 
     def weave(self, slots: Index) -> Mask:
         """Whether those that weave count among the filters of some obstacles, (n,)."""
@@ -439,12 +447,10 @@ class _Places:
 
     @classmethod
     def of(cls, where: Where, place: Index) -> _Places:
-        """Places (n,) of obstacles; if all are the same, they are looked at where they are."""
-        if isinstance(where, slice):
-            if len(place) and (place == place[0]).all():
-                return cls(where, int(place[0]))
-            where = np.arange(where.start, where.stop)
-        return cls(where, place)
+        """Places (n,) of obstacles; if all are the same, as in a frame, they are looked at in a row."""
+        if len(place) and (place == place[0]).all():
+            return cls(where, int(place[0]))
+        return cls(np.arange(where.start, where.stop) if isinstance(where, slice) else where, place)
 
     def put(self, rings: Array, values: Array) -> None:
         """Put values (..., n) at these places of rings (..., ring, K)."""

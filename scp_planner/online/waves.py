@@ -12,7 +12,7 @@ so its first three are what the other filters have.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations_with_replacement
 
@@ -36,10 +36,21 @@ _FULL = np.zeros((STATES, STATES), dtype=np.intp)
 _FULL[_PAIRS[0], _PAIRS[1]] = _FULL[_PAIRS[1], _PAIRS[0]] = np.arange(_PAIRS.shape[1])
 _KINEMATIC = _FULL[_OBSERVED[0], _OBSERVED[1]]
 """Where the upper triangle of the first three states is."""
+_KEPT = 16
+"""Steps that are kept: lags repeat, from frame to frame."""
 _DIGITS = 9  # of lags, in units of time: those of one frame differ by rounding only
 
 
 @dataclass(frozen=True)
+class _Steps:
+    """What L lags do: to means, (L, M, 5, 5), to spreads, (L, M, 15, 15), and what noise adds to these, (15, M, L)."""
+
+    moved: Array
+    triangles: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Swings:
     """M motions that swing about a course.
 
@@ -60,6 +71,7 @@ class Swings:
     jerk: float
     velocity_deviation: float
     acceleration_deviation: float
+    _kept: dict[bytes, _Steps] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, velocity_deviation: float, acceleration_deviation: float) -> Swings:
@@ -130,6 +142,17 @@ class Swings:
         united, apart = self._united, self.apart
         return united @ moved @ apart, united @ noise @ united.transpose(0, 2, 1)
 
+    def steps(self, lags: Array) -> _Steps:
+        """What lags (L,), s, do."""
+        kept = self._kept.get(lags.tobytes())
+        if kept is None:
+            if len(self._kept) >= _KEPT:
+                self._kept.clear()
+            moved, noise = self.moved(lags)
+            kept = _Steps(moved, _on_triangles(moved, _PAIRS), noise[..., _PAIRS[0], _PAIRS[1]].transpose(2, 1, 0))
+            self._kept[lags.tobytes()] = kept
+        return kept
+
 
 def _on_triangles(matrices: Array, rows: Array) -> Array:
     """From the upper triangle of P to that of F P F', for F (..., n, 5): (..., len(rows[0]), 15)."""
@@ -184,8 +207,8 @@ class SwingStates:
     def predict(self, lag: Array, unit: Array) -> None:
         """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
         lags, which = np.unique(np.round(lag, _DIGITS), return_inverse=True)
-        moved, noise = self.swings.moved(lags)
-        triangles = _on_triangles(moved, _PAIRS)
+        steps = self.swings.steps(lags)
+        moved, triangles = steps.moved, steps.triangles
         some, count = len(lags), len(lag) // max(len(lags), 1)
         if np.array_equal(
             which, np.repeat(np.arange(some), count)
@@ -200,7 +223,7 @@ class SwingStates:
         else:
             self.mean[...] = np.einsum("kmij,jamk->iamk", moved[which], self.mean)
             self.spread[...] = np.einsum("kmij,jmk->imk", triangles[which], self.spread)
-        self.spread += noise[..., _PAIRS[0], _PAIRS[1]].transpose(2, 1, 0)[..., which] / unit
+        self.spread += steps.noise[..., which] / unit
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
         """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
