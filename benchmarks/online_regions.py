@@ -135,9 +135,7 @@ def predictions(
             for lead, more in enumerate(ahead):
                 due = now + more
                 if due < len(times) and there[row, due]:
-                    powers = (times[due] - told.origin) ** np.arange(max(len(told.center), len(told.covariance)))
-                    center = powers[: len(told.center)] @ told.center
-                    covariance = powers[: len(told.covariance)] @ told.covariance
+                    center, covariance = told.at(float(times[due]))
                     offsets = places[row, due] - center, truth[row, due] - center
                     noise = track.noise_factor * online_noticing.NOISE**2
                     found = [first + row, time, times[due], *np.concatenate(offsets), *covariance, noise]

@@ -40,13 +40,16 @@ def frame_of(rng: np.random.Generator, number: int) -> dict[str, Seen]:
 
 def score_of(told: Prediction, one: Seen) -> float:
     """By Horner's rule, one element at a time."""
-    lag = one.time - told.origin
-    offset, covariance = np.array(one.position), np.zeros(3)
-    center = np.zeros(2)
-    for row in told.center[::-1]:
-        center = center * lag + row
-    for row in told.covariance[::-1]:
-        covariance = covariance * lag + row
+    parts = [(told.origin, told.center), (told.origin, told.covariance)]
+    if told.later is not None:
+        pieces = told.later.centers, told.later.covariances
+        number = [max(i for i, begin in enumerate(each.breakpoints[0, :-1]) if begin <= one.time) for each in pieces]
+        parts = [(each.breakpoints[0, i], each.coefficients[0, i]) for each, i in zip(pieces, number, strict=True)]
+    offset, center, covariance = np.array(one.position), np.zeros(2), np.zeros(3)
+    for row in parts[0][1][::-1]:
+        center = center * (one.time - parts[0][0]) + row
+    for row in parts[1][1][::-1]:
+        covariance = covariance * (one.time - parts[1][0]) + row
     border = -2.0 * math.log(1.0 - LEVEL)
     noise = NOISE**2 * np.array([[1.0, 0.0, 1.0]])
     return float(region_score([offset - center], [covariance], noise, border)[0])
