@@ -194,7 +194,9 @@ class Fallback:
 def _what(dodge: Dodge) -> str:
     """What is done, and for whom, in words."""
     whom = dodge.blocked_by or dodge.threat
-    of = "what is ahead" if whom is None else whom
+    if whom is None:
+        # Nobody is in the way: it is how the vehicle stands, in the room that there is, or who is far ahead.
+        return "nears the goal as far as is safe" if dodge.moves else "waits, as no trip leads on from where it stands"
     if not dodge.moves:
-        return f"waits for {of}"
-    return f"nears the goal as far as is safe, behind {of}" if dodge.nears else f"gives way to {of}"
+        return f"waits for {whom}"
+    return f"nears the goal as far as is safe, behind {whom}" if dodge.nears else f"gives way to {whom}"
