@@ -143,7 +143,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             self.tally.tried += 1
             yield self.runs.attempt(branch.start(CLOSE_SMOOTHING), loop=self.runs.patient_loop)
         # Runs over another guide count as well: where no way was found over this one, nothing has been tried here.
-        if self.incumbent is None or self.tally.tried < self.settings.max_runs:
+        if self.incumbent is None or self.tally.tried < self._most_runs:
             yield self._from_bows()
 
     def _from_bows(self, rival: ScpAttempt | None = None) -> ScpAttempt:
@@ -172,6 +172,11 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """Whether bows are worth a trial, with more effort than usual: the search itself hardly ever needs them."""
         far = best.travel_time > FAR_FROM_BOUND * self.runs.lower_bound
         return far and self.settings.effort >= FINER_EFFORT and not self.out_of_time
+
+    @property
+    def _most_runs(self) -> int:
+        """How many ways of one grid are tried at most."""
+        return max(1, round(self.settings.max_runs * self.settings.effort))
 
     def _within(self, search: WaySearch) -> float:
         """Estimates above this, s, are of ways that hardly lead to a faster trip."""
@@ -207,11 +212,10 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
     def _branches_on(self, search: WaySearch) -> Iterator[Branch]:
         """Ways round on one grid."""
         effort, timed = self.settings.effort, self.tally.timed
-        most = max(1, round(self.settings.max_runs * effort))
         with timed("search"):
             tree = WayTree(search, max(1, round(self.settings.searches * effort)), self._within(search))
             way = tree.next()
-        for left in range(most, 0, -1):
+        for left in range(self._most_runs, 0, -1):
             if way is None or way.travel_time > self._within(search):
                 return
             branch = Branch(way.travel_time, partial(trip_along, self.problem, way))

@@ -280,9 +280,20 @@ class Iterations:
         feasible = violation <= FEASIBILITY
         if feasible and step.before <= parameters.mended and abs(step.sooner) < tolerance:
             return LoopStatus.CONVERGED
+        if step.evaluation is current and violation <= parameters.settled and self._last_step(step):
+            return LoopStatus.CONVERGED
         if step.predicted < tolerance * max(1.0, 10.0 * violation):
             return LoopStatus.CONVERGED if feasible else self._escalated()
         return None
+
+    def _last_step(self, step: Candidate) -> bool:
+        """Whether a step went so little of the way that was open to it, for the constraints, that none is to follow.
+
+        It ends at the minimum of its model, off the trip's own by the square of its length.
+        """
+        parameters = self.setup.parameters
+        short = step.size < parameters.inside and step.size * self.trust.theta < parameters.short
+        return short and step.sooner < self.setup.problem.settings.tolerance
 
     def _escalated(self) -> LoopStatus | None:
         """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""

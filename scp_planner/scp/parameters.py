@@ -52,6 +52,8 @@ class LoopParameters:
         Largest violation, after some iterations, of runs that are given up where there are others.
     mended : float
         A step from a larger violation than this may lead to a place from where others lead on.
+    short : float
+        Units of length: what a shorter step is off the minimum by is of no account.
     settled : float
         Largest violation of a trip that is taken as it is when nothing is left to gain.
     hope : float
@@ -95,6 +97,7 @@ class LoopParameters:
     grave: float = 5e-3
     hopeless: float = 0.15
     mended: float = 2e-3
+    short: float = 0.04
     settled: float = 0.4 * FEASIBILITY
     hope: float = 4.0
     same_way: float = 0.2

@@ -11,6 +11,7 @@ from scp_planner.planning.other_guides import with_headings, with_the_fastest_wa
 from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.build import build_problem
+from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings, for_scene
 
 pytestmark = pytest.mark.numerics
@@ -64,3 +65,17 @@ def test_where_there_is_no_way_something_is_tried_however_much_was_over_another_
     search = WaysRound(runs)
     monkeypatch.setattr(search, "_branches", lambda: iter(()))
     assert search.best().certificate is not None
+
+
+@pytest.mark.parametrize(("effort", "tried"), [(1.0, 0), (2.0, 1)])
+def test_more_effort_does_not_take_the_place_of_bows(
+    effort: float, tried: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where as many ways as usual have failed, more are tried with more effort, and bows as well."""
+    runs = CheckedRuns(Task(scene(), (), for_scene(Settings(effort=effort)), np.inf))
+    search = WaysRound(runs)
+    search.incumbent = search.runs.attempt(next(bows(runs.problem)))
+    search.tally.tried = runs.task.settings.max_runs
+    from_bows = search.incumbent
+    monkeypatch.setattr(search, "_from_bows", lambda: from_bows)
+    assert list(search._second_thoughts()) == [from_bows] * tried

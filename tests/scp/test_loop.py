@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import pytest
 from clock import FakeClock
@@ -91,3 +92,25 @@ def test_no_trip_is_linearised_twice_or_looked_at_in_vain(monkeypatch: pytest.Mo
     slow = loop.run(start, 60, cutoff=0.97 * best)
     assert slow.status is LoopStatus.SLOWER and slow.evaluation.trajectory.travel_time > 0.97 * best
     assert looks == {"linearise_trips": len(slow.record) + 1, "evaluate_trips": len(slow.record) + 1}
+
+
+@pytest.mark.slow
+def test_after_a_short_step_nothing_is_linearised_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What such a step is off the minimum by is of no account: the trip is the one that another look would keep."""
+    name = "linearise_trips"
+    looks, real = Counter[float](), getattr(together, name)
+    ended = {}
+    for short in (LOOP.short, 0.0):
+
+        def counted(*given: Any, short: float = short) -> object:
+            looks[short] += 1
+            return real(*given)
+
+        monkeypatch.setattr(together, name, counted)
+        loop = ScpLoop(PROBLEM, solver_named("daqp"), parameters=replace(LOOP, short=short))
+        ended[short] = [loop.run(bow, 60) for bow in bows(PROBLEM)]
+    assert looks[LOOP.short] < looks[0.0]
+    for sooner, later in zip(*ended.values(), strict=True):
+        assert sooner.status is later.status
+        times = (run.evaluation.trajectory.travel_time for run in (sooner, later))
+        assert next(times) == pytest.approx(next(times), abs=PROBLEM.settings.tolerance)
