@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
+from scp_planner.scenario.obstacle_checks import DEFINITE, SYMMETRY
 from scp_planner.settings.knobs import word_of
-
-_SYMMETRY = 1e-9  # relative difference of the off-diagonal entries of a covariance
-_DEFINITE = 1e-12  # least determinant of a covariance relative to the product of its diagonal
 
 
 class Faulty(StrEnum):
@@ -135,8 +133,8 @@ def check_covariance(covariance: ArrayLike, count: int) -> Array:
     with np.errstate(invalid="ignore", over="ignore"):
         faults = (
             ("finite", ~np.isfinite(sigma).all(axis=(-2, -1))),
-            ("symmetric", np.abs(xy - yx) > _SYMMETRY * size),
-            ("positive definite", ~((size > 0.0) & (xy**2 < (1.0 - _DEFINITE) * size**2))),
+            ("symmetric", np.abs(xy - yx) > SYMMETRY * size),
+            ("positive definite", ~((size > 0.0) & (xy**2 < (1.0 - DEFINITE) * size**2))),
         )
     for what, bad in faults:
         if np.any(bad):
