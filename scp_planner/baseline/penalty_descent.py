@@ -21,6 +21,7 @@ from scp_planner.planning.attempts import OuterSearch, ReadyProblem, Tally, met_
 from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.memory import check_obstacles
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -67,10 +68,13 @@ def penalty_descent(
     ------
     ValueError
         If the start belongs to other splines.
+    TooLargeError
+        If it would take too much memory; with the reason, and what to change.
     """
     began = perf_counter()
     settings, descent = settings or Settings(), descent or DescentSettings()
     deadline = np.inf if time_limit is None else began + time_limit
+    check_obstacles(len(scenario.obstacles))
     units = NaturalUnits.of(scenario)
     inside = units.scenario(scenario)
     search = _Descents(inside, for_scene(settings, units), descent, seed, deadline)
@@ -140,7 +144,7 @@ class _Descents(OuterSearch[_DescentStart, DescentRun]):
 
     def _starts(self) -> Iterator[_DescentStart]:
         """Starts, as long as they may lead to faster trips."""
-        found = starts(self.problem, self.settings.searches)
+        found = starts(self.problem, self.settings.searches, self.deadline)
         for number in range(self.settings.max_runs):
             with self.tally.timed("search"):
                 item = next(found, None)

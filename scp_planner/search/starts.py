@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from time import perf_counter
+
+import numpy as np
 
 from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
@@ -35,7 +38,7 @@ def coarsenesses(problem: Problem) -> tuple[float, ...]:
     return tuple(max(needed, 1.0) * each for each in COARSENESSES)
 
 
-def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]]:
+def starts(problem: Problem, searches: int, deadline: float = np.inf) -> Iterator[tuple[float, Trajectory]]:
     """Yield estimated travel times and starts for any method: different ways round, or bows if there is none.
 
     Parameters
@@ -44,6 +47,8 @@ def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]
     searches : int
         Sweeps of the search for ways, at most. The fastest estimate comes first; further ways pass one of the
         obstacles that the last one came closest to on its other side.
+    deadline : float
+        Value of :func:`time.perf_counter` at which the search for ways ends.
 
     Yields
     ------
@@ -51,7 +56,9 @@ def starts(problem: Problem, searches: int) -> Iterator[tuple[float, Trajectory]
         Estimated travel time, s, and a start.
     """
     for coarseness in coarsenesses(problem):
-        search = WaySearch(problem, coarseness)
+        if perf_counter() > deadline:
+            break
+        search = WaySearch(problem, coarseness, deadline=deadline)
         found = False
         for way in ways(search, searches):
             found = True
