@@ -109,7 +109,7 @@ def fastest_way(problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0
         Points of a polyline in the planning frame, m; None where the grid has no way.
     """
     ground = ground_of(problem, slow)
-    grid = _Grid.of(ground)
+    grid = _NodesNearLine.of(ground)
     ground = replace(ground, beside=beside * grid.step)
     points = grid.way(ground)
     if points is None:
@@ -129,7 +129,7 @@ def ground_of(problem: Problem, slow: tuple[Stretch, ...]) -> Ground:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class _NodesNearLine:
     """Nodes of a grid that lie near a line, whose ends stand in the place of the nodes that are nearest to them."""
 
     points: Array
@@ -140,7 +140,7 @@ class _Grid:
     step: float
 
     @classmethod
-    def of(cls, ground: Ground) -> _Grid:
+    def of(cls, ground: Ground) -> _NodesNearLine:
         line = ground.line.points
         low, high = line.min(axis=0) - ground.farthest, line.max(axis=0) + ground.farthest
         step = sqrt(float(np.prod(high - low)) / MOST_NODES)

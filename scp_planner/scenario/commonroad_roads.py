@@ -51,7 +51,7 @@ SHORTEST = 1e-3
 
 
 @dataclass(frozen=True)
-class _Row:
+class _AdjacentLanes:
     """Lanes side by side that are changed between, in order."""
 
     lanes: tuple[Any, ...]
@@ -85,7 +85,7 @@ class Route:
         """The rest of the last lane's centre from beside the goal on, (k, 2) m."""
         lane = self.lanes[-1]
         first = _station(lane, goal)
-        return np.array(_along(_Row((lane,)), first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
+        return np.array(_along(_AdjacentLanes((lane,)), first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
 
 
 def route_to(network: Any, start: Point, heading: float, places: Sequence[Any]) -> Route | None:
@@ -184,17 +184,17 @@ def _neighbours(lane: Any) -> Iterator[int]:
         yield lane.adj_right
 
 
-def _rows(lanes: Sequence[Any]) -> Iterator[_Row]:
+def _rows(lanes: Sequence[Any]) -> Iterator[_AdjacentLanes]:
     row = [lanes[0]]
     for lane in lanes[1:]:
         if lane.lanelet_id in row[-1].successor:
-            yield _Row(tuple(row))
+            yield _AdjacentLanes(tuple(row))
             row = []
         row.append(lane)
-    yield _Row(tuple(row))
+    yield _AdjacentLanes(tuple(row))
 
 
-def _along(row: _Row, first: float, last: float) -> list[Array]:
+def _along(row: _AdjacentLanes, first: float, last: float) -> list[Array]:
     """Points along lanes that are changed between from one part of their length to another."""
     share = (last - first) / len(row.lanes)
     points: list[Array] = []

@@ -54,14 +54,14 @@ SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 
 # NUMPY-CALLS: shaped by the cost of numpy calls alone
 @dataclass(frozen=True)
-class Batch:
+class TripBatch:
     """Trips that were evaluated together, and their points at the problem's samples, one trip after the other."""
 
     bundle: TripBundle
     points: TripPoints
 
     @classmethod
-    def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> Batch:
+    def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> TripBatch:
         """Return trips as a batch: for one trip that of its evaluation, if it has one."""
         if len(evaluations) == 1 and evaluations[0].batch is not None:
             return evaluations[0].batch
@@ -98,7 +98,7 @@ class Evaluation:
         Excesses over each of the optional limits in all places.
     given_violation : float
         Worst violation of a user's own constraints.
-    batch : Batch or None
+    batch : TripBatch or None
         Of this trip, if it was evaluated alone: it keeps no other trips alive.
     """
 
@@ -114,7 +114,7 @@ class Evaluation:
     limit_violation: Array
     optional: tuple[Array, ...] = ()
     given_violation: float = 0.0
-    batch: Batch | None = None
+    batch: TripBatch | None = None
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""
@@ -191,7 +191,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
     limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
-    alone = Batch(bundle, points) if count == 1 else None
+    alone = TripBatch(bundle, points) if count == 1 else None
     evaluations = []
     for k, (trip, its_points, its_minima) in enumerate(zip(trips, each, bundle.split(minima, owner), strict=True)):
         mine = slice(bounds[k], bounds[k + 1])
@@ -272,7 +272,7 @@ def settle_minima(
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
     if zones.ground is not None:
         rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
-    rows = np.flatnonzero(rugged & (sample > 0) & (sample < problem.grid - 1))
+    rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
     if len(rows) == 0:
         return
     middle, which = sample[rows], zone[rows]

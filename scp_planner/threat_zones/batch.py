@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
@@ -180,6 +180,11 @@ class ZoneBatch:
         """Whether any zone turns."""
         return bool(self.turning.any())
 
+    @cached_property
+    def typical_radius(self) -> float | None:
+        """Median radius, without what is uncertain, m; None without zones."""
+        return None if self.size == 0 else float(np.median(self.radius + self.extent))
+
     def subset(self, index: Index) -> ZoneBatch:
         """Return the batch of some of the zones."""
         uncertain, shaped = self.slot[index], self.outline_slot[index]
@@ -325,7 +330,7 @@ class ZoneBatch:
 
     def uncertain_among(self, index: Index) -> Index | slice:
         """Where some zones, (n,), are uncertain: a slice of all if all zones are."""
-        return _ALL if len(self.uncertain) == self.size else np.flatnonzero(self.slot[index] >= 0)
+        return _ALL if len(self.uncertain) == self.size else (self.slot[index] >= 0).nonzero()[0]
 
     def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
         """Exact contacts of points with chosen zones.
@@ -345,14 +350,14 @@ class ZoneBatch:
         """
         center, velocity = self.centers.at_with_rate(index, times)
         offset = points - center
-        rows = self.uncertain_among(index)
-        if self.covariances is None or rows is not _ALL:
+        rows = None if self.covariances is None else self.uncertain_among(index)
+        if rows is not _ALL:
             distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
             normal = offset / np.maximum(distance, 1e-12)[:, None]
             growth = np.zeros_like(distance)
         else:
             distance, normal, growth = np.empty(len(offset)), np.empty_like(offset), np.empty(len(offset))
-        if self.covariances is not None:
+        if self.covariances is not None and rows is not None:
             covariance, change = self.covariances.at_with_rate(self.slot[index[rows]], times[rows])
             exact = ellipse_contact(offset[rows], covariance)
             normal[rows], distance[rows] = exact.normal, exact.distance
@@ -409,8 +414,8 @@ class ZoneBatch:
         if len(rows):
             pointing = self.directions.at(index[rows], times[rows])
             change = self.directions.derivative.at(index[rows], times[rows])
-            spin = _cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
-            rate[rows] += spin * _cross(normal[rows], lever[rows])
+            spin = cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
+            rate[rows] += spin * cross(normal[rows], lever[rows])
         return rate
 
 
@@ -453,11 +458,6 @@ def _support_point(covariance: Array, normal: Array) -> Array:
     return (
         np.stack([xx * x + xy * y, xy * x + yy * y], axis=1) / np.maximum(support(covariance, normal), 1e-300)[:, None]
     )
-
-
-def _cross(first: Array, second: Array) -> Array:
-    product: Array = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    return product
 
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:
