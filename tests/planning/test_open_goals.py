@@ -12,6 +12,7 @@ from shapely import Point, Polygon
 from slopes import assert_rows, differences
 
 import scp_planner as sp
+from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.limits.drive import PowerLimit, TotalAccelerationLimit
@@ -53,9 +54,42 @@ def test_rows_agree_with_differences(kind: Any, degree: int, bent: bool) -> None
     # At the very end a trip that does not arrive is held there.
     inner = np.arange(len(limit.excess(trip)))
     if isinstance(limit, TotalAccelerationLimit | PowerLimit):
-        inner = inner[limit.times.sigma < 1.0 - 1e-6]
+        inner = inner[: len(limit.times.sigma)][limit.times.sigma < 1.0 - 1e-6]
     found = differences(problem, trip, lambda other: limit.excess(other)[inner], 1e-6)
     assert_rows(limit.gradient(trip, inner), found)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_tangents_beside_an_acceleration_are_those_to_the_circle(bent: bool) -> None:
+    problem, trip = some_trip(0, bent=bent)
+    (limit,) = [one for one in problem.optional if isinstance(one, TotalAccelerationLimit)]
+    times = limit.times.sigma
+    inner = np.flatnonzero(times < 1.0 - 1e-6)
+
+    def parts(other: Trajectory) -> Array:
+        points = other.at(limit.times)
+        lateral = points.speed**2 * other.path.bend(points.path).curvature
+        return np.stack([points.acceleration, lateral], axis=1)[inner] / limit.limit
+
+    here = parts(trip)
+    direction = np.arctan2(here[:, 1], here[:, 0])
+    assert len(limit.beside) > 1
+    for place, turn in enumerate(limit.beside):
+        tangent = np.stack([np.cos(direction + turn), np.sin(direction + turn)], axis=1)
+        index = inner + place * len(times)
+        assert limit.excess(trip)[index] == pytest.approx((here * tangent).sum(axis=1) - 1.0)
+        found = differences(problem, trip, lambda other, tangent=tangent: (parts(other) * tangent).sum(axis=1), 1e-6)
+        assert_rows(limit.gradient(trip, index), found)
+
+
+def test_what_is_steered_slowly_has_one_tangent() -> None:
+    given = scene(vehicle={**SHARED, "max_curvature_rate": 0.3})
+    (limit,) = [
+        one
+        for one in build_problem(given, sp.zones(given), Settings()).optional
+        if isinstance(one, TotalAccelerationLimit)
+    ]
+    assert limit.beside == (0.0,)
 
 
 def test_a_region_is_reached_where_it_is_nearest() -> None:

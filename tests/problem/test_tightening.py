@@ -89,4 +89,4 @@ def test_a_limit_that_is_exceeded_between_samples_is_looked_at_there() -> None:
     assert np.abs(more - 0.25).min() < 1e-12
     assert np.abs(more - 0.25).max() == pytest.approx(0.5 / problem.grid)
     trip = Trajectory.of(problem.space, problem.ends.theta, np.full(problem.space.acceleration_size, 0.1))
-    assert len(tyres.excess(trip)) == len(tyres.times.sigma)
+    assert len(tyres.excess(trip)) == len(tyres.times.sigma) * len(tyres.beside)

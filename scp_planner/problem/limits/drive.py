@@ -25,6 +25,9 @@ from scp_planner.problem.limits.speed import BESIDE
 from scp_planner.trips.space import TimeTable, TripSpace
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 
+BESIDE_DIRECTION = (0.0, -0.6, -0.3, 0.3, 0.6)
+"""rad; a step turns accelerations, from along to across, which a single tangent does not see."""
+
 SLIGHT = 1e-9  # of the limit; below that the root has no derivative worth the name
 
 
@@ -115,30 +118,38 @@ class TotalAccelerationLimit(_DriveLimit):
     space : TripSpace
     free : slice
         The free control points of the offset.
+    beside : tuple of float
+        rad; tangents to the circle of accelerations, by how far they are beside the one in its direction.
     """
 
     name: ClassVar[str] = "total_acceleration"
     near: ClassVar[float] = 0.6
 
     free: slice
+    beside: tuple[float, ...] = (0.0,)
 
     def excess(self, trajectory: Trajectory) -> Array:
-        """Return sqrt(a^2 + (v^2 k)^2) / limit - 1."""
+        """Return sqrt(a^2 + (v^2 k)^2) / limit - 1, and its parts in directions beside that, which are less."""
         points = trajectory.kept_at(self.times)
         lateral = points.speed**2 * trajectory.path.bend(points.path).curvature
-        return np.hypot(points.acceleration, lateral) / self.limit - 1.0
+        total = np.hypot(points.acceleration, lateral) / self.limit
+        return np.concatenate([total * np.cos(turn) for turn in self.beside]) - 1.0
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
-        """Return the gradient at fixed normalised times."""
-        points = trajectory.kept_at(self.times).take(index)
+        """Return the gradients of the parts, their directions fixed, at fixed normalised times."""
+        direction, place = np.divmod(index, len(self.times.sigma))
+        turn = np.array(self.beside)[direction]
+        points = trajectory.kept_at(self.times).take(place)
         a, v = points.acceleration, points.speed
         lateral = v * v * trajectory.path.bend(points.path).curvature
         total = np.maximum(np.hypot(a, lateral), SLIGHT * self.limit)
+        along = a * np.cos(turn) - lateral * np.sin(turn)
+        across = lateral * np.cos(turn) + a * np.sin(turn)
         gradient = self._lateral_gradient(trajectory, points)
-        gradient *= (lateral / total)[:, None]
+        gradient *= (across / total)[:, None]
         count = self.free.stop - self.free.start
-        gradient[:, count:-1] += (a / total)[:, None] * points.table.acceleration
-        gradient[:, -1] -= 2.0 * a * a / total
+        gradient[:, count:-1] += (along / total)[:, None] * points.table.acceleration
+        gradient[:, -1] -= 2.0 * a * along / total
         gradient /= self.limit
         return gradient
 
@@ -173,4 +184,7 @@ def total_acceleration_limit(inputs: LimitInputs) -> Iterator[OptionalLimit]:
     """Make the limit of a vehicle's tyres."""
     limit, space = inputs.vehicle.max_total_acceleration, inputs.space
     if limit is not None:
-        yield TotalAccelerationLimit(limit * inputs.kept, drive_times(space, inputs.equidistant), space, inputs.free)
+        times = drive_times(space, inputs.equidistant)
+        # What is steered at a limited rate turns its acceleration slowly: one tangent does, and steps are cheaper.
+        beside = BESIDE_DIRECTION if inputs.vehicle.max_curvature_rate is None else (0.0,)
+        yield TotalAccelerationLimit(limit * inputs.kept, times, space, inputs.free, beside)
