@@ -7,6 +7,7 @@ begin and end.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -32,6 +33,14 @@ SAME_KNOT = 1e-9
 """Of the time of a stop: breakpoints that are nearer to each other are one."""
 STRAIGHT_SPANS = 4
 """Of a path straight ahead."""
+
+
+def time_from_a_stand(vehicle: Vehicle, way: float) -> float:
+    """The time in which a vehicle that stands drives a way, m, as fast as it can, s."""
+    speed, acceleration = vehicle.max_speed, vehicle.max_acceleration
+    if 2.0 * acceleration * way <= speed**2:
+        return math.sqrt(2.0 * way / acceleration)
+    return way / speed + 0.5 * speed / acceleration
 
 
 class Braking(Protocol):

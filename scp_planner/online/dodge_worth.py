@@ -1,6 +1,6 @@
 """What speaks for dodges and against them: the way that they gain soon, how near they come, what they enter.
 
-Times are in moments, each of which is what the vehicle takes to drive its own width at top speed; lengths in widths.
+Times are in moments (`a_moment`), lengths in widths of the vehicle.
 """
 
 from __future__ import annotations
@@ -8,7 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.online.braking import time_from_a_stand
+from scp_planner.scenario.models import Vehicle
 
+MOMENT_WIDTHS = 0.8
+"""Widths that the vehicle drives in a moment, from a stand: so one that starts slowly looks ahead for longer."""
 GAIN = 5.0 / 3.0
 """Moments, at which the way to the goal is taken that a dodge gains: what comes later is decided by later replans."""
 NEARNESS = 2.0
@@ -23,6 +27,11 @@ HARM = 50.0
 """Widths of way that a width of depth in a zone is worth, if it were now..."""
 HARM_AT_ALL = 1.0 / 6.0
 """...and widths that count for any depth."""
+
+
+def a_moment(vehicle: Vehicle) -> float:
+    """The time in which a vehicle drives `MOMENT_WIDTHS` of its width from a stand, s."""
+    return time_from_a_stand(vehicle, MOMENT_WIDTHS * 2.0 * vehicle.radius)
 
 
 def nearness(time: Array, clearance: Array) -> Array:

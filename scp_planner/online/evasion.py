@@ -18,8 +18,8 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import braking_of
-from scp_planner.online.courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
-from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, harm, nearness, value_at
+from scp_planner.online.dodge_courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means, Replan
@@ -132,7 +132,7 @@ class _Outlook:
 
 
 @dataclass(frozen=True)
-class _View:
+class _SeenDodges:
     """A moment, its dodges, and what is seen of them."""
 
     moment: Moment
@@ -150,7 +150,7 @@ class Evasion:
 
     def __init__(self, means: Means) -> None:
         self._means = means
-        self._view: _View | None = None
+        self._view: _SeenDodges | None = None
         self._patience = 1.0
 
     def be_patient(self, waited: float) -> None:
@@ -158,8 +158,7 @@ class Evasion:
 
         So a vehicle does not wait for ever for more room than there is.
         """
-        vehicle = self._means.given.vehicle
-        lasts = PATIENCE * 2.0 * vehicle.radius / vehicle.max_speed
+        lasts = PATIENCE * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
     def safest(self, now: Replan) -> Dodge | None:
@@ -270,7 +269,7 @@ class Evasion:
         """The dodges of a moment and what is seen of them, which is looked at once."""
         if self._view is None or self._view.moment is not now.moment:
             dodges = self._dodges(now.moment)
-            self._view = _View(now.moment, dodges, self._look(now.moment, dodges))
+            self._view = _SeenDodges(now.moment, dodges, self._look(now.moment, dodges))
             now.lap("evasion")
         return self._view.dodges, self._view.seen
 
@@ -342,7 +341,7 @@ class Evasion:
         entered = _until(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
         width = 2.0 * vehicle.radius
-        time = driven.times * vehicle.max_speed / width
+        time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
@@ -398,13 +397,13 @@ class Evasion:
         """What speaks for a trip, m, as for dodges; foreseen zones, where it is not certified, speak against it."""
         vehicle, begin = moment.scenario.vehicle, moment.state.time
         width = 2.0 * vehicle.radius
-        ahead = times[times <= (OUTLOOK + 1.0) * width / vehicle.max_speed]
+        ahead = times[times <= (OUTLOOK + 1.0) * a_moment(vehicle)]
         points, _ = trip.at(begin + ahead)
         place = points.path.position
         clock = ahead + (begin - trip.frame.time)
         each = moment.batch_in(trip.frame).distances(clock, place, width).T[:, None]
         room = Room(np.arange(len(each)), each)
-        time = ahead * vehicle.max_speed / width
+        time = ahead / a_moment(vehicle)
         # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)

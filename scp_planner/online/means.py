@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.certificate.verdict import Ends
-from scp_planner.online.braking import braking_of, straight_stop
+from scp_planner.online.braking import braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.plan import OnlinePlan, Outcome
@@ -21,7 +21,7 @@ from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
-from scp_planner.scenario.models import Scenario, Start, Vehicle
+from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.ways import WaySearch, ways
@@ -40,7 +40,8 @@ SPARE_WIDTHS = 0.15
 ROOM_DEVIATIONS = 1.0
 """Deviations of what is seen, by which trips keep farther away from who may change its motion, unnoticed yet."""
 CLEAR_WIDTHS = 4.0
-"""Widths of the vehicle: a stop stays clear for the time in which it drives these from there, unless that is set."""
+"""Widths of the vehicle: a stop stays clear for the time in which it drives these from there, unless that is set: who
+comes nearer by then hits it."""
 
 SOON = (0.125, 0.25, 0.5)
 """Of the first span: where the slope of an acceleration that does not jump may change besides, since a trip goes on
@@ -121,7 +122,8 @@ class Means:
     ) -> None:
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
         self.solver, self.obstacles = solver, inbox.obstacles
-        self.wait = _getting_away(given.vehicle) if online.stay_clear is None else online.stay_clear
+        getting_away = time_from_a_stand(given.vehicle, CLEAR_WIDTHS * 2.0 * given.vehicle.radius)
+        self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
         period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
         self.vetting = Vetting(period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
@@ -234,14 +236,6 @@ class Means:
             stop=None if vetted.stop is None else vetted.stop.trip,
             branch_time=math.inf if vetted.stop is None else vetted.stop.branch,
         )
-
-
-def _getting_away(vehicle: Vehicle) -> float:
-    """Time in which a vehicle that stands drives `CLEAR_WIDTHS` of its widths, s: who comes nearer by then hits it."""
-    way, speed, acceleration = CLEAR_WIDTHS * 2.0 * vehicle.radius, vehicle.max_speed, vehicle.max_acceleration
-    if 2.0 * acceleration * way <= speed**2:
-        return math.sqrt(2.0 * way / acceleration)
-    return way / speed + 0.5 * speed / acceleration
 
 
 def _breakpoints(spans: int, ramped: bool) -> tuple[float, ...]:

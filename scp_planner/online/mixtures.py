@@ -22,7 +22,7 @@ SWERVES = (0.03, 0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
-class Widening:
+class FilterModels:
     """The filters, and what they begin with.
 
     Attributes

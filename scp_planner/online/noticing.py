@@ -24,9 +24,9 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
 from scp_planner.online.innovations import WINDOWS, cut, larger_of, trends_of, windows_of
-from scp_planner.online.mixtures import FilterStates, Mixture, Widening
+from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
-from scp_planner.online.suspicions import Looks
+from scp_planner.online.suspicions import Sightings
 from scp_planner.online.waves import SwingStates
 from scp_planner.settings.online import RARE
 
@@ -54,7 +54,7 @@ class Bank:
     ----------
     order : int
         Of their polynomial motions.
-    widening : Widening
+    widening : FilterModels
     alarm_probability : float
         Of a window, below which it is improbable.
 
@@ -84,7 +84,7 @@ class Bank:
         Where the next observations are expected.
     """
 
-    def __init__(self, order: int, widening: Widening, alarm_probability: float = RARE) -> None:
+    def __init__(self, order: int, widening: FilterModels, alarm_probability: float = RARE) -> None:
         self.order, self.widening, self.alarm_probability = order, widening, alarm_probability
         self.polynomials = RecursiveEstimator(0, order, np.zeros((0, 2, 2)))
         self.noise = 1.0
@@ -414,10 +414,10 @@ class Bank:
 
     # the noise
 
-    def looks(self, slots: Index) -> Looks:
+    def looks(self, slots: Index) -> Sightings:
         """The newest looks at some obstacles, (n,)."""
         rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)
-        return Looks(rows[0], rows[1:])
+        return Sightings(rows[0], rows[1:])
 
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""

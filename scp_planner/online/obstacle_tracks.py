@@ -28,7 +28,7 @@ from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
 from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Level, zones_together
-from scp_planner.online.mixtures import Widening
+from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
@@ -156,7 +156,7 @@ class ObstacleTracks:
         bank = self._banks.get(order)
         if bank is None:
             deviations = self.newcomers
-            widening = Widening(deviations.velocity_deviation, deviations.acceleration_deviation)
+            widening = FilterModels(deviations.velocity_deviation, deviations.acceleration_deviation)
             bank = self._banks[order] = Bank(order, widening, self.watch.alarm_probability)
             bank.set_noise(self.noise.factor)
         return bank
@@ -234,7 +234,7 @@ class ObstacleTracks:
             return None
         track.suspects = []
         if self.watch.regions is Regions.ADAPTIVE:
-            regions.compare(self.scales, [track], [one], self.newcomers)
+            regions.learn(self.scales, [track], [one], self.newcomers)
         track.insert(one, self.newcomers, self._make)
         if track.estimator is not None and track.estimator.bank is not None:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
@@ -243,7 +243,7 @@ class ObstacleTracks:
     def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
         if self.watch.regions is Regions.ADAPTIVE:
-            regions.compare(self.scales, tracks, seen, self.newcomers)
+            regions.learn(self.scales, tracks, seen, self.newcomers)
         for track, one in zip(tracks, seen, strict=True):
             track.times.append(one.time)
             track.positions.append(one.position)

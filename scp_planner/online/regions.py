@@ -26,7 +26,7 @@ _HORIZONS = HORIZONS.tolist()
 _LATE = LATENESS * max(_HORIZONS)
 
 
-def compare(
+def learn(
     scales: AdaptiveScales, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers
 ) -> None:
     """Learn from what is seen of some obstacles, one observation of each, how large regions have to be."""

@@ -14,7 +14,7 @@ from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures
-from scp_planner.online.mixtures import Mixture, Widening
+from scp_planner.online.mixtures import FilterModels, Mixture
 from scp_planner.online.noticing import EVIDENCE, Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import ObstacleTrack
@@ -25,7 +25,7 @@ from scp_planner.settings.online import RARE, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, Body, zones
 
 NOISE = 0.1
-WIDENING = Widening(1.5, 0.5)
+WIDENING = FilterModels(1.5, 0.5)
 STEP = 0.1
 
 

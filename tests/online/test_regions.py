@@ -9,7 +9,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
@@ -61,7 +61,7 @@ def test_what_came_of_a_frame_is_learnt_as_of_each_prediction_alone() -> None:
     told: dict[str, list[Prediction]] = {str(k): [] for k in range(COUNT)}
     for number in range(FRAMES):
         seen = frame_of(rng, number)
-        assert frames.take_in(tracks, list(seen), list(seen.values())) == COUNT * [None]
+        assert sensor_frames.take_in(tracks, list(seen), list(seen.values())) == COUNT * [None]
         for name, one in seen.items():
             for horizon, lead in enumerate(LEADS):
                 before = [each for each in told[name] if each.origin <= one.time - lead]
@@ -81,7 +81,7 @@ def test_zones_are_sized_by_what_came() -> None:
     for number in range(FRAMES):
         seen = frame_of(rng, number)
         for each in (tracks, plain):
-            frames.take_in(each, list(seen), list(seen.values()))
+            sensor_frames.take_in(each, list(seen), list(seen.values()))
         ours, zones = tracks.zones(STEP * number), plain.zones(STEP * number)
     scale = -2.0 * math.log(1.0 - LEVEL)
     now = STEP * (FRAMES - 1)

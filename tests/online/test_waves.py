@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 import scp_planner as sp
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.online.waves import DAMPING, Swings, SwingStates
@@ -114,7 +114,7 @@ def weaving(
     for number in range(frames_seen):
         time = STEP * number
         places = where(time) + NOISE * rng.standard_normal((count, 2))
-        frames.take_in(tracks, names, [Seen(time, (float(x), float(y))) for x, y in places])
+        sensor_frames.take_in(tracks, names, [Seen(time, (float(x), float(y))) for x, y in places])
     return tracks, where
 
 
