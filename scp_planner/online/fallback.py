@@ -117,7 +117,8 @@ class Fallback:
         kept = vetting.vet_kept(moment, last.trip)
         if kept is None:
             kept = vetting.vet_on(moment, last.trip, self._means.foreseen, last.branch_time, whole=False)
-        return None if kept is None else Vetted(last.trip, refused(kept.certificate), None, kept.violation)
+        # how much it enters smaller zones says nothing of those of the level asked for
+        return None if kept is None else Vetted(last.trip, refused(kept.certificate), None)
 
     def _as_promised(self, now: Replan) -> Vetted | None:
         """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""

@@ -37,7 +37,7 @@ from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 STOPS = 8
-COMMITMENT = 1.75
+COMMITMENT = 3.0
 """Units of time. A stop may leave a trip so much later than at the next replan. So many stops are looked at..."""
 STOPS_TRIED = 2
 """...and so many certified, at most."""
