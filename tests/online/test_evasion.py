@@ -11,24 +11,19 @@ import pytest
 from scenes import disc, scene
 
 import scp_planner as sp
-from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.assumptions import _radii_towards
-from scp_planner.online.courses import GRADUAL, PROMPT, Bend, Profiles
 from scp_planner.online.decision import Waiting
-from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, _Driven, _until
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
-from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
-from scp_planner.scenario.limits import Box, Limits
+from scp_planner.online.vetting import Stop, Vetted
+from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.simulation.crowds import WALKER, among_people
-from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.of_scenario import ZonesOf
 
 SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Of the region of two normal errors at 95 %."""
@@ -51,94 +46,6 @@ def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
     driven = _Driven(times, np.zeros((2, 4, 2)), np.zeros((2, 4)), np.array([1.4, 2.0]))
     found = _until(np.tile(1.5 - times, (2, 1)), driven)
     assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
-
-
-def dodges_of(heading: float | None, speed: float, ahead: float, radius: float, bend: Bend = GRADUAL) -> Dodges:
-    return Dodges.of(heading, Profiles.of(speed, LIMITS, 2.0 * radius, 1.0), ahead, LIMITS, radius, 1.0, bend=bend)
-
-
-@pytest.mark.parametrize(
-    ("heading", "speed", "bend"),
-    [(None, 0.0, GRADUAL), (None, 1.2, GRADUAL), (0.7, 0.0, GRADUAL), (0.7, 1.2, GRADUAL), (0.7, 1.2, PROMPT)],
-)
-def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float, bend: Bend) -> None:
-    dodges = dodges_of(heading, speed, 0.2, 0.3, bend)
-    frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
-    for number in range(len(dodges.position)):
-        trip = dodges.trip(number, frame)
-        points, _ = trip.at(5.0 + dodges.times)
-        place = frame.to_frame(trip.frame.to_world(points.path.position))
-        assert np.abs(place - dodges.position[number]).max() < 0.02
-        assert np.all(points.speed <= max(LIMITS.speed, speed) + 1e-9)
-        assert points.acceleration.max() <= LIMITS.acceleration and points.acceleration.min() >= -LIMITS.deceleration
-        curvature = np.abs(trip.trajectory.path.bend(points.path).curvature)
-        assert curvature.max() <= LIMITS.curvature
-        assert (curvature * points.speed**2).max() <= LIMITS.lateral_acceleration
-        over = dodges.times > dodges.until[number] - dodges.wait
-        assert np.all(points.speed[over] <= 1e-9)
-
-
-@pytest.mark.parametrize("bend", [GRADUAL, PROMPT])
-def test_a_bend_turns_by_all_of_its_angle_and_no_faster_than_it_says(bend: Bend) -> None:
-    shares = np.linspace(0.0, 1.2, 1201)
-    turned = bend.turned(shares)
-    slope = np.diff(turned) / np.diff(shares)
-    assert turned[0] == 0.0 and turned[shares >= 1.0] == pytest.approx(1.0)
-    assert slope.min() > -1e-9 and 0.98 * bend.peak < slope.max() <= bend.peak
-    assert abs(slope[999]) < 0.02, "then it goes straight on"
-    assert (slope[0] > 0.9 * bend.peak) == (bend is PROMPT)
-
-
-@pytest.mark.parametrize(("heading", "speed", "acceleration"), [(None, 1.2, 0.9), (0.7, 0.0, 0.0), (0.7, 1.2, -1.3)])
-def test_dodges_without_jumps_are_the_trips_that_they_stand_for(
-    heading: float | None, speed: float, acceleration: float
-) -> None:
-    state, jerk = State(0.0, (0.0, 0.0), heading, speed, acceleration), 3.0
-    profiles = RampedProfiles.of(state, LIMITS, jerk, 0.6, 1.0)
-    dodges = Dodges.of(heading, profiles, 0.2, LIMITS, 0.3, 1.0)
-    frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
-    for number in range(0, len(dodges.position), 3):
-        trip = dodges.trip(number, frame)
-        drive = trip.trajectory
-        points, _ = trip.at(5.0 + dodges.times)
-        place = frame.to_frame(trip.frame.to_world(points.path.position))
-        assert np.abs(place - dodges.position[number]).max() < 0.02
-        assert drive.beta[0] == acceleration and drive.beta[-1] == 0.0
-        slopes = np.diff(drive.beta) / (np.diff(drive.space.acceleration.breakpoints) * drive.travel_time)
-        assert np.abs(slopes).max() <= jerk
-        assert drive.beta.max() <= LIMITS.acceleration and drive.beta.min() >= -LIMITS.deceleration
-        fine = drive.speed_at(np.linspace(0.0, 1.0, 400))
-        assert fine.min() >= -1e-9
-        assert fine.max() <= profiles.fastest.max() + 1e-9
-        bend = np.abs(drive.path.bend(points.path).curvature)
-        assert (bend * points.speed**2).max() <= LIMITS.lateral_acceleration
-        over = dodges.times > dodges.until[number] - dodges.wait
-        assert np.all(points.speed[over] <= 1e-9)
-
-
-def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
-    """Discs exactly; an ellipse in the direction of its centre, which is never more; outlines where they are near."""
-    wall = {"id": "wall", "shape": {"polygon": [[-0.2, -4.0], [0.2, -4.0], [0.2, 4.0], [-0.2, 4.0]]}}
-    scenario = scene(
-        disc("a", (2.0, 1.0), (-0.5, 0.1)),
-        disc("b", (-1.0, -2.0), (0.2, 0.5)),
-        {**wall, "motion": {"position": [2.5, 0.0]}},
-    )
-    zones, vehicle = tuple(ZonesOf(scenario)), scenario.vehicle
-    frame = PlanningFrame((0.0, 0.0), 0.3, 0.0)
-    dodges = dodges_of(0.1, 0.5, 0.0, vehicle.radius)
-    batch = ZoneBatch.of(zones, frame, vehicle.radius)
-    room = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
-    exact = np.array(
-        [[zone.signed_distance(dodges.times, frame.to_world(place)) for zone in zones] for place in dodges.position]
-    )
-    nearest = exact.min(axis=1) - vehicle.radius
-    near = nearest < 0.1
-    assert near.sum() > 100
-    assert room.least[near] == pytest.approx(nearest[near], abs=1e-9)
-    assert np.all(room.least <= nearest + 1e-9)
-    whose = np.array([room.nearest(*at) for at in np.argwhere(near).tolist()])
-    assert np.all(whose == exact.argmin(axis=1)[near])
 
 
 # behaviour
@@ -238,7 +145,7 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
         scenario = scene(disc("walker", (0.0, start), (0.0, 1.0), radius=0.3), start={"speed": 0.0}, vehicle=SLOW)
         means = Planner(scenario, online=OnlineSettings(stay_clear=0.3))._means
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
-        _, seen = Evasion(means)._looked(now)
+        seen = Evasion(means)._looked(now).seen
         assert np.isinf(seen.clear[0]), "the first dodge stands"
         worth[start] = seen.worth[0]
     times = np.linspace(0.0, 3.0, 3001)
@@ -269,6 +176,25 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     assert math.dist(run.position[-1], (20.0, 0.0)) < 0.1
     # where no new turn is safe among zones of any size, the one that was begun still is among smaller ones
     assert any("as before" in cycle.reason and "times as large" in cycle.reason for cycle in run.records)
+
+
+@pytest.mark.parametrize(("number", "kept"), [(0, True), (1, True), (3, False)])
+def test_what_was_begun_is_gone_on_with_where_nothing_is_clearly_better(number: int, kept: bool) -> None:
+    """Nobody is near: a course that leads by so many of its neighbours past the goal gains hardly less, or clearly."""
+    means = Planner(scene(goal={"position": (20.0, 0.0)}, vehicle=SLOW))._means
+    evasion = Evasion(means)
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 1.0)), 0.0, math.inf, None, 0)
+    dodges = evasion._looked(now).dodges
+    at_top_speed = 5  # for the time of two widths
+    trip = dodges.trip(number * len(dodges.families[0].profiles.stands) + at_top_speed, now.moment.frame)
+    points, _ = trip.at(0.1)
+    x, y = trip.frame.to_world(points.path.position)[0].tolist()
+    stop = Stop(trip, trip.trajectory.travel_time)
+    begun = means.plan_of(Vetted(trip, now.moment.certify(trip), stop, 0.0), now, Outcome.EVADING, "")
+    later = Replan(means.moment(State(0.1, (x, y), None, float(points.speed[0]))), 0.0, math.inf, begun, 1)
+    found = evasion.safest(later)
+    assert found is not None and found.safe
+    assert (found.trip is trip) is kept
 
 
 def test_the_last_trip_is_gone_on_with_where_it_leads_between_smaller_zones() -> None:
@@ -312,7 +238,8 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         means = Planner(scenario)._means
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
         evasion = Evasion(means)
-        dodges, seen = evasion._looked(now)
+        view = evasion._looked(now)
+        dodges, seen = view.dodges, view.seen
         # The first course leads to the goal; for longest, at top speed
         straight = len(dodges.families[0].profiles.stands) - 2
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
