@@ -27,7 +27,7 @@ from scp_planner.estimation.confidence import region_scale
 from scp_planner.estimation.estimate import estimate_motion
 from scp_planner.estimation.motion_filter import MotionFilter, estimate_process
 from scp_planner.estimation.recursive import RecursiveEstimator
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.scenario.process_model import ProcessModel
@@ -100,8 +100,8 @@ def observed_frames(kind: str, obstacles: int) -> Callable[[], object]:
 
     made = [course(0.1 * step) for step in range(LEARNT + MOST_FRAMES)]
     for step in range(LEARNT):
-        frames.take_in(tracks, names, made[step])
-    return lambda: frames.take_in(tracks, names, made[LEARNT + next(steps)])
+        sensor_frames.take_in(tracks, names, made[step])
+    return lambda: sensor_frames.take_in(tracks, names, made[LEARNT + next(steps)])
 
 
 def cases() -> Iterator[tuple[str, str, int, Callable[[], object]]]:

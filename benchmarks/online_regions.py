@@ -22,7 +22,7 @@ from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.settings.online import Regions
@@ -123,7 +123,7 @@ def predictions(
                 declared = online_noticing.NOISE**2 * np.eye(2)
                 tracks.add_unseen(names[k], sp.Disc(disc=0.3), sp.Model(order=order), 0.0, declared)
         ones = [Seen(float(time), (float(places[k, now, 0]), float(places[k, now, 1]))) for k in some]
-        said = frames.take_in(tracks, [names[k] for k in some], ones)
+        said = sensor_frames.take_in(tracks, [names[k] for k in some], ones)
         used[[k for k, fault in zip(some, said, strict=True) if fault is None], now] = True
         for name in [name for name, track in tracks.tracks.items() if time - track.times[-1] > LOST * step]:
             tracks.remove(name)
@@ -135,9 +135,7 @@ def predictions(
             for lead, more in enumerate(ahead):
                 due = now + more
                 if due < len(times) and there[row, due]:
-                    powers = (times[due] - told.origin) ** np.arange(max(len(told.center), len(told.covariance)))
-                    center = powers[: len(told.center)] @ told.center
-                    covariance = powers[: len(told.covariance)] @ told.covariance
+                    center, covariance = told.at(float(times[due]))
                     offsets = places[row, due] - center, truth[row, due] - center
                     noise = track.noise_factor * online_noticing.NOISE**2
                     found = [first + row, time, times[due], *np.concatenate(offsets), *covariance, noise]

@@ -1,4 +1,4 @@
-"""The kinds of arrays that signatures speak of; their docstrings give shape and unit."""
+"""The kinds of arrays that signatures speak of, whose docstrings give shape and unit; and one product of vectors."""
 
 from __future__ import annotations
 
@@ -8,3 +8,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+
+
+def cross(one: Array, two: Array) -> Array:
+    """Return the cross products of vectors (..., 2) in the plane, (...)."""
+    product: Array = one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]
+    return product

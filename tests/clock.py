@@ -1,13 +1,18 @@
-"""A clock that tests move, so that no deadline in them depends on how busy the machine is."""
+"""A clock that tests move, so that no deadline in them depends on how busy the machine is; and how long they wait."""
 
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable
 from itertools import count
+from typing import Any
 
 import pytest
 
 import scp_planner
+
+PATIENCE = 600.0  # s; only a test that hangs waits so long
 
 
 class FakeClock:
@@ -32,3 +37,12 @@ class FakeClock:
         assert ruled, "nothing looks at a clock"
         for module in ruled:
             monkeypatch.setattr(module, "perf_counter", self)
+
+
+def eventually(happened: Callable[[], Any], patience: float = PATIENCE) -> Any:
+    """Wait until something is true, and return it."""
+    until = time.monotonic() + patience
+    while not (found := happened()):
+        assert time.monotonic() < until, "it never happened"
+        time.sleep(0.01)
+    return found

@@ -11,7 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import hypothesis
+import jsonschema
 import pytest
+
+import scp_planner as sp
 
 DATA_VARIABLE = "SCP_PLANNER_DATA"
 
@@ -118,3 +121,9 @@ _SCENARIO: dict[str, Any] = {
 def scenario_data() -> dict[str, Any]:
     """Contents of a valid scenario file, for a test to change."""
     return copy.deepcopy(_SCENARIO)
+
+
+@pytest.fixture(scope="session")
+def scenario_schema() -> jsonschema.Draft202012Validator:
+    """The schema of scenarios, made once: that it is one is asked in a test of its own."""
+    return jsonschema.Draft202012Validator(sp.Scenario.json_schema())

@@ -135,7 +135,7 @@ class SampleTimes:
         clearance = problem.zones.distances(points.time, points.path.position, near)
         owner, row, zone = local_minima(clearance[None], near)
         minima = refine_minima(grid, clearance[None], owner, row, zone)
-        settle_minima(problem, TripBundle([trajectory]), points, owner, row, zone, minima)
+        settle_minima(problem, TripBundle([trajectory]), points, owner, row, zone, minima, clearance[row, zone])
         about = (minima[:, None] + CLUSTER * (grid[1] - grid[0])).ravel()
         return cls.of(problem, np.unique(np.clip(about, 0.0, 1.0)))
 

@@ -97,7 +97,7 @@ def penalty_descent(
 
 
 @dataclass(frozen=True)
-class _Start:
+class _DescentStart:
     """A trip to descend from, the estimate of the travel time that it leads to, s, and its number."""
 
     estimate: float
@@ -105,7 +105,7 @@ class _Start:
     number: int
 
 
-class _Descents(OuterSearch[_Start, DescentRun]):
+class _Descents(OuterSearch[_DescentStart, DescentRun]):
     """Descends from one start after the other, in the units of the scene."""
 
     def __init__(
@@ -121,11 +121,11 @@ class _Descents(OuterSearch[_Start, DescentRun]):
 
     def best(self, only: Trajectory | None) -> CheckedDescent:
         """Return the best attempt from any start, or from the only one."""
-        best = self.try_all(self._starts() if only is None else [_Start(only.travel_time, only, 0)])
+        best = self.try_all(self._starts() if only is None else [_DescentStart(only.travel_time, only, 0)])
         assert best is not None, "there is always a start"
         return best
 
-    def tried(self, start: _Start) -> CheckedDescent:
+    def tried(self, start: _DescentStart) -> CheckedDescent:
         """Descend; once more from there if the trip met what was left out."""
         attempt = self._attempt(self.problem, start.trajectory, start.number)
         if met_what_was_left_out(self.problem, attempt.verdict):
@@ -138,7 +138,7 @@ class _Descents(OuterSearch[_Start, DescentRun]):
         self.tally.iterations += attempt.run.iterations
         return attempt
 
-    def _starts(self) -> Iterator[_Start]:
+    def _starts(self) -> Iterator[_DescentStart]:
         """Starts, as long as they may lead to faster trips."""
         found = starts(self.problem, self.settings.searches)
         for number in range(self.settings.max_runs):
@@ -146,7 +146,7 @@ class _Descents(OuterSearch[_Start, DescentRun]):
                 item = next(found, None)
             if item is None or self._hardly_faster(item[0]):
                 return
-            yield _Start(*item, number)
+            yield _DescentStart(*item, number)
 
     def _hardly_faster(self, estimate: float) -> bool:
         best = self.incumbent

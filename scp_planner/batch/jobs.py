@@ -22,7 +22,7 @@ BAD_INPUT = "bad_input"
 """Status of a scenario that is refused; others are those of plans, and the fates of work that came to nothing."""
 
 
-class Method(StrEnum):
+class PlanningMethod(StrEnum):
     """How a plan is made."""
 
     SCP = "scp"
@@ -35,7 +35,7 @@ class Options:
 
     Attributes
     ----------
-    method : Method or str
+    method : PlanningMethod or str
         ``scp`` or ``penalty-descent``; `SettingsError` if it is neither.
     settings : Settings
     time_limit : float or None
@@ -44,13 +44,13 @@ class Options:
         Of plan files.
     """
 
-    method: Method = Method.SCP
+    method: PlanningMethod = PlanningMethod.SCP
     settings: Settings = field(default_factory=Settings)
     time_limit: float | None = None
     samples: int = 200
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "method", word_of(Method, self.method, "method"))
+        object.__setattr__(self, "method", word_of(PlanningMethod, self.method, "method"))
 
     def __str__(self) -> str:
         """Say what the results depend on and is not the default."""
@@ -88,7 +88,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """One line of the table.
 
     Attributes
@@ -161,12 +161,12 @@ class JobResult:
 
     Attributes
     ----------
-    row : Row
+    row : TableRow
     plan : str or None
         Contents of the plan file.
     """
 
-    row: Row
+    row: TableRow
     plan: str | None = None
 
 
@@ -175,7 +175,7 @@ def carry_out(job: Job) -> JobResult:
     began = perf_counter()
     plan = _plan(job)
     wall_time = perf_counter() - began
-    row = Row(
+    row = TableRow(
         file=job.file,
         name=job.scenario.name,
         status=plan.status.value,
@@ -197,7 +197,7 @@ def carry_out(job: Job) -> JobResult:
 
 def _plan(job: Job) -> Plan:
     options = job.options
-    if options.method is Method.PENALTY_DESCENT:
+    if options.method is PlanningMethod.PENALTY_DESCENT:
         from scp_planner.baseline.penalty_descent import penalty_descent
 
         return penalty_descent(job.scenario, options.settings, time_limit=options.time_limit)

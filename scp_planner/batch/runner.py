@@ -14,7 +14,7 @@ from scp_planner.batch.jobs import (
     Job,
     JobResult,
     Options,
-    Row,
+    TableRow,
     carry_out,
     cell_of,
     digest_of,
@@ -172,7 +172,7 @@ def rows_done(files: Mapping[str, Path], table: Path, *, timings: bool = False) 
 
 
 def _columns(timings: bool) -> list[str]:
-    return [each.name for each in fields(Row) if timings or each.name != "wall_time"]
+    return [each.name for each in fields(TableRow) if timings or each.name != "wall_time"]
 
 
 class _Batch:
@@ -200,7 +200,7 @@ class _Batch:
             except (ScenarioError, OSError) as error:
                 digest, options = digest_of_bytes(path), str(self.options)
                 if not self._is_done(file, digest):
-                    self._add(Row(file, "", BAD_INPUT, _in_a_line(error), options=options, digest=digest))
+                    self._add(TableRow(file, "", BAD_INPUT, _in_a_line(error), options=options, digest=digest))
             else:
                 digest = digest_of(scenario)
                 if not self._is_done(file, digest):
@@ -211,7 +211,9 @@ class _Batch:
         job, result = answer.item, answer.result
         if result is None:
             name = job.scenario.name
-            row = Row(job.file, name, answer.fate.value, answer.reason, options=str(self.options), digest=job.digest)
+            row = TableRow(
+                job.file, name, answer.fate.value, answer.reason, options=str(self.options), digest=job.digest
+            )
         else:
             row = result.row
             if self.plans is not None and result.plan is not None:
@@ -220,7 +222,7 @@ class _Batch:
                 write_text(target, result.plan)
         self._add(row)
 
-    def _add(self, row: Row) -> None:
+    def _add(self, row: TableRow) -> None:
         self.table.add(row.texts())
         self._advance(row.status)
 

@@ -27,9 +27,9 @@ from typing import Protocol
 import numpy as np
 
 from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, OutOfTimeError, Scope, look_at_the_clock
-from scp_planner.certificate.clearance import Disc, least_clearance, leaves_bounds
+from scp_planner.certificate.clearance import VehicleDisc, least_clearance, leaves_bounds
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
-from scp_planner.certificate.remembered import Motion, Motions
+from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
 from scp_planner.certificate.trip_ends import ends_broken
 from scp_planner.certificate.verdict import (
@@ -174,12 +174,12 @@ def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     findings = limits_found(checked, limits, pieces, enclosure)
     violations += [violation for finding in findings.values() for violation in finding.violations]
     uses = {name: finding.use for name, finding in findings.items()}
-    discs = tuple(Disc.on(enclosure, offset, checked.tube) for offset in checked.scenario.vehicle.discs)
+    discs = tuple(VehicleDisc.on(enclosure, offset, checked.tube) for offset in checked.scenario.vehicle.discs)
     outside = [one for one in (leaves_bounds(checked, pieces, disc) for disc in discs) if one is not None]
     known = motions is not None and checked.tube is None and not violations and not outside
     if motions is not None and known and keeps_speed_later(checked, limits):
         space, scenario = checked.trajectory.space, checked.scenario
-        motions.add(checked.trip, Motion(space, scenario, ends, checked.first, checked.last, pieces, discs, uses))
+        motions.add(checked.trip, KeptMotion(space, scenario, ends, checked.first, checked.last, pieces, discs, uses))
     kept = least_clearance(checked, pieces, discs, precision)
     violations += [*kept.violations, *outside]
     return Certificate(not violations, kept.clearance, uses, tuple(violations))

@@ -13,7 +13,7 @@ from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, END_TOLERANCE, 
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
-from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
+from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, SweptBoxes, least_clearances
 
 MAX_HALVINGS = 22
 MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
@@ -23,7 +23,7 @@ _SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])  # normals
 
 
 @dataclass(frozen=True)
-class Disc:
+class VehicleDisc:
     """A disc of the vehicle on pieces of time.
 
     Attributes
@@ -42,7 +42,7 @@ class Disc:
     most_off: Array
 
     @classmethod
-    def on(cls, enclosure: Enclosure, offset: float, tube: TrackingTube | None = None) -> Disc:
+    def on(cls, enclosure: Enclosure, offset: float, tube: TrackingTube | None = None) -> VehicleDisc:
         """Return a disc that is so far ahead on the pieces of an enclosure, and how far it may be off there."""
         center = enclosure.disc(offset)
         if tube is None:
@@ -53,9 +53,9 @@ class Disc:
         most = tube.standing + tube.per_speed * fastest + tube.per_lateral * enclosure.lateral_bound
         return cls(offset, center, off, np.maximum(off, most))
 
-    def part(self, index: slice) -> Disc:
+    def part(self, index: slice) -> VehicleDisc:
         """Return the disc on some of the pieces."""
-        return Disc(self.offset, self.center.take(index), self.off[index], self.most_off[index])
+        return VehicleDisc(self.offset, self.center.take(index), self.off[index], self.most_off[index])
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Kept:
     violations: tuple[Violation, ...] = ()
 
 
-def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[Disc, ...], precision: float) -> Kept:
+def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[VehicleDisc, ...], precision: float) -> Kept:
     """Bound the clearance of a vehicle from all zones.
 
     Parameters
@@ -81,7 +81,7 @@ def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[Disc, ...
     checked : CheckedTrip
     pieces : Pieces
         That cover what is checked.
-    discs : tuple of Disc
+    discs : tuple of VehicleDisc
         On them.
     precision : float
         The clearance is a lower bound at most this far below the true one, m; with inf it is any lower bound that is
@@ -100,7 +100,9 @@ def least_clearance(checked: CheckedTrip, pieces: Pieces, discs: tuple[Disc, ...
 def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
     """The zones that could be the nearest one, or nearer than allowed, to a vehicle that is off by so much at most."""
     batch, trajectory = checked.batch, checked.trajectory
-    if batch.size <= MANY_ZONES:
+    # Of polygons that stand the bound to begin with is hardly dearer than these.
+    standing = 0 if batch.ground is None else len(batch.ground.zones)
+    if batch.size - standing <= MANY_ZONES:
         return batch
     top = max(float(trajectory.speed_control_points().max()), 0.0)
     ahead = max(map(abs, checked.scenario.vehicle.discs))
@@ -111,7 +113,7 @@ def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
         points = trajectory.driven(trajectory.space.time_table(middle))
         half *= trajectory.travel_time
         reach, position = half * top + ahead, points.path.position
-        bounds = least_clearances(batch, Looks(points.time, half, position - reach, position + reach))
+        bounds = least_clearances(batch, SweptBoxes(points.time, half, position - reach, position + reach))
         # The nearest zone comes at least as near as any zone is seen to be.
         seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
         nearest = max(float(seen.distances(points.time, position).min()), 0.0)
@@ -147,7 +149,7 @@ class _Open:
 class _Search:
     """The search for the least clearance of one disc."""
 
-    def __init__(self, checked: CheckedTrip, batch: ZoneBatch, disc: Disc, precision: float) -> None:
+    def __init__(self, checked: CheckedTrip, batch: ZoneBatch, disc: VehicleDisc, precision: float) -> None:
         self.checked, self.batch = checked, batch
         self.disc, self.precision = disc, precision
 
@@ -203,7 +205,7 @@ class _Search:
             pieces = pieces.quarters(keep)
             parts = np.arange(len(pieces.middle) // len(open_pieces))[:, None]
             left = _Open((inverse + len(open_pieces) * parts).ravel(), np.tile(left.zone[~done], len(parts)))
-            disc = Disc.on(self.checked.enclosed(pieces), disc.offset, self.checked.tube)
+            disc = VehicleDisc.on(self.checked.enclosed(pieces), disc.offset, self.checked.tube)
         return _Bound(-np.inf, nearest)
 
     def _told(self, bound: _Bound) -> Kept:
@@ -216,7 +218,7 @@ class _Search:
         return Kept(Clearance(nearest.distance, obstacle, time), (touched,))
 
 
-def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: Disc) -> Violation | None:
+def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: VehicleDisc) -> Violation | None:
     """Return where a disc of the vehicle leaves the workspace box, by the same bound as for clearance.
 
     Parameters
@@ -224,7 +226,7 @@ def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: Disc) -> Violation
     checked : CheckedTrip
     pieces : Pieces
         That cover what is checked.
-    disc : Disc
+    disc : VehicleDisc
         On them.
 
     Returns
@@ -253,5 +255,5 @@ def leaves_bounds(checked: CheckedTrip, pieces: Pieces, disc: Disc) -> Violation
         if not undecided.any():
             return None
         pieces = pieces.halves(undecided)
-        disc = Disc.on(checked.enclosed(pieces), disc.offset, checked.tube)
+        disc = VehicleDisc.on(checked.enclosed(pieces), disc.offset, checked.tube)
     return checked.broken("workspace bounds", float(inside[worst]), 0.0, at)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from scp_planner.certificate.checked_trip import CheckedTrip
-from scp_planner.certificate.clearance import Disc
+from scp_planner.certificate.clearance import VehicleDisc
 from scp_planner.certificate.enclosures import Pieces
 from scp_planner.certificate.verdict import Ends, LimitUse
 from scp_planner.scenario.models import Scenario
@@ -23,11 +23,11 @@ class PartOfMotion:
     """Pieces of a remembered motion, and the discs of the vehicle on them."""
 
     pieces: Pieces
-    discs: tuple[Disc, ...]
+    discs: tuple[VehicleDisc, ...]
 
 
 @dataclass(frozen=True)
-class Motion:
+class KeptMotion:
     """A motion that keeps all limits, on pieces of time.
 
     Attributes
@@ -40,7 +40,7 @@ class Motion:
         From when to when limits were checked, in normalised time.
     pieces : Pieces
         In order.
-    discs : tuple of Disc
+    discs : tuple of VehicleDisc
         The discs of the vehicle on them.
     limits : dict of str to LimitUse
     """
@@ -51,7 +51,7 @@ class Motion:
     first: float
     last: float
     pieces: Pieces
-    discs: tuple[Disc, ...]
+    discs: tuple[VehicleDisc, ...]
     limits: dict[str, LimitUse]
 
     def serves(self, checked: CheckedTrip, ends: Ends) -> bool:
@@ -93,18 +93,18 @@ class Motions:
     """
 
     def __init__(self) -> None:
-        self._known: dict[tuple[Any, ...], Motion] = {}
+        self._known: dict[tuple[Any, ...], KeptMotion] = {}
 
     @staticmethod
     def _name(trip: Trip) -> tuple[Any, ...]:
         trajectory = trip.trajectory
         return trip.frame, trajectory.travel_time, trajectory.theta.tobytes(), trajectory.beta.tobytes()
 
-    def of(self, trip: Trip) -> Motion | None:
+    def of(self, trip: Trip) -> KeptMotion | None:
         """What is known of a trip."""
         return self._known.get(self._name(trip))
 
-    def add(self, trip: Trip, motion: Motion) -> None:
+    def add(self, trip: Trip, motion: KeptMotion) -> None:
         """Remember a trip; the one that was added first is forgotten for it."""
         name = self._name(trip)
         self._known.pop(name, None)

@@ -24,7 +24,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import EndState, goal_violations, start_violations
-from scp_planner.certificate.sampled_pieces import Courses, Parts, first_parts
+from scp_planner.certificate.sampled_pieces import Parts, PieceVelocities, first_parts
 from scp_planner.certificate.verdict import (
     BEYOND_ZONES,
     CLEARANCE_TOLERANCE,
@@ -92,7 +92,7 @@ class _SampledCheck:
         self.scenario, self.batch = scenario, batch
         self.limits = Limits.of(scenario)
         self.motion = SampledMotion.between(samples, found)
-        self.courses = Courses.of(self.motion)
+        self.pieces = PieceVelocities.of(self.motion)
         self.violations: list[Violation] = []
 
     def run(self) -> Certificate:
@@ -115,20 +115,20 @@ class _SampledCheck:
     # The motion by itself
 
     def _ends(self) -> None:
-        motion, courses = self.motion, self.courses
+        motion, pieces = self.motion, self.pieces
         first = EndState(
             float(motion.begin[0]),
             _pair(motion.position[0]),
-            courses.heading(0),
+            pieces.heading(0),
             float(np.hypot(*motion.velocity[0])),
-            float(courses.acceleration_at_begin[0]),
+            float(pieces.acceleration_at_begin[0]),
         )
         last = EndState(
             float(motion.end[-1]),
             _pair(motion.position[-1]),
-            courses.heading(-1),
+            pieces.heading(-1),
             float(np.hypot(*motion.velocity[-1])),
-            float(courses.acceleration_at_end[-1]),
+            float(pieces.acceleration_at_end[-1]),
         )
         wanted = self.scenario.start.heading
         if wanted is not None and first.speed == 0.0:
@@ -139,21 +139,21 @@ class _SampledCheck:
 
     def _directions(self) -> None:
         """Whether it moves backwards, or turns where it stands."""
-        courses, vehicle = self.courses, self.scenario.vehicle
-        back = courses.backwards
+        pieces, vehicle = self.pieces, self.scenario.vehicle
+        back = pieces.backwards
         if back.any():
-            speed = np.where(back, np.hypot(*courses.last.T), 0.0)
+            speed = np.where(back, np.hypot(*pieces.last.T), 0.0)
             worst = int(np.argmax(speed))
             self._note("speed", -float(speed[worst]), 0.0, self.motion.end[worst], True)
         if vehicle.max_curvature is None and vehicle.max_curvature_rate is None and vehicle.discs == (0.0,):
             return  # it may turn as sharply as it likes, and where it stands on the spot
-        turn = courses.standing_turn
+        turn = pieces.standing_turn
         worst = int(np.argmax(turn))
         if turn[worst] > STANDING_TURN:
             self._note("turn while standing", float(turn[worst]), 0.0, self.motion.begin[worst], True)
 
     def _speed(self) -> LimitUse:
-        speeds = np.hypot(*np.concatenate([self.courses.first, self.courses.last]).T)
+        speeds = np.hypot(*np.concatenate([self.pieces.first, self.pieces.last]).T)
         times = np.concatenate([self.motion.begin, self.motion.end])
         worst = int(np.argmax(speeds))
         # Driving faster than allowed at the start is the scenario's business, not the trip's.
@@ -164,7 +164,7 @@ class _SampledCheck:
 
     def _acceleration(self) -> LimitUse:
         """Along the path it grows on each piece."""
-        gained, lost = self.courses.acceleration_at_end, self.courses.acceleration_at_begin
+        gained, lost = self.pieces.acceleration_at_end, self.pieces.acceleration_at_begin
         most, least = int(np.argmax(gained)), int(np.argmin(lost))
         up = self._used("acceleration", float(gained[most]), self.limits.acceleration, self.motion.end[most])
         down = self._used("acceleration", -float(lost[least]), self.limits.deceleration, self.motion.begin[least], -1.0)
@@ -172,15 +172,15 @@ class _SampledCheck:
 
     def _across(self, name: str, limit: float, power: int) -> LimitUse:
         """What is velocity x acceleration by a power of the speed."""
-        courses = self.courses
-        value = courses.largest(np.abs(courses.turn), power)
+        pieces = self.pieces
+        value = pieces.largest(np.abs(pieces.turn), power)
         worst = int(np.argmax(value))
-        return self._used(name, float(value[worst]), limit, courses.when_slowest[worst])
+        return self._used(name, float(value[worst]), limit, pieces.when_slowest[worst])
 
     def _further_limits(self) -> Iterator[tuple[str, LimitUse]]:
-        vehicle, motion, courses = self.scenario.vehicle, self.motion, self.courses
+        vehicle, motion, pieces = self.scenario.vehicle, self.motion, self.pieces
         if vehicle.max_curvature_rate is not None:
-            bends = courses.turn != 0.0
+            bends = pieces.turn != 0.0
             when = float(motion.begin[np.argmax(bends)])
             rate = inf if bends.any() else 0.0
             yield "curvature_rate", self._used("curvature_rate", rate, vehicle.max_curvature_rate, when)
@@ -194,7 +194,7 @@ class _SampledCheck:
             )
         if vehicle.max_power is not None:
             # v . A grows with time.
-            power = np.maximum((courses.last * motion.acceleration).sum(axis=1), 0.0)
+            power = np.maximum((pieces.last * motion.acceleration).sum(axis=1), 0.0)
             worst = int(np.argmax(power))
             yield "power", self._used("power", float(power[worst]), vehicle.max_power, motion.end[worst])
         if vehicle.max_jerk is not None:
@@ -202,14 +202,14 @@ class _SampledCheck:
 
     def _jerk(self, limit: float) -> LimitUse:
         """Infinite where the acceleration along the path jumps; else (v x A)^2 / |v|^3, largest where it is slowest."""
-        courses = self.courses
-        jumps = np.abs(courses.acceleration_at_begin[1:] - courses.acceleration_at_end[:-1])
+        pieces = self.pieces
+        jumps = np.abs(pieces.acceleration_at_begin[1:] - pieces.acceleration_at_end[:-1])
         jumping = jumps > RELATIVE_TOLERANCE * max(self.limits.acceleration, self.limits.deceleration)
         if jumping.any():
             return self._used("jerk", inf, limit, self.motion.end[np.argmax(jumping)])
-        value = courses.largest(courses.turn**2, 3)
+        value = pieces.largest(pieces.turn**2, 3)
         worst = int(np.argmax(value))
-        return self._used("jerk", float(value[worst]), limit, courses.when_slowest[worst])
+        return self._used("jerk", float(value[worst]), limit, pieces.when_slowest[worst])
 
     def _used(self, name: str, value: float, limit: float, time: float, sign: float = 1.0) -> LimitUse:
         """How far a limit is used, by a quantity times a sign; noted if it is broken."""
@@ -237,7 +237,7 @@ class _SampledCheck:
         allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
         parts, best, when = self._parts, 0.0, float(self.motion.begin[0])
         for _ in range(MOST_HALVINGS):
-            disc = self.courses.disc(parts, 0.0)
+            disc = self.pieces.disc(parts, 0.0)
             speed, half = np.hypot(*disc.velocity.T), disc.half
             fastest = speed + disc.acceleration * half
             station = part.line.nearest(disc.position)
@@ -264,7 +264,7 @@ class _SampledCheck:
         offsets = np.array([box.min[0], -box.max[0], box.min[1], -box.max[1]]) + radius + self._turned(offset)
         parts, least, when = self._parts, 0.0, 0.0
         for _ in range(MOST_HALVINGS):
-            disc = self.courses.disc(parts, offset)
+            disc = self.pieces.disc(parts, offset)
             half = disc.half[:, None]
             inside = disc.position @ normals.T - offsets
             lower = inside - np.abs(disc.velocity @ normals.T) * half - 0.5 * disc.acceleration[:, None] * half**2
@@ -280,7 +280,7 @@ class _SampledCheck:
 
     def _turned(self, offset: float) -> float:
         """How far a disc may be beside its course where the vehicle stands, m: it turns there by very little."""
-        return 0.5 * abs(offset) * min(float(self.courses.standing_turn.max()), STANDING_TURN)
+        return 0.5 * abs(offset) * min(float(self.pieces.standing_turn.max()), STANDING_TURN)
 
     def _clearances(self) -> Clearance:
         return min((self._clearance(offset) for offset in self.scenario.vehicle.discs), key=lambda one: one.minimum)
@@ -289,7 +289,7 @@ class _SampledCheck:
         """Least clearance of a disc that is so far ahead of the reference point."""
         if self.batch.size == 0:
             return Clearance(inf)
-        nearest = _Nearest(self.batch, self.courses, offset)
+        nearest = _DiscClearance(self.batch, self.pieces, offset)
         for parts in self._parts.chunks(max(MOST_PAIRS // self.batch.size, 1)):
             nearest.look(parts)
             if nearest.certified < 0.0:
@@ -302,7 +302,7 @@ class _SampledCheck:
         return Clearance(certified, identity, nearest.when)
 
 
-class _Nearest:
+class _DiscClearance:
     """The least clearance of a disc of the vehicle, as far as it has been looked at.
 
     Attributes
@@ -316,13 +316,13 @@ class _Nearest:
     zone : int
     """
 
-    def __init__(self, batch: ZoneBatch, courses: Courses, offset: float) -> None:
-        self._bounds, self._courses, self._offset = ZoneBounds(batch), courses, offset
-        self.certified, self.least, self.when, self.zone = inf, inf, float(courses.motion.begin[0]), 0
+    def __init__(self, batch: ZoneBatch, pieces: PieceVelocities, offset: float) -> None:
+        self._bounds, self._pieces, self._offset = ZoneBounds(batch), pieces, offset
+        self.certified, self.least, self.when, self.zone = inf, inf, float(pieces.motion.begin[0]), 0
 
     def look(self, parts: Parts) -> None:
         """Look at parts of the motion, all zones."""
-        moving = self._courses.disc(parts, self._offset)
+        moving = self._pieces.disc(parts, self._offset)
         crude = self._bounds.crude(moving)
         some = np.argpartition(crude, min(FIRST_PAIRS, crude.size) - 1, axis=None)[:FIRST_PAIRS]
         interval, zone = np.unravel_index(some, crude.shape)
@@ -348,7 +348,7 @@ class _Nearest:
             parts = parts.halves(keep)
             interval = np.concatenate([inverse, inverse + len(open_parts)])
             zone = np.tile(zone[~done], 2)
-            moving = self._courses.disc(parts, self._offset)
+            moving = self._pieces.disc(parts, self._offset)
         self.certified = -inf
 
     def _keep(self, values: Array, zone: Index, times: Array) -> None:

@@ -9,7 +9,7 @@ from math import atan2
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.sampled_motion import WITHOUT_DIRECTION, SampledMotion
 
@@ -65,7 +65,7 @@ def first_parts(motion: SampledMotion, knots: Array) -> Parts:
 
 
 @dataclass(frozen=True)
-class Courses:
+class PieceVelocities:
     """How a motion's pieces are driven.
 
     Attributes
@@ -92,7 +92,7 @@ class Courses:
     still: float
 
     @classmethod
-    def of(cls, motion: SampledMotion) -> Courses:
+    def of(cls, motion: SampledMotion) -> PieceVelocities:
         """Return what can be said of a motion's pieces."""
         every = np.arange(len(motion.begin))
         first, last = motion.velocity_at(every, motion.begin), motion.velocity_at(every, motion.end)
@@ -176,8 +176,7 @@ class Courses:
         found = np.zeros(len(self.turn))
         moving = np.flatnonzero(np.isfinite(self.entering[:, 0]))
         before, after = self.leaving[moving[:-1]], self.entering[moving[1:]]
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        angle = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+        angle = np.abs(np.arctan2(cross(before, after), (before * after).sum(axis=1)))
         standing = np.hypot(*self.first[moving[1:]].T) <= self.still
         found[moving[1:]] = np.where(standing, angle, 0.0)
         return found

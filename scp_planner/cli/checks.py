@@ -14,6 +14,7 @@ from scp_planner.cli.groups import Printing
 from scp_planner.cli.options import MotionModel, ScenarioFile, check_number, load_scenario
 from scp_planner.cli.output import print_json, report, start_logging, table, tell
 from scp_planner.errors import MISSING, Fault, PlanError
+from scp_planner.files import JSON_SUFFIX
 
 if TYPE_CHECKING:
     from scp_planner.certificate.verdict import Certificate
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 LIMIT_PREFIX = "max_"
 """Of a vehicle's limits."""
 
-JSON_SUFFIX = ".json"
 PLAN_KEY = "schema"
 """What a plan file has, and a file of samples has not."""
 

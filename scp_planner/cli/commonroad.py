@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scp_planner.batch.jobs import Method
+from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.cli.options import COMMONROAD_SUFFIX, bad_option, check_target
 
 if TYPE_CHECKING:
@@ -51,14 +51,14 @@ class SolutionOptions:
         typer.Option("--commonroad-cost", help="What the solution is submitted for; plans are fast for each."),
     ] = BenchmarkCost.JB1
 
-    def check(self, scenario_file: str, method: Method) -> None:
+    def check(self, scenario_file: str, method: PlanningMethod) -> None:
         """Refuse a solution file before planning that could not be written after it."""
         if self.file is None:
             return
         check_target("--commonroad-solution", self.file, scenario_file)
         if not scenario_file.lower().endswith(COMMONROAD_SUFFIX):
             raise bad_option("--commonroad-solution", self.file, f"needs a scenario of CommonRoad, not {scenario_file}")
-        if method is not Method.SCP:
+        if method is not PlanningMethod.SCP:
             raise bad_option("--method", method, "must be scp for a solution of CommonRoad")
         if importlib.util.find_spec("commonroad") is None:
             raise bad_option("SCENARIO", scenario_file, "needs commonroad-io: pip install 'scp-planner[commonroad]'")

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
 
-from scp_planner.batch.jobs import Method
+from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.cli.options import (
     Assignments,
     Json,
@@ -43,7 +43,7 @@ class Printing:
 class PlanOptions:
     """How plans are made."""
 
-    method: MethodName = Method.SCP
+    method: MethodName = PlanningMethod.SCP
     solver: SolverName = None
     assignments: Assignments = None
     seed: Seed = 0  # there is nothing to draw

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scp_planner.batch.jobs import Method
+from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.files import regular_target
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ MotionModel = Annotated[
     ),
 ]
 DemoName = Annotated[str, typer.Argument(metavar="NAME", help="A built-in scenario.", autocompletion=_known_demos)]
-MethodName = Annotated[Method, typer.Option("--method", help="How to plan.")]
+MethodName = Annotated[PlanningMethod, typer.Option("--method", help="How to plan.")]
 SolverName = Annotated[
     str | None,
     typer.Option(
@@ -214,11 +214,11 @@ def bad_option(option: str, value: object, message: str) -> typer.BadParameter:
     return typer.BadParameter(f"{value}: {message}", param_hint=option)
 
 
-def check_solver(solver: str | None, method: Method = Method.SCP) -> None:
+def check_solver(solver: str | None, method: PlanningMethod = PlanningMethod.SCP) -> None:
     """Refuse a solver that is not there, or has nothing to do."""
     from scp_planner.settings.planning import solver_names
 
-    if solver is not None and method is not Method.SCP:
+    if solver is not None and method is not PlanningMethod.SCP:
         raise bad_option("--solver", solver, f"--method {method} solves no subproblems")
     if solver is not None and solver not in solver_names():
         raise bad_option("--solver", solver, f"must be one of {', '.join(solver_names())}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scp_planner.batch.jobs import Method
+from scp_planner.batch.jobs import PlanningMethod
 from scp_planner.cli import commonroad, pictures, summaries
 from scp_planner.cli.application import ExitCode
 from scp_planner.cli.groups import PlanOptions, Printing
@@ -116,7 +116,7 @@ def demo(
     check_folder("--output", output, *DEMO_FILES)
     scenario, quiet = load_scenario(BUILT_IN + name), printing.quiet
     with waiting("planning", quiet):
-        made = _plan(scenario, Method.SCP).bounded()
+        made = _plan(scenario, PlanningMethod.SCP).bounded()
     run = _drive(scenario, DriveOptions(noise=0.1, rate=10.0), quiet)
     output.mkdir(exist_ok=True)
     scenario.save(output / "scenario.yaml")
@@ -210,7 +210,7 @@ def simulate(
 
 def _plan(
     scenario: Scenario,
-    method: Method,
+    method: PlanningMethod,
     values: dict[str, object] | None = None,
     time_limit: float | None = None,
 ) -> Plan:
@@ -218,11 +218,11 @@ def _plan(
 
     settings = replace(Settings(), **(values or {}))  # type: ignore[arg-type]  # Settings checks them
     match method:
-        case Method.SCP:
+        case PlanningMethod.SCP:
             from scp_planner.planning import offline
 
             return offline.plan(scenario, settings, time_limit=time_limit)
-        case Method.PENALTY_DESCENT:
+        case PlanningMethod.PENALTY_DESCENT:
             from scp_planner.baseline.penalty_descent import penalty_descent
 
             return penalty_descent(scenario, settings, time_limit=time_limit)

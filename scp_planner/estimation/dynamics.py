@@ -29,7 +29,7 @@ _NODES = 10  # of Gauss' rule: exact to rounding for lags that short
 
 
 @dataclass(frozen=True)
-class Start:
+class StatePrior:
     """How a state follows from position, velocity and perhaps acceleration.
 
     Attributes
@@ -70,14 +70,14 @@ class Dynamics(ABC):
     def prior(self, velocity_variance: float) -> Array:
         """Covariance of all states but the position before anything was seen: (d, d), of the position 0."""
 
-    def from_kinematics(self, known: int, velocity_variance: float) -> Start:
+    def from_kinematics(self, known: int, velocity_variance: float) -> StatePrior:
         """Begin with what somebody else knows: position, velocity and, if 3 are ``known``, acceleration.
 
         What the state does not have is left out; what nobody knows of it is as beforehand.
         """
         variance = np.diag(self.prior(velocity_variance)).copy()
         variance[:known] = 0.0
-        return Start(np.eye(self.states, known), variance)
+        return StatePrior(np.eye(self.states, known), variance)
 
     @abstractmethod
     def acceleration(self, state: Array) -> Array:
@@ -207,14 +207,14 @@ class MeanReverting(Dynamics):
         p[1, 1] += own
         return p
 
-    def from_kinematics(self, known: int, velocity_variance: float) -> Start:
+    def from_kinematics(self, known: int, velocity_variance: float) -> StatePrior:
         """Tell the kept velocity from the present one, which wanders about it: the regression of one on the other."""
         own = 0.5 * self.diffusion * self.time_constant
         share = velocity_variance / (velocity_variance + own)
         matrix = np.eye(3, known)
         matrix[2] = 0.0
         matrix[2, 1] = share
-        return Start(matrix, np.array([0.0, 0.0, share * own]))
+        return StatePrior(matrix, np.array([0.0, 0.0, share * own]))
 
     def acceleration(self, state: Array) -> Array:
         """Expect the return to the kept velocity."""

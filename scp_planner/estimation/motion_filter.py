@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.dynamics import dynamics_of
+from scp_planner.estimation.filter_tree import state_after
 from scp_planner.estimation.kalman import FilterState, first_state, update_state
 from scp_planner.estimation.observations import (
     Faulty,
@@ -27,6 +28,8 @@ from scp_planner.estimation.observations import (
 from scp_planner.estimation.process_estimate import ProcessEstimate
 from scp_planner.scenario.process_model import ProcessModel
 from scp_planner.settings.knobs import word_of
+
+FEW = 64  # observations of a history, that are taken in one by one; more are put together at once
 
 
 class MotionFilter:
@@ -148,6 +151,22 @@ class MotionFilter:
         self._count += used
         return used
 
+    def take_in(self, times: Array, positions: Array, noise: Array) -> None:
+        """Take in many observations at once, after the first one of the only obstacle; none of them is gated.
+
+        Parameters
+        ----------
+        times : (n,) s
+            In order, and checked, as positions and noise are.
+        positions : (n, 2) m
+        noise : (n, 2, 2) m^2
+            Covariances.
+        """
+        self._state = state_after(self._dynamics, self._state, times, positions, noise)
+        self._newest = positions[-1:].copy()
+        self._noise_sum += noise.sum(axis=0)
+        self._count += len(times)
+
     def estimate(self, obstacle: int = 0) -> ProcessEstimate:
         """Give the estimate of one obstacle as of its last observation."""
         k = obstacle
@@ -236,7 +255,13 @@ def estimate_process(
     tracker = MotionFilter(model, gate_probability=gate)
     sigma = model.noise_deviation**2 * np.eye(2) if seen.covariance is None else seen.covariance
     rejected = list(seen.rejected)
-    for i, each in enumerate(np.broadcast_to(sigma, (len(seen.times), 2, 2))):
-        if not tracker.update(seen.times[i], seen.positions[i : i + 1], each).all():
-            rejected.append(int(seen.rows[i]))
+    noise = np.broadcast_to(sigma, (len(seen.times), 2, 2))
+    one_by_one = len(seen.times) if gate is not None or len(seen.times) <= FEW else 1
+    rejected += [
+        int(seen.rows[i])
+        for i in range(one_by_one)
+        if not tracker.update(seen.times[i], seen.positions[i : i + 1], noise[i]).all()
+    ]
+    if one_by_one < len(seen.times):
+        tracker.take_in(seen.times[1:], seen.positions[1:], noise[1:])
     return replace(tracker.estimate(), rejected=tuple(sorted(rejected)))

@@ -312,7 +312,7 @@ def conformal_tails(errors: Sequence[PredictionErrors], tails: Tails | None, alp
 
 
 @dataclass(frozen=True)
-class _Pieces:
+class _TrackPieces:
     """Pieces of tracks, the longest first, filled up with their last position: (N, n) s, (N, n, 2) m, (N,)."""
 
     times: Array
@@ -320,7 +320,7 @@ class _Pieces:
     lengths: Index
 
 
-def _pieces(tracks: Tracks) -> _Pieces:
+def _pieces(tracks: Tracks) -> _TrackPieces:
     pieces: list[Track] = []
     for track in tracks:
         parts = np.array_split(np.arange(len(track)), math.ceil(len(track) / _LONGEST_PIECE))
@@ -329,14 +329,14 @@ def _pieces(tracks: Tracks) -> _Pieces:
         raise EstimationError("tracks: none has more than one position")
     pieces.sort(key=len, reverse=True)
     rows = np.minimum(np.arange(len(pieces[0])), np.array([len(p) - 1 for p in pieces])[:, None])
-    return _Pieces(
+    return _TrackPieces(
         np.array([p.times[row] for p, row in zip(pieces, rows, strict=True)]),
         np.array([p.positions[row] for p, row in zip(pieces, rows, strict=True)]),
         np.array([len(p) for p in pieces], dtype=np.intp),
     )
 
 
-def _log_likelihood(pieces: _Pieces, model: ProcessModel) -> float:
+def _log_likelihood(pieces: _TrackPieces, model: ProcessModel) -> float:
     dynamics = dynamics_of(model)
     state = _first(model, pieces.times, pieces.positions)
     noise = _noise(model, len(pieces.times))

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
+from scp_planner.scenario.obstacle_checks import DEFINITE, SYMMETRY
 from scp_planner.settings.knobs import word_of
-
-_SYMMETRY = 1e-9  # relative difference of the off-diagonal entries of a covariance
-_DEFINITE = 1e-12  # least determinant of a covariance relative to the product of its diagonal
 
 
 class Faulty(StrEnum):
@@ -135,8 +133,8 @@ def check_covariance(covariance: ArrayLike, count: int) -> Array:
     with np.errstate(invalid="ignore", over="ignore"):
         faults = (
             ("finite", ~np.isfinite(sigma).all(axis=(-2, -1))),
-            ("symmetric", np.abs(xy - yx) > _SYMMETRY * size),
-            ("positive definite", ~((size > 0.0) & (xy**2 < (1.0 - _DEFINITE) * size**2))),
+            ("symmetric", np.abs(xy - yx) > SYMMETRY * size),
+            ("positive definite", ~((size > 0.0) & (xy**2 < (1.0 - DEFINITE) * size**2))),
         )
     for what, bad in faults:
         if np.any(bad):
@@ -221,8 +219,9 @@ def _present(t: Array, z: Array, screening: Screening) -> Mask:
 
 def _first_of_its_kind(t: Array, z: Array, rows: Index, screening: Screening) -> Mask:
     first = np.ones(len(t), dtype=bool)
-    for i in np.flatnonzero(t[1:] == t[:-1]) + 1:
-        group = np.flatnonzero((t[:i] == t[i]) & first[:i])
+    again = np.flatnonzero(t[1:] == t[:-1]) + 1
+    for i, begin in zip(again, np.searchsorted(t, t[again]), strict=True):
+        group = begin + np.flatnonzero(first[begin:i])
         same = group[(z[group] == z[i]).all(axis=1)]
         if len(same) and screening.repeated is Faulty.REFUSE:
             raise EstimationError(

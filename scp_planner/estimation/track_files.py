@@ -62,7 +62,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TrackPoint:
     """One position in a file; the time is in s or, where so said, in frames."""
 
     line: int
@@ -124,7 +124,7 @@ def _read_commonroad(path: Path) -> list[Track]:
     if step is None or step <= 0.0:
         raise TracksError(str(path), [Fault("timeStepSize", root.get("timeStepSize"), "must be a positive number")])
     faults: list[Fault] = []
-    rows: list[_Row] = []
+    rows: list[_TrackPoint] = []
     for obstacle in [*root.iter("dynamicObstacle"), *root.iter("obstacle")]:
         name = obstacle.get("id", "")
         states = [*obstacle.findall("initialState"), *obstacle.findall("trajectory/state")]
@@ -134,7 +134,7 @@ def _read_commonroad(path: Path) -> list[Track]:
             if time is None or x is None or y is None:
                 faults.append(Fault(f"obstacle {name}, state {count}", values, "must have an exact time and a point"))
             else:
-                rows.append(_Row(count, name, time, x, y))
+                rows.append(_TrackPoint(count, name, time, x, y))
     if faults:
         raise TracksError(str(path), faults[:_MOST_FAULTS])
     if not rows:
@@ -166,7 +166,7 @@ def _rows(
     form: _Format,
     faults: list[Fault],
     single: str = "",
-) -> Iterator[_Row]:
+) -> Iterator[_TrackPoint]:
     """Turn lines into rows; what is wrong goes to ``faults``."""
     for number, fields in numbered:
         values = []
@@ -184,7 +184,7 @@ def _rows(
             return
         time, x, y = values
         if time is not None and x is not None and y is not None:
-            yield _Row(number, name, time, x, y)
+            yield _TrackPoint(number, name, time, x, y)
 
 
 def _number(text: str | None) -> float | None:
@@ -203,7 +203,7 @@ def _obsmat_fields(line: str) -> dict[str, str]:
     return fields
 
 
-def _obsmat_seconds(path: Path, rows: Sequence[_Row]) -> float:
+def _obsmat_seconds(path: Path, rows: Sequence[_TrackPoint]) -> float:
     """Give seconds per frame: most rows of one person follow each other by `OBSMAT_STEP`."""
     frames: dict[str, list[float]] = {}
     for row in rows:
@@ -216,8 +216,8 @@ def _obsmat_seconds(path: Path, rows: Sequence[_Row]) -> float:
     return OBSMAT_STEP / float(values[np.argmax(counts)])
 
 
-def _tracks(path: Path, rows: Sequence[_Row], seconds: float, column: str) -> list[Track]:
-    by_id: dict[str, list[_Row]] = {}
+def _tracks(path: Path, rows: Sequence[_TrackPoint], seconds: float, column: str) -> list[Track]:
+    by_id: dict[str, list[_TrackPoint]] = {}
     for row in rows:
         by_id.setdefault(row.id, []).append(row)
     faults, tracks = [], []

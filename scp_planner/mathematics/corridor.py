@@ -14,6 +14,9 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics import planar
 
 NAME = "corridor"  # the id of its outside among obstacles
@@ -47,15 +50,18 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     flat = FLAT * max(right - left, high - low) ** 2
     same = SAME * max(right - left, high - low)
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
+    boxes = np.array([pieces[0].box])
     for ring in rings:
-        around, apart, new = _Piece.of(ring), [], []
-        for piece in pieces:
-            parts = _beyond(piece.polygon, ring, flat, len(pieces)) if piece.meets(around) else None
-            if parts is None:
-                apart.append(piece)
-            else:
+        apart, new = np.ones(len(pieces), dtype=bool), []
+        for k in np.flatnonzero(_meet(boxes, _Piece.of(ring).box)).tolist():
+            parts = _beyond(pieces[k].polygon, ring, flat, len(pieces))
+            if parts is not None:
+                apart[k] = False
                 new += [_Piece.of(part) for part in parts]
-        pieces = [*apart, *_largest(apart, new, flat)]
+        left_over, boxes = [pieces[k] for k in np.flatnonzero(apart).tolist()], boxes[apart]
+        kept = _largest(left_over, boxes, new, flat)
+        pieces = left_over + kept
+        boxes = np.concatenate([boxes, np.array([piece.box for piece in kept]).reshape(-1, 4)])
     pieces.sort(key=lambda piece: piece.area, reverse=True)
     merged = (_merged(piece.polygon, same) for piece in pieces)
     return [piece for piece in merged if len(piece) >= 3]
@@ -165,15 +171,15 @@ class _Piece:
     low: float
     high: float
 
+    @property
+    def box(self) -> tuple[float, ...]:
+        """The sides, each positive outwards: that of a piece in another one is nowhere larger."""
+        return (-self.left, self.right, -self.low, self.high)
+
     @classmethod
     def of(cls, polygon: Polygon) -> _Piece:
         xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
         return cls(polygon, planar.area(polygon), min(xs), max(xs), min(ys), max(ys))
-
-    def meets(self, other: _Piece) -> bool:
-        """Whether the boxes have a point in common."""
-        beside = self.left > other.right or other.left > self.right
-        return not (beside or self.low > other.high or other.low > self.high)
 
     def lies_in(self, other: _Piece, flat: float) -> bool:
         """Whether the polygon does not reach out of another one, but by rounding."""
@@ -185,22 +191,32 @@ class _Piece:
         return _lies_in(self.polygon, other.polygon, flat)
 
 
-def _largest(pieces: list[_Piece], new: list[_Piece], flat: float) -> list[_Piece]:
-    """Those of new pieces that lie in no other one, neither of these nor of others.
+def _meet(boxes: Array, box: tuple[float, ...]) -> Mask:
+    """Which of some boxes have a point in common with another one."""
+    met: Mask = (boxes + np.array(box)[[1, 0, 3, 2]] >= 0.0).all(axis=1)
+    return met
+
+
+def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float) -> list[_Piece]:
+    """Those of new pieces that lie in no other one, neither of these nor of others, whose boxes are (n, 4).
 
     They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
     """
     kept: list[_Piece] = []
+    near = math.sqrt(flat)
     for piece in sorted(new, key=lambda one: one.area, reverse=True):
-        if not any(piece.lies_in(other, flat) for other in (*kept, *pieces)):
+        # Boxes first, of all at once: most pieces are elsewhere.
+        around = np.flatnonzero((np.array(piece.box) - boxes <= near).all(axis=1)).tolist()
+        if not any(piece.lies_in(other, flat) for other in (*kept, *(pieces[k] for k in around))):
             kept.append(piece)
     return kept
 
 
 def _lies_in(piece: Polygon, other: Polygon, flat: float) -> bool:
     tolerance = -math.sqrt(flat) * FLAT
-    return all(
-        ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) >= tolerance
-        for a, b in planar.edges(other)
-        for x, y in piece
-    )
+    for (left, low), (right, high) in planar.edges(other):
+        along, up = right - left, high - low
+        for x, y in piece:
+            if along * (y - low) - up * (x - left) < tolerance:
+                return False
+    return True

@@ -9,7 +9,7 @@ v is the support point of that nu. Any nu gives a lower bound.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -66,17 +66,22 @@ class Outline:
         """Outward unit normals of the edges, (V, 2); none for an ellipse."""
         if self.vertices is None:
             return np.zeros((0, 2))
-        edge = np.roll(self.vertices, -1, axis=0) - self.vertices
+        edge = _next(self.vertices) - self.vertices
         normal: Array = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.hypot(edge[:, 0], edge[:, 1])[:, None]
         return normal
 
-    @property
+    @cached_property
     def middle(self) -> Array:
         """Mean of the corners of a polygon that does not turn, else the origin, (2,) m: a point that turns with it."""
         if self.vertices is None or self.turning:
             return np.zeros(2)
         middle: Array = self.vertices.mean(axis=0)
         return middle
+
+    @cached_property
+    def centred(self) -> Outline:
+        """About its middle."""
+        return self.moved(-self.middle)
 
     def moved(self, shift: Array, heading: float = 0.0) -> Outline:
         """Return the outline after a shift and then a turn about the origin; turning ones stay as they are."""
@@ -100,7 +105,7 @@ class Outline:
         """Return the outline with its vertices or matrix rounded; vertices that become one are one."""
         if self.vertices is not None:
             vertices = np.round(self.vertices, decimals)
-            apart = np.any(vertices != np.roll(vertices, 1, axis=0), axis=1)
+            apart = np.any(vertices != _last(vertices), axis=1)
             if not apart.all():
                 # What is too small to be rounded stays as it is.
                 vertices = vertices[apart] if np.count_nonzero(apart) >= 3 else self.vertices
@@ -137,7 +142,6 @@ class Outlines:
     def __init__(self, outlines: Sequence[Outline]) -> None:
         self.size = len(outlines)
         self.outlines = tuple(outlines)
-        self.reach = np.array([outline.reach for outline in outlines])
         self.turning = np.array([outline.turning for outline in outlines], dtype=bool)
         self.counts = np.array([0 if o.vertices is None else len(o.vertices) for o in outlines], dtype=np.intp)
         self.matrices = np.array([np.zeros(3) if o.matrix is None else o.matrix for o in outlines]).reshape(-1, 3)
@@ -147,8 +151,47 @@ class Outlines:
         return Outlines([self.outlines[i] for i in index])
 
     @cached_property
-    def _edges(self) -> _Edges:
-        return _Edges.of([o.vertices for o in self.outlines if o.vertices is not None])
+    def reach(self) -> Array:
+        """Radius of the disc about the origin that covers each outline, (n,) m."""
+        reach = np.array([0.0 if outline.vertices is not None else outline.reach for outline in self.outlines])
+        rows = np.flatnonzero(self.counts)
+        if len(rows):
+            reach[rows] = np.maximum.reduceat(np.hypot(*self._corners.T), self._first[rows])
+        return reach
+
+    @cached_property
+    def _corners(self) -> Array:
+        """Vertices of all polygons, one after the other, (V, 2) m."""
+        corners = [outline.vertices for outline in self.outlines if outline.vertices is not None]
+        return np.concatenate(corners) if corners else np.zeros((0, 2))
+
+    @cached_property
+    def edges(self) -> Edges:
+        """All edges of the polygons."""
+        return Edges.of(self._corners, self.counts[self.counts > 0])
+
+    def turned(self, heading: float) -> Outlines:
+        """Return the outlines after a turn about their origins by an angle in rad."""
+        return self._with(self._corners @ _rotation(heading).T, lambda outline: outline.moved(np.zeros(2), heading))
+
+    def rounded(self, decimals: int) -> Outlines:
+        """Return the outlines rounded, each as by itself."""
+        corners = np.round(self._corners, decimals)
+        edges = self.edges
+        apart = np.any(corners != corners[edges.before], axis=1)
+        if not apart.all():
+            return Outlines([outline.rounded(decimals) for outline in self.outlines])
+        return self._with(corners, lambda outline: outline.rounded(decimals))
+
+    def _with(self, corners: Array, moved: Callable[[Outline], Outline]) -> Outlines:
+        """The outlines with other vertices, (V, 2) m; those that are none or that turn as they become otherwise."""
+        parts = iter(np.split(corners, np.cumsum(self.counts[self.counts > 0])[:-1]))
+        found = []
+        for outline, count in zip(self.outlines, self.counts.tolist(), strict=True):
+            vertices = next(parts) if count else None
+            plain = vertices is not None and not outline.turning
+            found.append(Outline(vertices=vertices) if plain else moved(outline))
+        return Outlines(found)
 
     @cached_property
     def _first(self) -> Index:
@@ -159,8 +202,8 @@ class Outlines:
         value = support(self.matrices[index], directions)
         rows = np.flatnonzero(self.counts[index])
         if len(rows):
-            starts, edge, owner = self._ragged(index[rows])
-            start = self._edges.start[edge]
+            starts, edge, owner = self.ragged(index[rows])
+            start = self.edges.start[edge]
             value[rows] = np.maximum.reduceat((start * directions[rows][owner]).sum(axis=1), starts)
         return value
 
@@ -180,8 +223,10 @@ class Outlines:
         -------
         Contact
         """
-        distance, normal = np.empty(len(index)), np.empty((len(index), 2))
         polygon = self.counts[index] > 0
+        if covariance is None and polygon.all():
+            return self._to_polygons(index, offset)
+        distance, normal = np.empty(len(index)), np.empty((len(index), 2))
         for rows in (np.flatnonzero(polygon), np.flatnonzero(~polygon)):
             if len(rows) == 0:
                 continue
@@ -198,7 +243,7 @@ class Outlines:
             distance[rows], normal[rows] = contact.distance, contact.normal
         return Contact(distance, normal)
 
-    def _ragged(self, index: Index) -> tuple[Index, Index, Index]:
+    def ragged(self, index: Index) -> tuple[Index, Index, Index]:
         """Where each row's edges begin in the list of all edges of all rows; those edges; their rows."""
         counts = self.counts[index]
         starts = np.cumsum(counts) - counts
@@ -206,29 +251,33 @@ class Outlines:
         return starts, np.arange(len(owner)) + (self._first[index] - starts)[owner], owner
 
     def _to_polygons(self, index: Index, offset: Array) -> Contact:
-        starts, edge, owner = self._ragged(index)
-        edges = self._edges
-        from_start = offset[owner] - edges.start[edge]
-        tangent, normal, length = edges.tangent[edge], edges.normal[edge], edges.length[edge]
-        height = from_start[:, 0] * normal[:, 0] + from_start[:, 1] * normal[:, 1]
-        along = from_start[:, 0] * tangent[:, 0] + from_start[:, 1] * tangent[:, 1]
-        beyond = along - np.minimum(np.maximum(along, 0.0), length)
-        gap = np.hypot(beyond, height)
-        highest, nearest = np.maximum.reduceat(height, starts), np.minimum.reduceat(gap, starts)
+        starts, edge, owner = self.ragged(index)
+        edges = self.edges
+        # Component by component: of all edges of all rows, arrays of one axis are much the cheaper ones
+        x, y = (offset[:, axis][owner] - edges.start[:, axis][edge] for axis in (0, 1))
+        along_x, along_y = (edges.tangent[:, axis][edge] for axis in (0, 1))
+        height = x * along_y - y * along_x
+        beyond = x * along_x + y * along_y
+        beyond -= np.minimum(np.maximum(beyond, 0.0), edges.length[edge])
+        highest = np.maximum.reduceat(height, starts)
         outside = highest > TOUCHING * self.reach[index]
         # Outside the nearest edge decides, inside the one whose line is nearest.
-        chosen = np.where(outside[owner], gap == nearest[owner], height == highest[owner])
-        best = np.minimum.reduceat(np.where(chosen, np.arange(len(edge)), len(edge)), starts)
-        distance = np.where(outside, nearest, highest)
-        unit = normal[best].copy()
-        corner = np.flatnonzero(outside & (beyond[best] != 0.0))
-        at = best[corner]
-        unit[corner] = (beyond[at, None] * tangent[at] + height[at, None] * normal[at]) / gap[at, None]
+        away = np.where(outside[owner], beyond * beyond + height * height, -height)
+        chosen = np.flatnonzero(away == np.minimum.reduceat(away, starts)[owner])
+        best = chosen[owner[chosen].searchsorted(np.arange(len(index)))]
+        at = edge[best]
+        height, beyond = height[best], beyond[best]
+        unit, tangent = edges.normal[at], edges.tangent[at]
+        distance = np.where(outside, np.hypot(beyond, height), highest)
+        corner = np.flatnonzero(outside & (beyond != 0.0))
+        unit[corner] = (beyond[corner, None] * tangent[corner] + height[corner, None] * unit[corner]) / distance[
+            corner, None
+        ]
         return Contact(distance, unit)
 
     def _to_sums(self, index: Index, offset: Array, covariance: Array) -> Contact:
-        starts, edge, owner = self._ragged(index)
-        edges = self._edges
+        starts, edge, owner = self.ragged(index)
+        edges = self.edges
         from_start = offset[owner] - edges.start[edge]
         spread = covariance[owner]
         candidates = [edges.normal[edge]]
@@ -247,8 +296,18 @@ class Outlines:
 
 
 @dataclass(frozen=True)
-class _Edges:
-    """Edges of polygons, one after the other: starts, unit tangents, outward unit normals, lengths, predecessors."""
+class Edges:
+    """Edges of polygons, one after the other.
+
+    Attributes
+    ----------
+    start, tangent, normal : (E, 2) arrays
+        Where each begins, m, and its unit vectors along and outward.
+    length : (E,) array
+        m.
+    before : (E,) array of int
+        The edge before each.
+    """
 
     start: Array
     tangent: Array
@@ -257,18 +316,17 @@ class _Edges:
     before: Index
 
     @classmethod
-    def of(cls, polygons: Sequence[Array]) -> _Edges:
-        ends = [np.roll(vertices, -1, axis=0) for vertices in polygons]
-        start = np.concatenate([*polygons, np.zeros((0, 2))])
-        vector = np.concatenate([*ends, np.zeros((0, 2))]) - start
+    def of(cls, corners: Array, counts: Index) -> Edges:
+        """Return the edges of polygons, given their vertices, (E, 2) m, one after the other, and how many each has."""
+        last = np.cumsum(counts)
+        first = last - counts
+        after, before = np.arange(1, len(corners) + 1), np.arange(-1, len(corners) - 1)
+        after[last - 1], before[first] = first, last - 1
+        vector = corners[after] - corners
         length = np.hypot(vector[:, 0], vector[:, 1])
         tangent = vector / length[:, None]
-        before, first = [np.zeros(0, dtype=np.intp)], 0
-        for vertices in polygons:
-            before.append(first + np.roll(np.arange(len(vertices)), 1))
-            first += len(vertices)
         normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-        return cls(start, tangent, normal, length, np.concatenate(before))
+        return cls(corners, tangent, normal, length, before)
 
 
 def two_ellipses_contact(offset: Array, first: Array, second: Array) -> Contact:
@@ -328,7 +386,7 @@ def _tidy(vertices: Array) -> Array:
     if _area(vertices) < 0.0:
         vertices = vertices[::-1]
     while len(vertices) > 3:
-        before, after = vertices - np.roll(vertices, 1, axis=0), np.roll(vertices, -1, axis=0) - vertices
+        before, after = vertices - _last(vertices), _next(vertices) - vertices
         turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         straight = np.abs(turn) <= STRAIGHT * np.hypot(*before.T) * np.hypot(*after.T)
         if not straight.any():
@@ -337,9 +395,19 @@ def _tidy(vertices: Array) -> Array:
     return np.ascontiguousarray(vertices)
 
 
+def _next(values: Array) -> Array:
+    """Of each vertex, that of the next one; np.roll takes many times as long."""
+    return np.concatenate([values[1:], values[:1]])
+
+
+def _last(values: Array) -> Array:
+    """Of each vertex, that of the one before."""
+    return np.concatenate([values[-1:], values[:-1]])
+
+
 def _area(vertices: Array) -> float:
     x, y = (vertices - vertices[0]).T
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return 0.5 * float(np.sum(x * _next(y) - _next(x) * y))
 
 
 @lru_cache(maxsize=256)

@@ -1,8 +1,8 @@
 """Dodges: short trips in many directions, each at several speeds and ending in a stop, looked at all together.
 
-A dodge is a course driven by a profile of speed (`scp_planner.online.courses`). Standing still is one. All are sampled
-at the same times, so that distances to all zones come from a few array operations. Samples decide which dodge is tried
-first, never what is safe: that is up to the certificate.
+A dodge is a course driven by a profile of speed (`scp_planner.online.dodge_courses`). Standing still is one. All are
+sampled at the same times, so that distances to all zones come from a few array operations. Samples decide which dodge
+is tried first, never what is safe: that is up to the certificate.
 """
 
 from __future__ import annotations
@@ -14,7 +14,15 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.courses import BEND_TIME, BENT_PROFILES, GRADUAL, LIMIT_SHARE, Bend, Courses, DodgeProfiles
+from scp_planner.online.dodge_courses import (
+    BEND_TIME,
+    BENT_PROFILES,
+    GRADUAL,
+    LIMIT_SHARE,
+    Bend,
+    Courses,
+    DodgeProfiles,
+)
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch

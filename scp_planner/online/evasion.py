@@ -18,7 +18,7 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import braking_of
-from scp_planner.online.courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.dodge_courses import GRADUAL, LIMIT_SHARE, PROMPT, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
@@ -134,7 +134,7 @@ class _Outlook:
 
 
 @dataclass(frozen=True)
-class _View:
+class _SeenDodges:
     """A moment, its dodges, and what is seen of them and of what was begun before, if the vehicle is on that."""
 
     moment: Moment
@@ -154,7 +154,7 @@ class Evasion:
 
     def __init__(self, means: Means) -> None:
         self._means = means
-        self._view: _View | None = None
+        self._view: _SeenDodges | None = None
         self._patience = 1.0
 
     def be_patient(self, waited: float) -> None:
@@ -287,12 +287,12 @@ class Evasion:
                 return found
         return None
 
-    def _looked(self, now: Replan) -> _View:
+    def _looked(self, now: Replan) -> _SeenDodges:
         """What is seen in a moment, which is looked at once."""
         if self._view is None or self._view.moment is not now.moment:
             dodges, begun = self._dodges(now.moment), self._begun(now)
             going_on = None if begun is None else self._look_on(now.moment, begun, dodges.times)
-            self._view = _View(now.moment, dodges, self._look(now.moment, dodges), begun, going_on)
+            self._view = _SeenDodges(now.moment, dodges, self._look(now.moment, dodges), begun, going_on)
             now.lap("evasion")
         return self._view
 

@@ -9,8 +9,23 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
 
 _CENTER_TERMS, _COVARIANCE_TERMS = POLYNOMIAL_TERMS, POLYNOMIAL_TERMS + 1  # random walks have one more
+
+
+@dataclass(frozen=True)
+class Later:
+    """What is predicted of times that are not near, where one polynomial does not do, of absolute time.
+
+    Attributes
+    ----------
+    centers, covariances : PiecewisePolynomials
+        Of one obstacle.
+    """
+
+    centers: PiecewisePolynomials
+    covariances: PiecewisePolynomials
 
 
 @dataclass(frozen=True)
@@ -25,12 +40,22 @@ class Prediction:
     covariance : (P, 3) array
         Not scaled.
     errors : ErrorLaw
+    later : Later or None
+        For predictions of times far ahead, where the polynomials are only for what is seen next.
     """
 
     origin: float
     center: Array
     covariance: Array
     errors: ErrorLaw
+    later: Later | None = None
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Where it is expected at a time from the origin on, (2,) m, and the covariance's elements, (3,) m^2."""
+        if self.later is not None:
+            return self.later.centers.grid(np.array([time]))[0, 0], self.later.covariances.grid(np.array([time]))[0, 0]
+        powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
+        return powers[: len(self.center)] @ self.center, powers[: len(self.covariance)] @ self.covariance
 
     def exceedance(self, time: float, position: tuple[float, float], noise: Array) -> float:
         """Probability to see something as far away as a position, or farther, at a time."""

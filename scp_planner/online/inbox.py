@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from threading import Lock
 
 from scp_planner.arrays import Array
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.online.updates import Forecast, Update
@@ -110,7 +110,7 @@ class Inbox:
         if not some:
             return
         seen = [Seen(one.time, one.position, one.covariance) for one in some]
-        said = frames.take_in(self.obstacles, [one.obstacle for one in some], seen)
+        said = sensor_frames.take_in(self.obstacles, [one.obstacle for one in some], seen)
         for one, fault in zip(some, said, strict=True):
             self._note(one, fault)
 

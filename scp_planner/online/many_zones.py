@@ -15,7 +15,7 @@ from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardise
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.online.foretold import Prediction
+from scp_planner.online.foretold import Later, Prediction
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.suspicions import Suspicions
 from scp_planner.online.track import ObstacleTrack
@@ -112,9 +112,28 @@ def zones_together(
         (start - 0.5 * (first + last)) / half,
         (start + HORIZON - 0.5 * (first + last)) / half,
     )
-    return _made(
-        tracks, start, center, growth[:, :, None] * noise[:, None], [level.scale(float(one), terms) for one in lengths]
-    )
+    covariance = growth[:, :, None] * noise[:, None]
+    future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
+    return made_zones(tracks, future, [level.scale(float(one), terms) for one in lengths])
+
+
+@dataclass(frozen=True)
+class Future:
+    """Where K obstacles are expected, as polynomials of the time since the beginning of each of S pieces.
+
+    Attributes
+    ----------
+    breaks : (S + 1,) array
+        Absolute times, s.
+    centers : (K, S, P, 2) array
+        m.
+    covariances : (K, S, Q, 3) array
+        Elements xx, xy, yy, not scaled, m^2.
+    """
+
+    breaks: Array
+    centers: Array
+    covariances: Array
 
 
 def zones_of_mixtures(
@@ -135,9 +154,21 @@ def zones_of_mixtures(
     -------
     list of ThreatZone
     """
-    p, shape = mixtures.covariance, mixtures.shape
-    (swerve, jerk) = mixtures.diffusion.T[:, :, None, None] * shape
-    error = np.stack(
+    scales = [level.scale(float(length), None) for length in lengths_of(mixtures)]
+    return made_zones(tracks, future_of(mixtures, start), scales)
+
+
+def future_of(mixtures: Mixture, start: float) -> Future:
+    """What mixtures predict from a time on, s, at which they are given: one piece."""
+    center = mixtures.mean / np.array([1.0, 1.0, 2.0])[:, None]
+    covariance = _errors_of(mixtures)[:, :, [0, 0, 1], [0, 1, 1]]
+    return Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
+
+
+def _errors_of(mixtures: Mixture) -> Array:
+    """Covariances of their positions, polynomials of time, (K, 6, 2, 2)."""
+    p, (swerve, jerk) = mixtures.covariance, mixtures.diffusion.T[:, :, None, None] * mixtures.shape
+    return np.stack(
         [
             p[:, 0, :, 0],
             2.0 * _even(p[:, 0, :, 1]),
@@ -148,6 +179,11 @@ def zones_of_mixtures(
         ],
         axis=1,
     )
+
+
+def lengths_of(mixtures: Mixture) -> Array:
+    """Standardised lengths over `HORIZON` of what K mixtures predict, (K,)."""
+    p, (swerve, jerk) = mixtures.covariance, mixtures.diffusion.T[:, :, None, None] * mixtures.shape
     # of the error with its rate, where the two parts of the mixed terms differ
     cross = np.stack(
         [
@@ -160,9 +196,7 @@ def zones_of_mixtures(
         axis=1,
     )
     rate = np.stack([p[:, 1, :, 1], 2.0 * _even(p[:, 1, :, 2]) + swerve, p[:, 2, :, 2], jerk / 3.0], axis=1)
-    scales = [level.scale(float(length), None) for length in _lengths_of_mixtures(error, cross, rate)]
-    center = mixtures.mean / np.array([1.0, 1.0, 2.0])[:, None]
-    return _made(tracks, start, center, error[:, :, [0, 0, 1], [0, 1, 1]], scales)
+    return _lengths_of_mixtures(_errors_of(mixtures), cross, rate)
 
 
 def times_linear(
@@ -206,25 +240,43 @@ def _even(blocks: Array) -> Array:
     return np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1)))
 
 
-def _made(
-    tracks: Sequence[ObstacleTrack], start: float, center: Array, covariance: Array, scales: Sequence[float]
+def made_zones(
+    tracks: Sequence[ObstacleTrack], future: Future, scales: Sequence[float], soon: Future | None = None
 ) -> list[ThreatZone]:
-    """Zones of centres (K, p, 2) and covariances (K, m, 3), polynomials of the time since the start, and scales."""
-    first = tracks[0].estimator
+    """Zones of covariances that are so many times those of a future, and what is seen next is expected by it.
+
+    Parameters
+    ----------
+    tracks : sequence of ObstacleTrack
+    future : Future
+        Of each.
+    scales : sequence of float
+        Of each.
+    soon : Future, optional
+        One piece for what is seen next, where the future has several.
+
+    Returns
+    -------
+    list of ThreatZone
+    """
+    first, near, start = tracks[0].estimator, soon or future, float(future.breaks[0])
+    center, covariance = near.centers[:, 0], near.covariances[:, 0]
     if first is not None and first.bank is not None:
         slots = [track.estimator.slot for track in tracks if track.estimator is not None]
         first.bank.foretold.put(np.array(slots, dtype=np.intp), start, center, covariance)
-    scaled = np.array(scales)[:, None, None] * covariance
-    breaks = np.array([[start, start + HORIZON]])
+    scaled = np.array(scales)[:, None, None, None] * future.covariances
+    breaks = future.breaks[None]
     zones = []
     for k, track in enumerate(tracks):
-        track.predicted = Prediction(start, center[k], covariance[k], _NORMAL)
+        centers = PiecewisePolynomials(breaks, future.centers[k, None])
+        later = None if soon is None else Later(centers, PiecewisePolynomials(breaks, future.covariances[k, None]))
+        track.predicted = Prediction(start, center[k], covariance[k], _NORMAL, later)
         zones.append(
             ThreatZone(
                 track.id,
                 track.body.radius + track.margin,
-                PiecewisePolynomials(breaks, center[k, None, None]),
-                PiecewisePolynomials(breaks, scaled[k, None, None]),
+                centers,
+                PiecewisePolynomials(breaks, scaled[k, None]),
                 track.body.outlines,
                 until=start + HORIZON,
             )

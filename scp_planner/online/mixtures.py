@@ -1,7 +1,7 @@
 """The filters that zones go by where motions are not what they are taken for, and the mixture that they make.
 
 With white jerk and with white acceleration, of different sizes, in units of the noise of what is observed: one filter
-serves both components and any shape of the noise.
+serves both components and any shape of the noise. Those of `scp_planner.online.waves` are there besides.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.online.waves import Swings
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
 JERKS = (0.03, 0.3, 3.0)
@@ -21,7 +22,7 @@ SWERVES = (0.03, 0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
-class Widening:
+class FilterModels:
     """The filters, and what they begin with.
 
     Attributes
@@ -45,6 +46,16 @@ class Widening:
             ),
             *(RandomWalkVelocity(diffusion=ratio * swerve) for ratio in SWERVES),
         )
+
+    @cached_property
+    def swings(self) -> Swings:
+        """The filters of those that weave, which follow the others."""
+        return Swings.of(self.velocity_deviation, self.acceleration_deviation)
+
+    @property
+    def size(self) -> int:
+        """How many filters there are in all."""
+        return len(self.filters) + len(self.swings.rates)
 
     @cached_property
     def diffusions(self) -> Array:
@@ -73,22 +84,30 @@ class FilterStates:
 
     Attributes
     ----------
+    diffusions : (M, 2)
+        Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5.
     mean : (3, 2, M, K)
         Position, velocity, acceleration, m, m/s, m/s^2.
     spread : (6, M, K)
         The covariance of the state is this times that of the noise that is declared: its upper triangle, row by row.
     """
 
+    diffusions: Array
     mean: Array
     spread: Array
 
+    @classmethod
+    def none(cls, diffusions: Array) -> FilterStates:
+        """Of no obstacles."""
+        return cls(diffusions, np.zeros((3, 2, len(diffusions), 0)), np.zeros((6, len(diffusions), 0)))
+
     def of(self, slots: Index | slice) -> FilterStates:
         """Copy the states of some obstacles, (n,)."""
-        return FilterStates(self.mean[..., slots].copy(), self.spread[..., slots].copy())
+        return FilterStates(self.diffusions, self.mean[..., slots].copy(), self.spread[..., slots].copy())
 
     def at(self, slots: Index | slice) -> FilterStates:
         """The states of some obstacles: where they are if those are a slice, else copies."""
-        return FilterStates(self.mean[..., slots], self.spread[..., slots])
+        return FilterStates(self.diffusions, self.mean[..., slots], self.spread[..., slots])
 
     def put(self, slots: Index | slice, part: FilterStates) -> None:
         """Put states where those of some obstacles are, (n,)."""
@@ -104,18 +123,8 @@ class FilterStates:
         """The whole of the spread with obstacles first, (K, M, 3, 3)."""
         return np.asarray(self.spread[_ROWS].transpose(3, 2, 0, 1))
 
-    def predict(self, lag: Array, diffusions: Array, unit: Array) -> None:
-        """Move on by lags (K,), s.
-
-        Parameters
-        ----------
-        lag : (K,) array
-            s.
-        diffusions : (M, 2) array
-            Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5.
-        unit : (K,) array
-            Variances of the noise, m^2.
-        """
+    def predict(self, lag: Array, unit: Array) -> None:
+        """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
         same = len(lag) > 0 and bool((lag == lag[0]).all())
         t = float(lag[0]) if same else lag  # as in a frame: one product of matrices then does it
         one, none = (1.0, 0.0) if same else (np.ones_like(lag), np.zeros_like(lag))
@@ -136,7 +145,7 @@ class FilterStates:
         jerk = np.array([cube * square / 20.0, 0.125 * square * square, cube / 6.0, cube / 3.0, half, t])
         self.mean[...] = _applied(state, self.mean)
         self.spread[...] = _applied(spread, self.spread)
-        noise = diffusions[:, :1] * swerve.reshape(6, 1, -1) + diffusions[:, 1:] * jerk.reshape(6, 1, -1)
+        noise = self.diffusions[:, :1] * swerve.reshape(6, 1, -1) + self.diffusions[:, 1:] * jerk.reshape(6, 1, -1)
         self.spread += noise * (1.0 / unit)
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
@@ -179,6 +188,25 @@ class Mixture:
     covariance: Array
     diffusion: Array
     shape: Array
+
+    def of(self, some: Index | slice) -> Mixture:
+        """Those of some obstacles."""
+        return Mixture(self.mean[some], self.covariance[some], self.diffusion[some], self.shape[some])
+
+    def after(self, leads: Array) -> Mixture:
+        """What there is after each of some leads (T,), s, without noise on the way: of T K obstacles, lead by lead."""
+        moved = np.eye(3) + leads[:, None, None] * np.eye(3, k=1)
+        moved[:, 0, 2] = 0.5 * leads * leads
+        count = len(leads)
+        mean = np.einsum("tij,kja->tkia", moved, self.mean)
+        half = np.einsum("tij,kjalb->tkialb", moved, self.covariance)
+        covariance = np.einsum("tkialb,tml->tkiamb", half, moved)
+        return Mixture(
+            mean.reshape(-1, *self.mean.shape[1:]),
+            covariance.reshape(-1, *self.covariance.shape[1:]),
+            np.tile(self.diffusion, (count, 1)),
+            np.tile(self.shape, (count, 1, 1)),
+        )
 
     def blended(self, some: Index, other: Mixture, share: Array) -> Mixture:
         """With another mixture for some obstacles (n,), which has shares (n,) of theirs and no noise of its own."""

@@ -24,15 +24,18 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
 from scp_planner.online.innovations import WINDOWS, cut, larger_of, trends_of, windows_of
-from scp_planner.online.mixtures import FilterStates, Mixture, Widening
+from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.online.sensor_noise import NEIGHBOURS, third_differences
-from scp_planner.online.suspicions import Looks
+from scp_planner.online.suspicions import Sightings
+from scp_planner.online.waves import SwingStates
 from scp_planner.settings.online import RARE
 
 CALM = 3.0
 """Log odds from which on, with `EVIDENCE` observations since an alarm, it was a false one."""
 EVIDENCE = 32
 """Newest observations by whose probability the filters are compared."""
+LITTLE = 1e-3
+"""Weight that those who weave must have together to count: zones of what swings are of more pieces than others."""
 UNSURE = 1e-9
 """Of what nothing is known yet, but for rounding."""
 _RING = WINDOWS[-1]
@@ -51,7 +54,7 @@ class Bank:
     ----------
     order : int
         Of their polynomial motions.
-    widening : Widening
+    widening : FilterModels
     alarm_probability : float
         Of a window, below which it is improbable.
 
@@ -61,6 +64,8 @@ class Bank:
         Of the polynomial motions.
     states : FilterStates
         Of the filters.
+    swings : SwingStates
+        Of those of them that weave.
     noise : float
         Variance of the noise, as a multiple of what is declared.
     count : (K,)
@@ -79,15 +84,17 @@ class Bank:
         Where the next observations are expected.
     """
 
-    def __init__(self, order: int, widening: Widening, alarm_probability: float = RARE) -> None:
+    def __init__(self, order: int, widening: FilterModels, alarm_probability: float = RARE) -> None:
         self.order, self.widening, self.alarm_probability = order, widening, alarm_probability
         self.polynomials = RecursiveEstimator(0, order, np.zeros((0, 2, 2)))
         self.noise = 1.0
-        levels = len(widening.filters)
+        levels = widening.size
         self.count = np.zeros(0, dtype=np.intp)
         self.alarmed = np.zeros(0, dtype=bool)
         self.weights, self.gain, self.trend = np.zeros((0, levels)), np.zeros(0), np.zeros(0)
-        self.states = FilterStates(np.zeros((3, 2, levels, 0)), np.zeros((6, levels, 0)))
+        self._walks = len(widening.filters)
+        self.states = FilterStates.none(widening.diffusions)
+        self.swings = SwingStates.none(widening.swings)
         self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0)
         self.last = np.zeros(0)
         # Rings, in which observation number n is at the place n modulo their length. What windows look at is there
@@ -143,7 +150,8 @@ class Bank:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 setattr(self, name, longer(value, size, -1 if name in _RINGS else 0))
-        self.states = FilterStates(longer(self.states.mean, size, -1), longer(self.states.spread, size, -1))
+        for states in (self.states, self.swings):
+            states.mean, states.spread = longer(states.mean, size, -1), longer(states.spread, size, -1)
 
     def noise_of(self, slots: Index) -> Array:
         """What the covariances of observations are taken for, (n, 2, 2) m^2."""
@@ -177,17 +185,23 @@ class Bank:
         if not len(slots):
             return
         where = _run(slots)
-        before = self.count[where].copy()
+        before, lag = self.count[where].copy(), times - self.last[where]
         innovations = np.zeros((*self._innovations.shape[:2], len(slots)))
         evidence = np.zeros(innovations.shape[1:])
         self._feed(where, slots, times, positions)
         innovations[:, 0], evidence[0] = self._fed(where)
+        walks, swings = slice(1, 1 + self._walks), slice(1 + self._walks, None)
         if before.all():
-            evidence[1:], innovations[:, 1:] = self._filter(where, times, positions)
+            evidence[walks], innovations[:, walks] = self._filter(self.states, where, lag, positions)
         else:
             old = before > 0
             self._begin(slots[~old], positions[~old])
-            evidence[1:, old], innovations[:, 1:, old] = self._filter(slots[old], times[old], positions[old])
+            found = self._filter(self.states, slots[old], lag[old], positions[old])
+            evidence[walks, old], innovations[:, walks, old] = found
+        weaves = np.flatnonzero(self.alarmed[where])
+        if len(weaves):
+            found = self._filter(self.swings, _run(slots[weaves]), lag[weaves], positions[weaves])
+            evidence[swings, weaves], innovations[:, swings, weaves] = found
         self.last[where] = times
         place = _Places.of(where, before % _RING)
         seen = np.stack([times, positions[:, 0], positions[:, 1]])
@@ -215,8 +229,9 @@ class Bank:
         squares = np.where(self.alarmed[slots], 0.0, (found * found).sum(axis=0))
         known = self.count[slots] > 0
         which, lag = slots[known], times[known] - self.last[slots[known]]
-        part = FilterStates(self.states.mean[:, :, -1:, which], self.states.spread[:, -1:, which])
-        part.predict(lag, self.widening.diffusions[-1:], self._least[which])
+        diffusions = self.widening.diffusions[-1:]
+        part = FilterStates(diffusions, self.states.mean[:, :, -1:, which], self.states.spread[:, -1:, which])
+        part.predict(lag, self._least[which])
         offset = self._whitened(which, positions[known].T[:, None] - part.mean[0])[:, 0]
         squares[known] = np.maximum(squares[known], (offset * offset).sum(axis=0) / (part.spread[0, 0] + self.noise))
         return np.asarray(squares)
@@ -277,21 +292,17 @@ class Bank:
         part.spread[3], part.spread[5] = self.widening.priors.T[:, :, None] / self._least[slots]
         self.states.put(slots, part)
 
-    def _filter(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
+    def _filter(
+        self, states: FilterStates | SwingStates, where: Where, lag: Array, positions: Array
+    ) -> tuple[Array, Array]:
         """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
-        part = self.states.at(where)
-        part.predict(times - self.last[where], self.widening.diffusions, self._least[where])
+        part = states.at(where)
+        part.predict(lag, self._least[where])
         innovation, variance = part.update(positions.T, self.noise)
         if not isinstance(where, slice):
-            self.states.put(where, part)
+            states.put(where, part)
         offset = self._whitened(where, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
-
-    def _predicted(self, where: Where, lag: Array) -> FilterStates:
-        """States of the filters of some obstacles, moved on by lags (n,), s."""
-        part = self.states.of(where)
-        part.predict(lag, self.widening.diffusions, self._least[where])
-        return part
 
     # tests
 
@@ -313,44 +324,100 @@ class Bank:
     def alarm(self, slots: Index, windows: Index) -> None:
         """Go by the filters from now on, and by what was seen in the newest windows of so many observations, (n,)."""
         self.alarmed[slots], self._since[slots] = True, windows
+        self._learn_swings(slots)
         age = (self.count[slots] - 1 - np.arange(EVIDENCE)[:, None]) % EVIDENCE  # of each place in the ring
         self._evidence[..., slots] *= age < windows
 
+    def _learn_swings(self, slots: Index) -> None:
+        """Let those that weave learn from the newest looks: before an alarm nobody asks for them."""
+        begin, swings = self.count[slots] % _RING, 1 + self._walks
+        clock, *places = _Places.of(_run(slots), begin).rows(self._looks)
+        positions, there = np.stack(places, axis=-1), np.isfinite(clock)
+        for ring in (self._innovations, self._cut, self._evidence):
+            ring[..., swings:, :, slots] = 0.0
+        for row in range(_RING):
+            first = there[row] & (~there[row - 1] if row else True)
+            old = np.flatnonzero(there[row] & ~first)
+            some = slots[old]
+            self.swings.begin(slots[first], positions[row, first], self.noise, self._least[slots[first]])
+            if not len(old):
+                continue
+            evidence, found = self._filter(
+                self.swings, some, clock[row, old] - clock[row - 1, old], positions[row, old]
+            )
+            place, looked_at = (begin[old] + row) % _RING, cut(found)
+            self._innovations[:, swings:, place, some] = found
+            self._cut[:, swings:, place, some] = self._cut[:, swings:, place + _RING, some] = looked_at
+            self._evidence[swings:, (self.count[some] - _RING + row) % EVIDENCE, some] = evidence
+
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
-        x, y, squares = _Places.of(_run(slots), begin).rows(self._cut[:, 1:])
-        holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0  # (M, n)
-        holds[-1, ~holds.any(axis=0)] = True
+        holds = self._hold(slots, begin)
+        holds[self._walks - 1, ~holds.any(axis=0)] = True  # the freest
         self._since[slots] += 1
         evidence = self._evidence[..., _run(slots)].sum(axis=-2)
         among = np.where(holds, evidence[1:], -np.inf)
         most = among.max(axis=0)
         weights = np.exp(among - most)
+        swing = weights[self._walks :].sum(axis=0)
+        weights[self._walks :, swing < LITTLE * weights.sum(axis=0)] = 0.0
         total = weights.sum(axis=0)
         self.weights[slots] = (weights / total).T
         self.gain[slots] = most + np.log(total / len(among)) - evidence[0]
         false = calm & (self._since[slots] >= EVIDENCE) & (evidence[0] > most + CALM)
         self.alarmed[slots[false]] = False
 
+    def _hold(self, slots: Index, begin: Index) -> Mask:
+        """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
+        whole = slice(0, len(self.count))
+        among = whole if 2 * len(slots) > len(self.count) and (begin == begin[0]).all() else _run(slots)
+        place = np.broadcast_to(begin[:1], len(self.count)) if among is whole else begin
+        x, y, squares = _Places.of(among, place).rows(self._cut[:, 1:])
+        holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
+        return holds[:, slots] if among is whole else holds  # most are all: it costs less to look where they are
+
+    def weave(self, slots: Index) -> Mask:
+        """Whether those that weave count among the filters of some obstacles, (n,)."""
+        return np.asarray(self.weights[slots, self._walks :].any(axis=1))
+
     def mixed(self, slots: Index, times: Array) -> Mixture:
         """What the filters together predict for times (n,), s, not before the last observations."""
-        part = self._predicted(slots, np.maximum(times - self.last[slots], 0.0))
-        means = part.means
-        weights = self.weights[slots]
+        swings = self._swings_at(slots, times)
+        return self._mixture(slots, times, *swings.kinematic, self.widening.swings.driving)
+
+    def settled(self, slots: Index, times: Array) -> Mixture:
+        """The same where nothing is known any more of how those that weave go on."""
+        swings = self._swings_at(slots, times)
+        return self._mixture(slots, times, *swings.settled(self._least[slots]), self.widening.swings.diffusions)
+
+    def _swings_at(self, slots: Index, times: Array) -> SwingStates:
+        swings = self.swings.of(slots)
+        swings.predict(np.maximum(times - self.last[slots], 0.0), self._least[slots])
+        return swings
+
+    def _mixture(self, slots: Index, times: Array, mean: Array, spread: Array, diffusions: Array) -> Mixture:
+        """With means (3, 2, M, n) and spreads (6, M, n) of those that weave, and what intensities they go on with."""
+        part = self.states.of(slots)
+        part.predict(np.maximum(times - self.last[slots], 0.0), self._least[slots])
+        every = np.concatenate([self.widening.diffusions, diffusions])
+        part = FilterStates(
+            every, np.concatenate([part.mean, mean], axis=2), np.concatenate([part.spread, spread], axis=1)
+        )
+        weights, means = self.weights[slots], part.means
         mean = (weights[..., None, None] * means).sum(axis=1)
         offset = means - mean[:, None]
         spread = (weights[..., None, None] * part.spreads).sum(axis=1)
         covariance = np.einsum("nij,nab->niajb", spread, self._sigma[slots])
         covariance += np.einsum("nm,nmia,nmjb->niajb", weights, offset, offset)
         change = self._sigma[slots] / self._least[slots][:, None, None]
-        return Mixture(mean, covariance, weights @ self.widening.diffusions, change)
+        return Mixture(mean, covariance, weights @ every, change)
 
     # the noise
 
-    def looks(self, slots: Index) -> Looks:
+    def looks(self, slots: Index) -> Sightings:
         """The newest looks at some obstacles, (n,)."""
         rows = _Places.of(_run(slots), self.count[slots] % _RING).rows(self._looks)
-        return Looks(rows[0], rows[1:])
+        return Sightings(rows[0], rows[1:])
 
     def differences(self, slots: Index) -> Array:
         """Squared third differences of the newest four positions of some obstacles, standardised: chi-square with 2."""
@@ -380,12 +447,10 @@ class _Places:
 
     @classmethod
     def of(cls, where: Where, place: Index) -> _Places:
-        """Places (n,) of obstacles; if all are the same, they are looked at where they are."""
-        if isinstance(where, slice):
-            if len(place) and (place == place[0]).all():
-                return cls(where, int(place[0]))
-            where = np.arange(where.start, where.stop)
-        return cls(where, place)
+        """Places (n,) of obstacles; if all are the same, as in a frame, they are looked at in a row."""
+        if len(place) and (place == place[0]).all():
+            return cls(where, int(place[0]))
+        return cls(np.arange(where.start, where.stop) if isinstance(where, slice) else where, place)
 
     def put(self, rings: Array, values: Array) -> None:
         """Put values (..., n) at these places of rings (..., ring, K)."""

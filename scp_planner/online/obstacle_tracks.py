@@ -24,22 +24,14 @@ from scp_planner.estimation.foretelling import foretell
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online import regions
+from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
 from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.many_zones import Level, zones_of_mixtures, zones_together
-from scp_planner.online.mixtures import Mixture, Widening
+from scp_planner.online.many_zones import Level, zones_together
+from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
-from scp_planner.online.suspicions import (
-    LEFT_OUT,
-    LOOKED_AT,
-    MOST_EVIDENCE,
-    ONSETS,
-    Changes,
-    Suspicions,
-    changed_motions,
-    changes_of,
-)
+from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
     NoticingTrack,
@@ -164,7 +156,7 @@ class ObstacleTracks:
         bank = self._banks.get(order)
         if bank is None:
             deviations = self.newcomers
-            widening = Widening(deviations.velocity_deviation, deviations.acceleration_deviation)
+            widening = FilterModels(deviations.velocity_deviation, deviations.acceleration_deviation)
             bank = self._banks[order] = Bank(order, widening, self.watch.alarm_probability)
             bank.set_noise(self.noise.factor)
         return bank
@@ -242,7 +234,7 @@ class ObstacleTracks:
             return None
         track.suspects = []
         if self.watch.regions is Regions.ADAPTIVE:
-            regions.compare(self.scales, [track], [one], self.newcomers)
+            regions.learn(self.scales, [track], [one], self.newcomers)
         track.insert(one, self.newcomers, self._make)
         if track.estimator is not None and track.estimator.bank is not None:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
@@ -251,7 +243,7 @@ class ObstacleTracks:
     def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
         if self.watch.regions is Regions.ADAPTIVE:
-            regions.compare(self.scales, tracks, seen, self.newcomers)
+            regions.learn(self.scales, tracks, seen, self.newcomers)
         for track, one in zip(tracks, seen, strict=True):
             track.times.append(one.time)
             track.positions.append(one.position)
@@ -323,15 +315,15 @@ class ObstacleTracks:
         made: dict[str, ThreatZone] = {}
         for _, some in sorted(groups.items()):
             roots = self._roots(some)
-            suspicions = self._suspicions(some, roots, level)
+            suspicions = self._suspicions(some, level)
             zones = zones_together(some, roots, start, level, self.manoeuvre, suspicions)
             made.update(zip((track.id for track in some), zones, strict=True))
             for number, (track, zone) in enumerate(zip(some, zones, strict=True)):
                 track.suspected = suspicions is not None and bool(suspicions.probability[number] > 0.0)
                 track.zone = zone if track.suspected else None
         for order, some in sorted(alarmed.items()):
-            mixtures = self._mixtures(some, self._banks[order], start)
-            for track, zone in zip(some, zones_of_mixtures(some, mixtures, start, level), strict=True):
+            deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
+            for track, zone in zip(some, Alarmed(some, self._banks[order], deviation).zones(start, level), strict=True):
                 track.zone = made[track.id] = zone
         return made
 
@@ -343,38 +335,18 @@ class ObstacleTracks:
             return self._banks[tracks[0].model.order].polynomials.roots.of(slots)
         return SquareRoots.together([one.roots for one in estimators if one is not None and one.roots is not None])
 
-    def _suspicions(self, tracks: Sequence[ObstacleTrack], roots: SquareRoots, level: Level) -> Suspicions | None:
+    def _suspicions(self, tracks: Sequence[ObstacleTrack], level: Level) -> Suspicions | None:
         """Changes of acceleration of some tracks of one order that are likely enough to matter."""
         if self.watch.changes <= 0.0 or not all(isinstance(track.estimator, NoticingTrack) for track in tracks):
             return None
-        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
-        some = np.flatnonzero(self._banks[tracks[0].model.order].trend[slots] > LOOKED_AT)
+        bank, slots = self._banks[tracks[0].model.order], slots_of(tracks)
+        some = np.flatnonzero(bank.trend[slots] > LOOKED_AT)
         if not len(some):
             return None
-        found = self._changes([tracks[k] for k in some.tolist()], roots.of(some))
+        found = changes_among(bank, slots[some], self.newcomers.acceleration_deviation)
         if not found.spoken_for:
             return None
         return found.suspicions(self.watch.changes).among(some, len(tracks), LEFT_OUT * level.alpha)
-
-    def _mixtures(self, tracks: Sequence[ObstacleTrack], bank: Bank, start: float) -> Mixture:
-        """What is predicted of tracks of one order that are alarmed: by the filters, and by a single change."""
-        estimators = [track.estimator for track in tracks if track.estimator is not None]
-        slots = np.array([one.slot for one in estimators], dtype=np.intp)
-        mixtures = bank.mixed(slots, np.full(len(slots), start))
-        enough = [track.settled and bank.count[slot] > ONSETS[0] for track, slot in zip(tracks, slots, strict=True)]
-        some = np.flatnonzero(enough)
-        if self.watch.changes <= 0.0 or not len(some):
-            return mixtures
-        roots = bank.polynomials.roots.of(slots[some])
-        changes = self._changes([tracks[k] for k in some.tolist()], roots)
-        changed = changed_motions(roots, changes.sure(), bank.noise_of(slots[some]), start)
-        odds = np.clip(bank.gain[slots[some]] - changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
-        return mixtures.blended(some, changed, 1.0 / (1.0 + np.exp(odds)))
-
-    def _changes(self, tracks: Sequence[ObstacleTrack], roots: SquareRoots) -> Changes:
-        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
-        bank, deviation = self._banks[tracks[0].model.order], self.newcomers.acceleration_deviation
-        return changes_of(roots, bank.looks(slots), bank.noise_of(slots), deviation)
 
     def _bounds_headings(self, tracks: Collection[ObstacleTrack]) -> bool:
         """Whether shapes that turn with an estimated motion are more than the discs that cover them."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.online.braking import distinct_knots
-from scp_planner.online.courses import LIMIT_SHARE, DodgeDrive, levels_and_cruises
+from scp_planner.online.dodge_courses import LIMIT_SHARE, DodgeDrive, levels_and_cruises
 from scp_planner.online.ramps import JERK_SHARE, Ramps
 from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Limits

@@ -11,6 +11,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.estimation.conformal import AdaptiveScales, region_score
 from scp_planner.estimation.error_laws import NormalErrors
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import times_linear
 from scp_planner.online.track import ObstacleTrack, Seen
@@ -25,7 +26,7 @@ _HORIZONS = HORIZONS.tolist()
 _LATE = LATENESS * max(_HORIZONS)
 
 
-def compare(
+def learn(
     scales: AdaptiveScales, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers
 ) -> None:
     """Learn from what is seen of some obstacles, one observation of each, how large regions have to be."""
@@ -58,6 +59,7 @@ def compare(
 def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
     """What is seen, rows of time and position (n, 3), less what is foretold, (n, 2), and its covariances, (n, 3)."""
     lag = where[:, 0] - np.array([each.origin for each in told])
+    later = [each.later for each in told]
     values = []
     for parts in ([each.center for each in told], [each.covariance for each in told]):
         found = np.zeros((len(told), parts[0].shape[1]))
@@ -67,6 +69,10 @@ def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
             powers = lag[some, None] ** np.arange(count)
             found[some] = (powers[:, None] @ np.array([parts[k] for k in some.tolist()]))[:, 0]
         values.append(found)
+    pieced = [k for k, each in enumerate(later) if each is not None]
+    for value, parts in zip(values, ("centers", "covariances"), strict=True):
+        pieces = PiecewisePolynomials.stack([getattr(later[k], parts) for k in pieced], value.shape[1])
+        value[pieced] = pieces.at(np.arange(len(pieced)), where[pieced, 0])
     return where[:, 1:] - values[0], values[1]
 
 

@@ -47,7 +47,7 @@ WILD = 8.0
 
 
 @dataclass(frozen=True)
-class Looks:
+class Sightings:
     """The newest looks at K obstacles.
 
     Attributes
@@ -155,14 +155,14 @@ class Changes:
         return Suspicions(changed, mean @ self.root.transpose(0, 2, 1), spread)
 
 
-def changes_of(roots: SquareRoots, looks: Looks, noise: Array, deviation: float) -> Changes:
+def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: float) -> Changes:
     """Judge how likely it is that polynomial motions have changed their accelerations.
 
     Parameters
     ----------
     roots : SquareRoots
         What the estimates of K motions of order p - 1 are made from.
-    looks : Looks
+    looks : Sightings
         The newest of what they are made from.
     noise : (K, 2, 2) array
         Covariance of what is seen, m^2.

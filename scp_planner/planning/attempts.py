@@ -30,7 +30,7 @@ class MethodRun(Protocol):
         ...
 
 
-class Start(Protocol):
+class RunStart(Protocol):
     """Something to start a run from."""
 
     @property
@@ -40,7 +40,7 @@ class Start(Protocol):
 
 
 RunT = TypeVar("RunT", bound=MethodRun)
-StartT = TypeVar("StartT", bound=Start)
+StartT = TypeVar("StartT", bound=RunStart)
 
 
 @dataclass(frozen=True)

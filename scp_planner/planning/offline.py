@@ -16,6 +16,7 @@ from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.planning.refinements import among_small_zones, at_any_time, on_a_step, refined
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpAttempt, Task
 from scp_planner.planning.ways_round import WaysRound
+from scp_planner.problem.memory import check_obstacles
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -74,6 +75,8 @@ def plan(
         If the scenario is none, or ``constraints`` returns something else than constraints.
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
+    TooLargeError
+        If it would take more than 500 MB; with the reason, and what to change.
     """
     if time_limit is not None and not time_limit >= 0.0:
         raise ValueError(f"time_limit: {time_limit!r} must not be negative")
@@ -89,6 +92,7 @@ def plan(
         solver = "cvxpy"
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
+    check_obstacles(len(scenario.obstacles))
     units = NaturalUnits.of(scenario)
     inside = units.scenario(scenario)
     any_time = at_any_time(inside)

@@ -35,7 +35,7 @@ Candidates: TypeAlias = list[tuple[CheckedRuns, ScpAttempt]]
 
 
 @dataclass(frozen=True)
-class _Drive:
+class _GuideRuns:
     """Runs over a guide, and how long the fastest drive along it takes, s."""
 
     runs: CheckedRuns
@@ -85,7 +85,7 @@ def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
     return [(runs, best)]
 
 
-def _drives(runs: CheckedRuns) -> Iterator[_Drive]:
+def _drives(runs: CheckedRuns) -> Iterator[_GuideRuns]:
     """Drives along the fastest way on the ground, and along that which keeps away from slow places."""
     problem, task = runs.everything, runs.task
     slow = slow_stretches(problem.scenario, problem.frame, problem.settings)
@@ -95,7 +95,7 @@ def _drives(runs: CheckedRuns) -> Iterator[_Drive]:
         if points is not None:
             guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
             again = CheckedRuns(task, guide)
-            yield _Drive(again, float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1]))
+            yield _GuideRuns(again, float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1]))
 
 
 def _may_make_a_detour(problem: Problem) -> bool:

@@ -22,7 +22,7 @@ from scp_planner.files import write_text
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.planning.outputs import output_named, picture_or_text
 from scp_planner.trips.trip import Trip
-from scp_planner.trips.trip_file import Reader, trip_in
+from scp_planner.trips.trip_file import KeyReader, trip_in
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -386,7 +386,7 @@ class Plan:
         PlanError
             Naming the key and the value.
         """
-        reader = Reader(data, name)
+        reader = KeyReader(data, name)
         if reader.get("schema") != 1:
             raise reader.fault("schema", reader.get("schema"), "1")
         trip = trip_in(reader)
@@ -437,7 +437,7 @@ def _clearance_written(clearance: Clearance) -> dict[str, Any]:
     }
 
 
-def _clearance_read(part: Reader) -> Clearance:
+def _clearance_read(part: KeyReader) -> Clearance:
     minimum = -inf
     if "minimum" in part.data:
         minimum = inf if part.get("minimum") is None else part.number("minimum")

@@ -24,7 +24,6 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
 from scp_planner.scp.goal import to_beat
-from scp_planner.search.grid import typical_radius
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -102,7 +101,7 @@ def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
     Spans of a length that the user gave stay as they are, and those over a curved guide, which has as many as it needs.
     """
     problem, task = runs.problem, runs.task
-    space, spans, radius = problem.space, len(problem.space.path.widths), typical_radius(problem.zones)
+    space, spans, radius = problem.space, len(problem.space.path.widths), problem.zones.typical_radius
     usual = task.settings.path_span == SceneSettings.path_span and space.guide.straight
     if not usual or radius is None or radius > SMALL * space.length / spans:
         return runs

@@ -28,7 +28,6 @@ from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
-from scp_planner.search.grid import typical_radius
 from scp_planner.settings.planning import Settings
 from scp_planner.solvers import QpSolver, solver_named
 from scp_planner.threat_zones.zone import ThreatZone
@@ -225,7 +224,7 @@ class CheckedRuns:
         return attempt
 
     def _loop(self, problem: Problem, hopeless_after: int | None = None, steps: ArrivalSteps | None = None) -> ScpLoop:
-        radius = typical_radius(problem.zones)
+        radius = problem.zones.typical_radius
         # Trips on different sides of what is small are near to each other.
         apart = SPARING.same_way if radius is None else min(SPARING.same_way, radius)
         return ScpLoop(problem, self.solver, self._fallback, hopeless_after, replace(SPARING, same_way=apart), steps)
@@ -254,6 +253,8 @@ class CheckedRuns:
             further = loop.run(run.evaluation.trajectory, most, cutoff, task.deadline, rival=rival)
             task.tally.iterations += len(further.record)
             if not promise(further) < promise(run):
+                if further.status is LoopStatus.INFEASIBLE:
+                    run.status = further.status  # it was not cut short: where it is, no step comes nearer
                 break
             run = further
         return run

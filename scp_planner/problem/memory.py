@@ -14,6 +14,7 @@ MOST_BYTES = 500_000_000 - SEARCH_BYTES  # of all else of a plan
 MOST_TOGETHER = 128_000_000  # of trips that are looked at together
 _ENTRY_BYTES = 8
 _BEND_ENTRIES = 140  # of a span and a variable of a step: gradients of the arc length, rows of bends, all twice
+_OBSTACLE_BYTES = 4000  # of an obstacle, wherever it is: in the scene's units, and as a zone
 _LOOK_ENTRIES = 24  # of a sample and a zone: centres, covariances, distances, and rows where it is near
 
 
@@ -50,6 +51,26 @@ def plan_bytes(spans: int, drive_spans: int, samples: int, zones: int) -> int:
     """
     tables = PATH_ENTRIES * spans**2 + ACCELERATION_ENTRIES * drive_spans**2
     return _ENTRY_BYTES * tables + trip_bytes(spans, drive_spans, samples, zones)
+
+
+def check_obstacles(count: int) -> None:
+    """Refuse a scene of more obstacles than can be made ready, wherever they are.
+
+    Parameters
+    ----------
+    count : int
+
+    Raises
+    ------
+    TooLargeError
+        Saying what to change.
+    """
+    needed = _OBSTACLE_BYTES * count
+    if needed > MOST_BYTES:
+        raise TooLargeError(
+            f"obstacles: {count} of them would take {needed / 1e6:.0f} MB to look at; {MOST_BYTES / 1e6:.0f} MB are "
+            f"allowed: at most {MOST_BYTES // _OBSTACLE_BYTES}, those that the vehicle may meet, can be planned with"
+        )
 
 
 def check_memory(spans: int, drive_spans: int, samples: int, zones: int) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from scp_planner.arrays import Index
 from scp_planner.problem.problem import Problem
-from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, Looks, least_clearances
+from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, SweptBoxes, least_clearances
 
 GUIDE_LOOKS = 33
 BEYOND = 1.0  # units of length, beyond the largest offset
@@ -26,7 +26,7 @@ def without_far_zones(problem: Problem, longest: float) -> Problem:
     near: Index = np.arange(problem.zones.size)
     for count in LOOKS:
         half = 0.5 * longest / count
-        looks = Looks(
+        looks = SweptBoxes(
             np.linspace(half, longest - half, count),
             half,
             np.broadcast_to(line.min(axis=0) - reach, (count, 2)),

@@ -28,7 +28,7 @@ from scp_planner.trips.trajectory import Trajectory
 USUAL_ACCELERATION = 2.0  # units of acceleration: a stop from top speed on a ninth of the trip
 
 
-class Given(Protocol):
+class TripConstraints(Protocol):
     """A user's own constraints on the trips of one problem, whatever they are written in."""
 
     def worst(self, trajectory: Trajectory) -> float:
@@ -65,7 +65,7 @@ class Problem:
         How many of them are equidistant.
     optional : tuple of OptionalLimit
         Limits that only some scenarios have.
-    given : Given or None
+    given : TripConstraints or None
         A user's own.
     profile : SpeedProfile or None
         The fastest drive along the guide, where places limit the speed.
@@ -84,7 +84,7 @@ class Problem:
     samples: TimeTable
     grid: int
     optional: tuple[OptionalLimit, ...] = ()
-    given: Given | None = None
+    given: TripConstraints | None = None
     profile: SpeedProfile | None = None
     units: NaturalUnits = AS_GIVEN
 

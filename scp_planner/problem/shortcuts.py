@@ -23,6 +23,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 
 MOST_NODES = 2500
 NEIGHBOURS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and those opposite
+LONGEST_LEG = 4.0  # steps, and more: between neighbours, of which ends may be half a step off their places
 LOOKS_A_STEP = 4  # at a straight leg, in the distance of two nodes
 MOST_LOOKS = 200_000  # points times zones that are looked at together
 PASSES = 3  # of pulling tight
@@ -59,14 +60,17 @@ class Ground:
     top: float
     beside: float = 0.0
 
-    def room(self, points: Array) -> Array:
-        """How far points (n, 2) m are from where may not be driven, (n,) m; negative there."""
+    def room(self, points: Array, enough: float = 0.0) -> Array:
+        """How far points (n, 2) m are from where may not be driven, (n,) m; negative there.
+
+        Where there is more than enough room, m, it is a lower bound that is more than enough as well.
+        """
         found = np.minimum(self.farthest - self.line.distances(points), self.box.room(points))
         if self.standing.size:
             size = max(1, MOST_LOOKS // self.standing.size)
             for begin in range(0, len(points), size):
                 part = points[begin : begin + size]
-                away = self.standing.distances(np.zeros(len(part)), part).min(axis=1)
+                away = self.standing.distances(np.zeros(len(part)), part, enough).min(axis=1)
                 np.minimum(found[begin : begin + size], away, out=found[begin : begin + size])
         return found
 
@@ -105,7 +109,7 @@ def fastest_way(problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0
         Points of a polyline in the planning frame, m; None where the grid has no way.
     """
     ground = ground_of(problem, slow)
-    grid = _Grid.of(ground)
+    grid = _NodesNearLine.of(ground)
     ground = replace(ground, beside=beside * grid.step)
     points = grid.way(ground)
     if points is None:
@@ -125,7 +129,7 @@ def ground_of(problem: Problem, slow: tuple[Stretch, ...]) -> Ground:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class _NodesNearLine:
     """Nodes of a grid that lie near a line, whose ends stand in the place of the nodes that are nearest to them."""
 
     points: Array
@@ -136,7 +140,7 @@ class _Grid:
     step: float
 
     @classmethod
-    def of(cls, ground: Ground) -> _Grid:
+    def of(cls, ground: Ground) -> _NodesNearLine:
         line = ground.line.points
         low, high = line.min(axis=0) - ground.farthest, line.max(axis=0) + ground.farthest
         step = sqrt(float(np.prod(high - low)) / MOST_NODES)
@@ -149,7 +153,7 @@ class _Grid:
             places[row, column] = end
             ends.append((row, column))
         flat = places.reshape(-1, 2)
-        room = ground.room(flat)
+        room = ground.room(flat, LONGEST_LEG * step)
         kept = room >= 0.0
         number = np.where(kept, np.cumsum(kept) - 1, -1).reshape(places.shape[:2])
         return cls(flat[kept], room[kept], number, int(number[ends[0]]), int(number[ends[1]]), step)

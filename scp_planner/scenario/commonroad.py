@@ -35,9 +35,9 @@ from scp_planner.scenario.commonroad_lines import (
     SIGHT,
     SIGHT_TIME,
     Arrival,
-    Drive,
+    DrivenLine,
     Point,
-    Steering,
+    SteeredCar,
     arrival,
     driven,
     heading_near,
@@ -139,11 +139,11 @@ class _Vehicle:
     length: float
     centre: float
 
-    def steering(self, speed: float) -> Steering:
+    def steering(self, speed: float) -> SteeredCar:
         """How it is steered along a line from a speed on, m/s."""
         given = self.fields.max_curvature if isinstance(self.fields, Vehicle) else self.fields.get("max_curvature")
         bend = given if given is not None and math.isfinite(given) else 1.0 / self.length
-        return Steering(self.length, self.centre, bend, max(SIGHT * self.length, SIGHT_TIME * speed))
+        return SteeredCar(self.length, self.centre, bend, max(SIGHT * self.length, SIGHT_TIME * speed))
 
 
 def load_commonroad(
@@ -471,7 +471,7 @@ class _Reader:
         time = (self.goal.earliest or self.goal.latest or begin) - begin
         return self.aim.timed_way * max(speed, SLOWEST) * max(time, float(self.world.dt))
 
-    def _arrival(self, drive: Drive, headings: tuple[float, float] | None, vehicle: _Vehicle) -> Arrival:
+    def _arrival(self, drive: DrivenLine, headings: tuple[float, float] | None, vehicle: _Vehicle) -> Arrival:
         """Where on a drive the goal is."""
         if self.goal.places:
             turned = turned_too_far(drive.headings, headings, self.aim.turn)

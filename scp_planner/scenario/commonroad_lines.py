@@ -34,7 +34,7 @@ LONGEST = 3.0
 
 
 @dataclass(frozen=True)
-class Steering:
+class SteeredCar:
     """A car that is steered.
 
     Attributes
@@ -56,7 +56,7 @@ class Steering:
 
 
 @dataclass(frozen=True)
-class Drive:
+class DrivenLine:
     """What a car drives.
 
     Attributes
@@ -93,7 +93,7 @@ class Arrival:
     place: Any
 
 
-def driven(line: Array, start: Point, heading: float, car: Steering) -> Drive:
+def driven(line: Array, start: Point, heading: float, car: SteeredCar) -> DrivenLine:
     """Return what a car drives that is steered along a line, (k, 2) m, by pure pursuit.
 
     Its wheels are always turned so that an arc leads from the reference point to the point of the line that is in
@@ -123,7 +123,7 @@ def driven(line: Array, start: Point, heading: float, car: Steering) -> Drive:
     table = np.array(poses)
     headings = table[:, 2]
     along = np.stack([np.cos(headings), np.sin(headings)], axis=1)
-    return Drive(
+    return DrivenLine(
         table[:, :2],
         headings,
         table[:, :2] + car.ahead * along,
@@ -139,12 +139,12 @@ def _continued(line: Array, step: float, length: float) -> Array:
     return np.vstack([points, beyond])
 
 
-def arrival(drive: Drive, places: Sequence[Any], turned: Array, soonest: float, depth: float) -> Arrival:
+def arrival(drive: DrivenLine, places: Sequence[Any], turned: Array, soonest: float, depth: float) -> Arrival:
     """Return where a drive comes into one of some polygons with a heading that is allowed, or nearest to that.
 
     Parameters
     ----------
-    drive : Drive
+    drive : DrivenLine
     places : sequence of shapely polygons
         m.
     turned : (k,) array

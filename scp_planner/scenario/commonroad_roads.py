@@ -42,13 +42,16 @@ GAP = 0.05
 THICKNESS = 1.5
 """Widths of the vehicle, of a wall where nothing is in its way; half as much, again and again, where something is."""
 
+MOST_TURN = 0.5 * math.pi
+"""rad, of the border along one wall: where it turns to the right what lies beside it is convex."""
+
 HALVINGS = 10
 SHORTEST = 1e-3
 """Widths of the vehicle; shorter edges of borders are none."""
 
 
 @dataclass(frozen=True)
-class _Row:
+class _AdjacentLanes:
     """Lanes side by side that are changed between, in order."""
 
     lanes: tuple[Any, ...]
@@ -82,7 +85,7 @@ class Route:
         """The rest of the last lane's centre from beside the goal on, (k, 2) m."""
         lane = self.lanes[-1]
         first = _station(lane, goal)
-        return np.array(_along(_Row((lane,)), first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
+        return np.array(_along(_AdjacentLanes((lane,)), first, 1.0)).reshape(-1, 2) if first < 1.0 else np.zeros((0, 2))
 
 
 def route_to(network: Any, start: Point, heading: float, places: Sequence[Any]) -> Route | None:
@@ -181,17 +184,17 @@ def _neighbours(lane: Any) -> Iterator[int]:
         yield lane.adj_right
 
 
-def _rows(lanes: Sequence[Any]) -> Iterator[_Row]:
+def _rows(lanes: Sequence[Any]) -> Iterator[_AdjacentLanes]:
     row = [lanes[0]]
     for lane in lanes[1:]:
         if lane.lanelet_id in row[-1].successor:
-            yield _Row(tuple(row))
+            yield _AdjacentLanes(tuple(row))
             row = []
         row.append(lane)
-    yield _Row(tuple(row))
+    yield _AdjacentLanes(tuple(row))
 
 
-def _along(row: _Row, first: float, last: float) -> list[Array]:
+def _along(row: _AdjacentLanes, first: float, last: float) -> list[Array]:
     """Points along lanes that are changed between from one part of their length to another."""
     share = (last - first) / len(row.lanes)
     points: list[Array] = []
@@ -325,11 +328,43 @@ def walls_around(area: Any, start: Any, width: float) -> list[list[Point]]:
     prepare(inside)
     shape, walls = orient(held), []
     for ring in (shape.exterior, *shape.interiors):
-        corners = list(ring.coords)
-        for a, b in pairwise(corners):
-            if math.dist(a, b) > SHORTEST * width:
-                walls.append(_wall(a[:2], b[:2], inside, width))
+        for chain in _chains([corner[:2] for corner in ring.coords], SHORTEST * width):
+            wall = _wall_along(chain, inside, width) if len(chain) > 2 else None
+            walls += [_wall(a, b, inside, width) for a, b in pairwise(chain)] if wall is None else [wall]
     return walls
+
+
+def _chains(corners: Sequence[Point], shortest: float) -> Iterator[list[Point]]:
+    """Parts of a ring, edge by edge, that turn to the right only, and by less than `MOST_TURN`; no short edges."""
+    chain: list[Point] = []
+    turned, before = 0.0, 0.0
+    for a, b in pairwise(corners):
+        if math.dist(a, b) <= shortest:
+            continue
+        heading = math.atan2(b[1] - a[1], b[0] - a[0])
+        turn = math.remainder(heading - before, 2.0 * math.pi)
+        if chain and chain[-1] == a and turn <= 0.0 and turned - turn < MOST_TURN:
+            chain.append(b)
+            turned -= turn
+        else:
+            if chain:
+                yield chain
+            chain, turned = [a, b], 0.0
+        before = heading
+    if chain:
+        yield chain
+
+
+def _wall_along(chain: Sequence[Point], inside: Any, width: float) -> list[Point] | None:
+    """One wall along edges that turn to the right; None where it does not fit beside an area."""
+    from shapely import MultiPoint
+
+    behind = []
+    for a, b, at in ((chain[0], chain[1], chain[0]), (chain[-2], chain[-1], chain[-1])):
+        scale = THICKNESS * width / math.dist(a, b)
+        behind.append((at[0] + scale * (b[1] - a[1]), at[1] + scale * (a[0] - b[0])))
+    hull = MultiPoint([*chain, *behind]).convex_hull
+    return None if inside.intersects(hull) else [(float(x), float(y)) for x, y in hull.exterior.coords[:-1]]
 
 
 def _wall(a: Point, b: Point, inside: Any, width: float) -> list[Point]:

@@ -73,7 +73,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Watchdog:
     """Where the loop goes back to if what it does on trial fails, and the step that led away from there."""
 
     evaluation: Evaluation

@@ -47,19 +47,21 @@ def box_gaps(problem: Problem, path: Path) -> Array:
 
 
 SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
+TOUCHED = 2.0  # times that way: what stands farther away from a sample is not touched next to it
+STRAIGHT = 1.0 - 1e-12  # cosine of the turn between normals that are one
 SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 
 
 # NUMPY-CALLS: shaped by the cost of numpy calls alone
 @dataclass(frozen=True)
-class Batch:
+class TripBatch:
     """Trips that were evaluated together, and their points at the problem's samples, one trip after the other."""
 
     bundle: TripBundle
     points: TripPoints
 
     @classmethod
-    def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> Batch:
+    def of(cls, evaluations: Sequence[Evaluation], table: TimeTable) -> TripBatch:
         """Return trips as a batch: for one trip that of its evaluation, if it has one."""
         if len(evaluations) == 1 and evaluations[0].batch is not None:
             return evaluations[0].batch
@@ -96,7 +98,7 @@ class Evaluation:
         Excesses over each of the optional limits in all places.
     given_violation : float
         Worst violation of a user's own constraints.
-    batch : Batch or None
+    batch : TripBatch or None
         Of this trip, if it was evaluated alone: it keeps no other trips alive.
     """
 
@@ -112,7 +114,7 @@ class Evaluation:
     limit_violation: Array
     optional: tuple[Array, ...] = ()
     given_violation: float = 0.0
-    batch: Batch | None = None
+    batch: TripBatch | None = None
 
     def merit(self, penalties: Penalties) -> float:
         """Travel time plus penalised violations, s."""
@@ -171,8 +173,13 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     clearance = clearance.reshape(count, len(problem.samples.sigma), zones.size)
     equidistant = clearance[:, : problem.grid]
     owner, sample, zone = local_minima(equidistant, near)
+    if zones.whole is not None:
+        place = sample + len(points.table.sigma) * owner
+        touched = zones.contacts(zone, points.time[place], points.path.position[place])
+        single = zones.singles(place, zone, touched)
+        owner, sample, zone = owner[single], sample[single], zone[single]
     sigma = refine_minima(problem.samples.sigma[: problem.grid], equidistant, owner, sample, zone)
-    settle_minima(problem, bundle, points, owner, sample, zone, sigma)
+    settle_minima(problem, bundle, points, owner, sample, zone, sigma, equidistant[owner, sample, zone])
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
     violation = _entries(clearance, owner, zone, contacts, zones.whole)
@@ -184,7 +191,7 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
     limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
-    alone = Batch(bundle, points) if count == 1 else None
+    alone = TripBatch(bundle, points) if count == 1 else None
     evaluations = []
     for k, (trip, its_points, its_minima) in enumerate(zip(trips, each, bundle.split(minima, owner), strict=True)):
         mine = slice(bounds[k], bounds[k + 1])
@@ -246,7 +253,14 @@ def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: 
 
 
 def settle_minima(
-    problem: Problem, bundle: TripBundle, points: TripPoints, owner: Index, sample: Index, zone: Index, sigma: Array
+    problem: Problem,
+    bundle: TripBundle,
+    points: TripPoints,
+    owner: Index,
+    sample: Index,
+    zone: Index,
+    sigma: Array,
+    least: Array,
 ) -> None:
     """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
 
@@ -256,18 +270,26 @@ def settle_minima(
     zones = problem.zones
     step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
-    rows = np.flatnonzero(rugged & (sample > 0) & (sample < problem.grid - 1))
+    if zones.ground is not None:
+        rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
+    rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
     if len(rows) == 0:
         return
     middle, which = sample[rows], zone[rows]
     x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
     place = middle + len(points.table.sigma) * owner[rows]
     around = np.concatenate([place - 1, place, place + 1])
-    slope = _closing(zones, np.tile(which, 3), points, around).reshape(3, -1)
+    touched = zones.contacts(np.tile(which, 3), points.time[around], points.path.position[around])
+    slope = _closing(zones, np.tile(which, 3), points, around, touched).reshape(3, -1)
     falling = slope[1] < 0.0
     low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
     below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])
     bracketed = (below < 0.0) & (above > 0.0)
+    if zones.ground is not None:
+        # Along an edge it is smooth
+        before, after = touched.normal[: len(rows)], touched.normal[-len(rows) :]
+        edge = np.einsum("ij,ij->i", before, after) > STRAIGHT
+        bracketed &= ~(edge & np.isin(which, zones.ground.zones))
     rows, which = rows[bracketed], which[bracketed]
     low, high, below, above = low[bracketed], high[bracketed], below[bracketed], above[bracketed]
     every, whose = np.arange(len(rows)), owner[rows]
@@ -275,16 +297,15 @@ def settle_minima(
         guess = (low * above - high * below) / (above - below)
         sigma[rows] = guess
         there = bundle.at(whose, guess)
-        rate = _closing(zones, which, there, every)
+        rate = _closing(zones, which, there, every, zones.contacts(which, there.time, there.path.position))
         falling = rate < 0.0
         # The end that stays loses weight, lest it stay for ever.
         above, below = np.where(falling, 0.5 * above, rate), np.where(falling, rate, 0.5 * below)
         low, high = np.where(falling, guess, low), np.where(falling, high, guess)
 
 
-def _closing(zones: ZoneBatch, which: Index, points: TripPoints, index: Index) -> Array:
+def _closing(zones: ZoneBatch, which: Index, points: TripPoints, index: Index, contacts: ZoneContacts) -> Array:
     """Rate of the distances on the way, m/s; of discs times the distance of their centres: that changes evenly."""
-    contacts = zones.contacts(which, points.time[index], points.path.position[index])
     velocity = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
     rate: Array = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
     discs = np.flatnonzero((zones.outline_slot[which] < 0) & (zones.slot[which] < 0))

@@ -17,7 +17,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.candidate import Candidate, Trial
+from scp_planner.scp.candidate import Candidate, Watchdog
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import Cutoff, RunLimits
 from scp_planner.scp.last_step import LastStep
@@ -103,7 +103,7 @@ class Iterations:
         self._active: ActiveSet | None = None
         self._last: LastStep | None = None
         self._linearised: Linearised | None = None
-        self._trial: Trial | None = None
+        self._trial: Watchdog | None = None
         self._begun = begun  # then the last iteration, or what came before it
 
     def steps(self) -> RunInStep:
@@ -204,7 +204,7 @@ class Iterations:
         on_trial = self._trial is None and not accepted and self._worth_a_trial(step)
         run.record.append(step.recorded(number, self.penalties, accepted or on_trial, self.trust, rows))
         if on_trial and number < self.limits.max_iterations:
-            self._trial = Trial(run.evaluation, step, self.trust, self._linearised)
+            self._trial = Watchdog(run.evaluation, step, self.trust, self._linearised)
             run.evaluation = step.evaluation
             return False
         if accepted:

@@ -69,8 +69,8 @@ class LastStep:
         """Remember a step, given the rows of its subproblem and the program's solution."""
         prices = solution.multipliers[len(program.gradient) :]
         hard = len(prices) - len(rows.gap)
-        active = np.flatnonzero(prices[hard:])
-        active = active[np.argsort(rows.key[active])]
+        (active,) = prices[hard:].nonzero()
+        active = active[rows.key[active].argsort()]
         return cls(
             start,
             end,
@@ -93,7 +93,7 @@ class LastStep:
         change = np.zeros(len(self.step))
         if len(self.keys):
             place = np.minimum(self.keys.searchsorted(rows.key), len(self.keys) - 1)
-            again = np.flatnonzero(self.keys[place] == rows.key)
+            (again,) = (self.keys[place] == rows.key).nonzero()
             place = place[again]
             # b and tau are what both trips share: db = tau^2 dbeta, dtau = tau rho
             units = np.full(len(self.step), ratio * ratio)

@@ -10,7 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import Batch, Evaluation
+from scp_planner.scp.evaluation import Evaluation, TripBatch
 from scp_planner.scp.merit import Limit
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import curvature_rows, lateral_rows
@@ -79,7 +79,7 @@ def linearise_trips(
         One for each trip.
     """
     zones = problem.zones
-    batch = Batch.of(bases, problem.samples)
+    batch = TripBatch.of(bases, problem.samples)
     bundle, points = batch.bundle, batch.points
     sites = [base.sites for base in bases]
     rows = Rows.stack(
@@ -95,7 +95,7 @@ def linearise_trips(
             ],
         ]
     )
-    return rows.shares(np.flatnonzero(_usable(problem, rows, trusts) >= rows.gap), len(bases))
+    return rows.shares((_usable(problem, rows, trusts) >= rows.gap).nonzero()[0], len(bases))
 
 
 def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
@@ -112,7 +112,7 @@ def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
     -------
     Rows
     """
-    return rows.take(np.flatnonzero(_usable(problem, rows, [trust]) >= rows.gap))
+    return rows.take((_usable(problem, rows, [trust]) >= rows.gap).nonzero()[0])
 
 
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
@@ -127,6 +127,10 @@ def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: Tri
     which = np.concatenate([base.minima_zone for base in bases])
     whose = np.arange(len(bases)).repeat([len(base.minima_zone) for base in bases])
     at_samples = zones.contacts(zone, points.time, points.path.position)
+    if zones.whole is not None:
+        single = zones.singles(sample + problem.grid * owner, zone, at_samples)
+        owner, sample, zone = owner[single], sample[single], zone[single]
+        points, at_samples = points.take(single), at_samples.take(single)
     return ClearanceSites.of(whose, which, np.zeros_like(which), minima, contacts).joined(
         ClearanceSites.of(owner, zone, sample, points, at_samples)
     )

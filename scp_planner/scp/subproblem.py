@@ -129,8 +129,8 @@ def build_subproblem(
     Subproblem
     """
     present = np.bincount(rows.group, minlength=len(weights)) > 0
-    groups = np.flatnonzero(present)
-    slack = (np.cumsum(present) - 1)[rows.group]
+    (groups,) = present.nonzero()
+    slack = (present.cumsum() - 1)[rows.group]
     hard, size = kinematics.count, kinematics.width
     total = size + len(groups)
     matrix = np.zeros((hard + len(rows.gap), total))

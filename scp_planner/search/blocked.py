@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 from math import ceil
 from time import perf_counter
 
@@ -203,7 +204,7 @@ class Cells:
         self._looked = until
         self._closed.clear()
         for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size), new):
-            for lines, words in self._blocked(cuts, 0, new):
+            for lines, words in self._blocked(cuts, np.zeros(len(cuts.line), dtype=np.intp), new):
                 self._free[lines] &= ~words
                 if self.out_of_time:
                     self.cut_off = True
@@ -221,10 +222,11 @@ class Cells:
         """Free cells of several cases, known at so many delays, (lines, half offsets, cases)."""
         self.look(delays)
         words = np.repeat(self._free[:, :, None], len(cases), axis=2)
+        new = [side for side in dict.fromkeys(chain(*cases)) if side not in self._closed]
+        if new:
+            self._closed.update(self._closures(new))
         for case, closed in enumerate(cases):
             for side in closed:
-                if side not in self._closed:
-                    self._closed[side] = self._closure(*side)
                 for lines, blocked in self._closed[side]:
                     words[lines, :, case] &= ~blocked
         return words
@@ -234,36 +236,46 @@ class Cells:
         lines = [lines for side in closed if side not in besides for lines, _ in self._closed[side] if len(lines)]
         return min((int(some[0]) for some in lines), default=self.shape[0])
 
-    def _closure(self, zone: int, side: int) -> Closure:
-        """What is blocked when one side of one zone is closed."""
-        known = range(self._looked)
-        if self._kept is None:
-            found = self.lines.all_cuts(np.array([zone], dtype=np.intp), known)
-        else:
-            found = (some.only(np.flatnonzero(some.zone == zone)) for some in self._kept)
-        return [part for cuts in found for part in self._blocked(cuts, side, known)]
+    def _closures(self, closed: Sequence[tuple[int, int]]) -> dict[tuple[int, int], Closure]:
+        """What is blocked when sides of zones are closed, each for itself."""
+        known, count = range(self._looked), self.shape[0]
+        found: dict[tuple[int, int], Closure] = {one: [] for one in closed}
+        zones, sides = np.array(closed, dtype=np.intp).T
+        kept = self.lines.all_cuts(np.unique(zones), known) if self._kept is None else self._kept
+        for cuts in kept:
+            # All at once, as if each had lines of its own
+            number, index = (zones[:, None] == cuts.zone).nonzero()
+            some = cuts.only(index)
+            some = replace(some, line=some.line + count * number)
+            for lines, words in self._blocked(some, sides[number], known):
+                bounds = lines.searchsorted(count * np.arange(len(closed) + 1)).tolist()
+                for own, (one, (first, last)) in enumerate(zip(closed, pairwise(bounds), strict=True)):
+                    if last > first:
+                        found[one].append((lines[first:last] - count * own, words[first:last]))
+        return found
 
-    def _blocked(self, cuts: Cuts, side: int, delays: range) -> Iterator[tuple[Index, Words]]:
+    def _blocked(self, cuts: Cuts, sides: Index, delays: range) -> Iterator[tuple[Index, Words]]:
         """Yield words of what zones block, or that and all to one side of it, on lines that they meet."""
         lines, place = np.unique(cuts.line, return_inverse=True)
         cuts = replace(cuts, line=place, delay=cuts.delay - delays.start)
         at_once = max(1, MOST_MARKED // (self.shape[1] * len(delays)))
         for begin in range(0, len(lines), at_once):
             some = lines[begin : begin + at_once]
-            part = cuts
+            part, side = cuts, sides
             if len(lines) > at_once:
-                part = cuts.only(np.flatnonzero((place >= begin) & (place < begin + at_once)))
+                here = np.flatnonzero((place >= begin) & (place < begin + at_once))
+                part, side = cuts.only(here), sides[here]
                 part = replace(part, line=part.line - begin)
             blocked = np.zeros((len(some), self.shape[1], len(delays)), dtype=np.bool_)
             self._mark(blocked, part, side)
             yield some, _words(blocked) << np.uint64(delays.start)
 
-    def _mark(self, blocked: Mask, cuts: Cuts, side: int) -> None:
-        """Mark what zones block, or that and all to one side of it."""
+    def _mark(self, blocked: Mask, cuts: Cuts, side: Index) -> None:
+        """Mark what zones block, or that and all to one side of it: above (1), below (-1), or neither."""
         size, step = blocked.shape[1], 0.5 * self.grid.offset_step
         low = self.grid.half_offsets[0]
-        lowest = np.ceil((cuts.lower - low) / step) if side >= 0 else np.zeros(len(cuts.lower))
-        highest = np.floor((cuts.upper - low) / step) if side <= 0 else np.full(len(cuts.upper), size - 1.0)
+        lowest = np.where(side >= 0, np.ceil((cuts.lower - low) / step), 0.0)
+        highest = np.where(side <= 0, np.floor((cuts.upper - low) / step), size - 1.0)
         # Zones may reach farther than any index.
         first: Index = np.clip(lowest, 0.0, size).astype(np.intp)
         length: Index = np.maximum(np.clip(highest, -1.0, size - 1.0).astype(np.intp) - first + 1, 0)

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits
-from scp_planner.threat_zones.batch import ZoneBatch
 
 Words = NDArray[np.uint64]
 
@@ -199,7 +198,7 @@ class Grid:
         # Classes of speeds that are never driven would leave too few for those that are
         reached = float(np.sqrt(space.start_speed**2 + 2.0 * limits.acceleration * space.length))
         top = max(min(limits.speed, reached), space.start_speed)
-        radius = typical_radius(problem.zones)
+        radius = problem.zones.typical_radius
         count: float = FEWEST_STATIONS
         if radius is not None:
             finest = LEAST_STEP * min(top * top / (2.0 * limits.deceleration), _turning_radius(limits, top))
@@ -237,11 +236,6 @@ def _turning_radius(limits: Limits, speed: float) -> float:
     """Radius of the tightest bend at a speed; inf without limits, as nothing is to be told apart then."""
     bend = min(limits.curvature, limits.lateral_acceleration / (speed * speed))
     return 1.0 / bend if np.isfinite(bend) else np.inf
-
-
-def typical_radius(zones: ZoneBatch) -> float | None:
-    """Median radius of the zones, without what is uncertain of them; None without zones."""
-    return None if zones.size == 0 else float(np.median(zones.radius + zones.extent))
 
 
 def fastest_times(problem: Problem, stations: Array) -> Array:

@@ -32,7 +32,7 @@ Reached = list[dict[int, int]]
 
 
 @dataclass(frozen=True)
-class Ends:
+class WayEnds:
     """Where ways begin and end.
 
     Attributes
@@ -121,7 +121,6 @@ class Layout:
         self.length = 8 * self._bytes
         self.word = (1 << self.length) - 1
         self._room = size + beside
-        self._cases = _repeated(1, self.length * self._room, cases)
         self.offsets = _repeated(1, self.length, size)
         every = _repeated(1, self.length, self._room * cases)
         self.early = [every * (self.word >> delays) for delays in range(self.length)]
@@ -139,20 +138,22 @@ class Layout:
 
     def of_each(self, words: Words) -> list[int]:
         """Integers of rows of words that are the same in all cases, (rows, O)."""
-        return [bits * self._cases for bits in self.of_cases(words[:, :, None])]
+        size = words.shape[1]
+        return self._of_bytes(
+            words.astype("<u8", order="C").view(np.uint8).reshape(-1, 1, size, WORD_BYTES), self.cases
+        )
 
     def of_counts(self, counts: Counts) -> list[int]:
         """Integers of rows of words whose first so many delays are set, the same in all cases, (rows, O)."""
-        found = self._of_bytes(FIRST_DELAYS[counts[:, None], : self._bytes])
-        return found if self.cases == 1 else [bits * self._cases for bits in found]
+        return self._of_bytes(FIRST_DELAYS[counts[:, None], : self._bytes], self.cases)
 
-    def _of_bytes(self, words: NDArray[np.uint8]) -> list[int]:
-        """Integers of rows of words byte by byte, (rows, C, O, 8 or fewer)."""
+    def _of_bytes(self, words: NDArray[np.uint8], times: int = 1) -> list[int]:
+        """Integers of rows of words byte by byte, (rows, C, O, 8 or fewer), each repeated so many times."""
         rows, cases, size, _ = words.shape
         room = np.zeros((rows, cases, self._room, self._bytes), dtype=np.uint8)
         room[:, :, :size] = words[..., : self._bytes]
         data, length = room.tobytes(), cases * self._room * self._bytes
-        return [int.from_bytes(data[k : k + length], "little") for k in range(0, len(data), length)]
+        return [int.from_bytes(data[k : k + length] * times, "little") for k in range(0, len(data), length)]
 
     def words(self, bits: int) -> Words:
         """The words of an integer, (C, O)."""
@@ -170,6 +171,37 @@ def _repeated(bits: int, length: int, count: int) -> int:
     return bits * (((1 << length * count) - 1) // ((1 << length) - 1))
 
 
+class _Leaving:
+    """What leaves a station, after changes of speed and slope; classes of speed are asked for in their order."""
+
+    def __init__(self, grid: Grid, before: Reached) -> None:
+        self._grid, self._before = grid, before
+        self._driven: dict[int, int] = {}
+        self._speeds = range(0)
+        self._turns = 0
+        self._left: dict[int, int] = {}
+
+    def left(self, k: int) -> dict[int, int]:
+        """What leaves with a class of speed, of each slope."""
+        grid, speeds, turns = self._grid, self._grid.speeds_before[k], self._grid.turn_counts[k]
+        if speeds == self._speeds and turns == self._turns:
+            return self._left
+        further = range(self._speeds.stop, speeds.stop)
+        if speeds.start != self._speeds.start or not self._speeds:
+            self._driven, further = {}, speeds
+        driven = self._driven
+        for speed in further:
+            for m, bits in self._before[speed].items():
+                driven[m] = driven[m] | bits if m in driven else bits
+        left: dict[int, int] = {}
+        near = grid.slopes_near[k]
+        for m, bits in driven.items():
+            for other in near[m]:
+                left[other] = left[other] | bits if other in left else bits
+        self._speeds, self._turns, self._left = speeds, turns, left
+        return left
+
+
 class Sweep:
     """One sweep over the stations.
 
@@ -178,7 +210,7 @@ class Sweep:
     grid : Grid
     free : (lines, half offsets, C) array of words
         Free cells in each case.
-    ends : Ends
+    ends : WayEnds
     in_time : (n + 1, K, O) array of int
         So many delays are looked at, at each station, of each class of speed and offset.
     deadline : float
@@ -200,7 +232,7 @@ class Sweep:
         self,
         grid: Grid,
         free: Words,
-        ends: Ends,
+        ends: WayEnds,
         in_time: Counts,
         deadline: float = np.inf,
         begun: Begun | None = None,
@@ -235,7 +267,7 @@ class Sweep:
             {m: bits & goal for m, bits in some.items() if m in at_last and bits & goal} for some in before
         ]
 
-    def _first(self, ends: Ends) -> Reached:
+    def _first(self, ends: WayEnds) -> Reached:
         """Where ways begin."""
         grid, start = self.grid, 0
         for case in range(self.layout.cases):
@@ -281,9 +313,10 @@ class Sweep:
             self._load(i - (i - 1) % STRETCH)
         place = i - self._loaded.start
         line = EACH_STATION * (i - 1)
-        free, early, aside = self._free[place], layout.early, self._aside
+        free, early, aside, length = self._free[place], layout.early, self._aside, layout.length
         halfway: dict[int, int] = {}
         reached: Reached = []
+        leaving = _Leaving(grid, before)
         for k, timely in enumerate(self._timely[place]):
             here: dict[int, int] = {}
             reached.append(here)
@@ -291,12 +324,10 @@ class Sweep:
             if not open_:
                 continue
             first, second = grid.shift_lists[line][k], grid.shift_lists[line + 1][k]
-            for m, bits in self._left(before, k).items():
+            for m, left in leaving.left(k).items():
                 delays, more = first[m], second[m]
-                if delays + more >= layout.length:
-                    continue
-                bits &= early[delays + more]
-                if not bits:
+                later = delays + more
+                if later >= length or not (bits := left & early[later] if later else left):
                     continue
                 if m not in halfway:
                     halfway[m] = self._halfway(place, m)
@@ -307,19 +338,6 @@ class Sweep:
         if reached[-1]:
             self._wait(reached[-1], open_)
         return reached
-
-    def _left(self, before: Reached, k: int) -> dict[int, int]:
-        """What leaves a station with a class of speed, after changes of speed and slope; of each slope."""
-        driven: dict[int, int] = {}
-        for speed in self.grid.speeds_before[k]:
-            for m, bits in before[speed].items():
-                driven[m] = driven[m] | bits if m in driven else bits
-        left: dict[int, int] = {}
-        near = self.grid.slopes_near[k]
-        for m, bits in driven.items():
-            for other in near[m]:
-                left[other] = left[other] | bits if other in left else bits
-        return left
 
     def _halfway(self, place: int, m: int) -> int:
         """Free cells halfway to each offset with a slope."""

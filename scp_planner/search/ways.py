@@ -19,7 +19,7 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import Begun, Counts, Ends, Sweep
+from scp_planner.search.sweep import Begun, Counts, Sweep, WayEnds
 
 Closed = tuple[tuple[int, int], ...]
 
@@ -93,7 +93,7 @@ class WaySearch:
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
         self._fastest = np.inf  # arrival of the ways that were found, s
-        self.ends = Ends(self._slopes(0), self._slopes(-1), self._goal())
+        self.ends = WayEnds(self._slopes(0), self._slopes(-1), self._goal())
 
     def _slopes(self, end: int) -> slice:
         """Slopes that the heading at an end allows."""
@@ -145,7 +145,7 @@ class WaySearch:
         """Return the fastest way of each of several cases, which differ in the sides that are closed."""
         grid = self.grid
         found: list[Way | None] = [None] * len(cases)
-        left = list(range(len(cases)))
+        left, reached = list(range(len(cases))), set[int]()
         together = max(1, MOST_TOGETHER // (len(grid.lines) * len(grid.half_offsets)))
         for latest in self._windows(within):
             if self.cells.out_of_time:
@@ -162,8 +162,11 @@ class WaySearch:
                 if sweep.cut_off:
                     return found
                 for case, k in enumerate(some):
-                    found[k] = self._way(sweep, case)
-            left = [k for k in left if found[k] is None]
+                    delay = sweep.first_arrival(case)
+                    if delay is not None:
+                        reached.add(k)
+                        found[k] = self._way(sweep, case, delay, within)
+            left = [k for k in left if k not in reached]
             if not left:
                 break
         return found
@@ -184,11 +187,9 @@ class WaySearch:
         likely = self._fastest + LIKELY * self.grid.delay_step
         return [likely, last] if likely - first < QUICKER * (last - first) else [last]
 
-    def _way(self, sweep: Sweep, case: int) -> Way | None:
-        """The fastest way that a sweep found in a case."""
-        grid, delay = self.grid, sweep.first_arrival(case)
-        if delay is None:
-            return None
+    def _way(self, sweep: Sweep, case: int, delay: int, within: float) -> Way | None:
+        """The fastest way that a sweep found in a case, by its delay at the goal; None if it takes too long."""
+        grid = self.grid
         states = sweep.trace(delay, case)
         offsets = grid.offsets[states.offset]
         legs = grid.durations[np.arange(grid.columns), states.speed[1:], states.slope[1:]]
@@ -197,7 +198,9 @@ class WaySearch:
         arrival, by_the_grid = float(times[-1]), float(grid.fastest[-1]) + grid.delay_step * delay
         apart = arrival - by_the_grid > LIKELY * grid.delay_step
         self._fastest = min(self._fastest, by_the_grid if apart else arrival)
-        return Way(float(times[-1]), grid.stations, offsets, times, self._sides(offsets, times))
+        if arrival > within:
+            return None
+        return Way(arrival, grid.stations, offsets, times, self._sides(offsets, times))
 
     @cached_property
     def _earliest(self) -> Array:

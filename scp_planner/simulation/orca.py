@@ -17,7 +17,7 @@ from itertools import combinations
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, cross
 
 ROUNDING = 1e-9
 """Of velocities, in multiples of the top speed: rows count as kept up to this."""
@@ -92,7 +92,7 @@ def half_planes(own: Bodies, other: Bodies, horizon: float, step: float, share: 
     outward = np.where((size > 0.0)[..., None], outward, away)
     depth = reach / within - size
     # Otherwise the nearer leg; its outward normal is that of a tangent of the disc about place through the origin.
-    left = _cross(place, from_disc) > 0.0
+    left = cross(place, from_disc) > 0.0
     leg = np.sqrt(np.maximum(apart**2 - reach**2, 0.0))
     side = np.where(left, 1.0, -1.0)
     across = side[..., None] * np.stack([-place[..., 1], place[..., 0]], axis=-1)
@@ -168,7 +168,7 @@ def _vertices(rows: HalfPlanes, wanted: Array) -> Array:
 
 def _meeting(one: Array, first: Array, two: Array, second: Array) -> Array:
     """Where lines meet, (..., 2); far outside where they do not."""
-    sine = _cross(one, two)
+    sine = cross(one, two)
     parallel = np.abs(sine) < PARALLEL
     sine = np.where(parallel, 1.0, sine)
     x = (first * two[..., 1] - second * one[..., 1]) / sine
@@ -222,7 +222,3 @@ def _triples(count: int) -> Index:
 
 def _dot(one: Array, two: Array) -> Array:
     return np.asarray(one[..., 0] * two[..., 0] + one[..., 1] * two[..., 1])
-
-
-def _cross(one: Array, two: Array) -> Array:
-    return np.asarray(one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0])

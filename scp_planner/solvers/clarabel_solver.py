@@ -10,6 +10,7 @@ from scipy.sparse import csc_matrix
 
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.polishing import polish
+from scp_planner.solvers.preparation import given_up, sparse_preparation
 from scp_planner.solvers.scaling import equilibrate
 
 _TOLERANCE = 1e-12
@@ -45,6 +46,8 @@ class ClarabelSolver:
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
         deadline = perf_counter() + program.time_limit
+        if sparse_preparation(program) > program.time_limit:
+            return given_up(program)
         scaling = equilibrate(program)
         answer = self._solve_scaled(scaling.program)
         if answer.status is not SolverStatus.INFEASIBLE:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scp_planner.arrays import Array
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.preparation import dense_preparation, given_up
 from scp_planner.solvers.scaling import equilibrate
 
 _ACTIVE, _LOWER, _EQUALITY = 1, 2, 5
@@ -33,10 +34,12 @@ class DaqpSolver:
 
     def solve(self, program: QuadraticProgram) -> Solution:
         """Solve one quadratic program."""
-        began = perf_counter()
+        began, preparation = perf_counter(), dense_preparation(program)
+        if preparation > program.time_limit:
+            return given_up(program)
         solution = _solve(program, program.active)
         left = program.time_limit - (perf_counter() - began)
-        if solution.status is SolverStatus.FAILED and left > 0.0:
+        if solution.status is SolverStatus.FAILED and left > preparation:
             # Bad scaling, or a guess with dependent rows that led into a cycle: once more in even units, from nothing.
             scaling = equilibrate(replace(program, time_limit=left))
             solution = scaling.original(_solve(scaling.program, np.zeros(len(solution.multipliers), dtype=np.int8)))

@@ -24,7 +24,7 @@ from scp_planner.arrays import Array
 from scp_planner.batch.local import LocalExecutor
 from scp_planner.errors import StudyError
 from scp_planner.files import write_text
-from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Study, Task, ZoneKind, border
+from scp_planner.studies.field import METRICS, ConsistencySettings, Metric, Record, Replication, Study, ZoneKind, border
 from scp_planner.studies.result_file import ResultFile
 
 RESULTS, SUMMARY, SLOPES, BORDER = "results.jsonl", "summary.csv", "slopes.csv", "border.csv"
@@ -52,7 +52,7 @@ def prepared(settings: ConsistencySettings) -> Study:
     return Study(settings)
 
 
-def _measure(settings: ConsistencySettings, task: Task) -> list[Record]:
+def _measure(settings: ConsistencySettings, task: Replication) -> list[Record]:
     # Which repetitions are done does not change what one of them does: prepare once for all.
     return prepared(replace(settings, sizes=(), noises=(), repetitions=0)).measure(task)
 
@@ -86,7 +86,7 @@ def run_consistency(
         If the folder holds something else.
     """
     settings = settings or ConsistencySettings()
-    done: dict[Task, list[Record]] = {}
+    done: dict[Replication, list[Record]] = {}
     file = None
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -103,16 +103,16 @@ def run_consistency(
     return ConsistencyResult(settings, tuple(record for task in tasks for record in done[task]))
 
 
-def _tasks(settings: ConsistencySettings) -> list[Task]:
+def _tasks(settings: ConsistencySettings) -> list[Replication]:
     return [
-        Task(noise, size, repetition)
+        Replication(noise, size, repetition)
         for repetition in range(settings.repetitions)
         for noise in settings.noises
         for size in settings.sizes
     ]
 
 
-def _results(settings: ConsistencySettings, tasks: Sequence[Task], workers: int) -> Iterator[list[Record]]:
+def _results(settings: ConsistencySettings, tasks: Sequence[Replication], workers: int) -> Iterator[list[Record]]:
     """Results as they come; an interrupt or error ends the workers at once."""
     if workers <= 1:
         for task in tasks:
@@ -206,13 +206,13 @@ class ConsistencyResult:
         """Values of a metric, (sizes, repetitions)."""
         return np.array(
             [
-                [self._found[kind, Task(noise, size, repetition)][metric] for repetition in self._repetitions]
+                [self._found[kind, Replication(noise, size, repetition)][metric] for repetition in self._repetitions]
                 for size in self.settings.sizes
             ]
         )
 
     @cached_property
-    def _found(self) -> dict[tuple[ZoneKind, Task], dict[str, float]]:
+    def _found(self) -> dict[tuple[ZoneKind, Replication], dict[str, float]]:
         return {(record.kind, record.task): record.values for record in self.records}
 
     @property

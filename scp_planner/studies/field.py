@@ -162,7 +162,7 @@ class ConsistencySettings:
 
 
 @dataclass(frozen=True, order=True)
-class Task:
+class Replication:
     """One repetition."""
 
     noise: float
@@ -176,7 +176,7 @@ class Record:
 
     Attributes
     ----------
-    task : Task
+    task : Replication
     kind : ZoneKind
     values : dict of str to float
         Of METRICS by name; further ``other_way``, 1 if the minimiser lies outside the basin of the true one, from
@@ -184,7 +184,7 @@ class Record:
         of points of the compact set at which Q_n is lower than at the minimiser: 0 unless the minimisation failed.
     """
 
-    task: Task
+    task: Replication
     kind: ZoneKind
     values: dict[str, float]
 
@@ -328,7 +328,7 @@ class Study:
         """Q at all points of the compact set, (P,)."""
         return self.set_values(self.problem.zones)
 
-    def observed(self, task: Task) -> Scenario:
+    def observed(self, task: Replication) -> Scenario:
         """Return the field with obstacles as they are observed in one repetition."""
         settings = self.settings
         random = np.random.default_rng([settings.seed, round(1e6 * task.noise), task.size, task.repetition])
@@ -346,7 +346,7 @@ class Study:
             )
         return Scenario.model_validate({**self.scenario.model_dump(by_alias=True), "obstacles": obstacles})
 
-    def measure(self, task: Task) -> list[Record]:
+    def measure(self, task: Replication) -> list[Record]:
         """Do one repetition."""
         observed = self.observed(task)
         regions = zones(observed)

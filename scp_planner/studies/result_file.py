@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scp_planner.errors import StudyError
 from scp_planner.files import regular_target
-from scp_planner.studies.field import Record, Task, ZoneKind
+from scp_planner.studies.field import Record, Replication, ZoneKind
 
 
 class ResultFile:
@@ -32,12 +32,12 @@ class ResultFile:
         self.path = regular_target(path)
         self.fingerprint = fingerprint
 
-    def load(self) -> dict[Task, list[Record]]:
+    def load(self) -> dict[Replication, list[Record]]:
         """Return the results that are there; a last line that was cut short is taken away.
 
         Returns
         -------
-        dict of Task to list of Record
+        dict of Replication to list of Record
 
         Raises
         ------
@@ -51,11 +51,11 @@ class ResultFile:
         if whole < len(text):
             with open(self.path, "r+b") as file:
                 file.truncate(whole)
-        found: dict[Task, list[Record]] = {}
+        found: dict[Replication, list[Record]] = {}
         for number, line in enumerate(text[:whole].decode("utf-8").splitlines(), start=1):
             try:
                 data = json.loads(line)
-                task = Task(data["noise"], data["size"], data["repetition"])
+                task = Replication(data["noise"], data["size"], data["repetition"])
                 records = [Record(task, ZoneKind(kind), values) for kind, values in data["kinds"].items()]
             except (ValueError, KeyError, TypeError, AttributeError):
                 raise StudyError(f"{self.path}: line {number} is no result of this study") from None

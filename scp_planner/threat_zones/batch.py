@@ -13,16 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
 from scp_planner.mathematics.outlines import Outline, Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
 from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
+SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
 _ALL = slice(None)
 _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
@@ -80,7 +82,7 @@ class ZoneBatch:
         """
         discs = zones.discs if isinstance(zones, SortedZones) else _NO_DISCS
         others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
-        numbered = [(k, _Part.of(zones[k], some)) for k in others for some in (zones[k].outlines or (None,))]
+        numbered = [(k, part) for k in others for part in _Part.all_of(zones[k])]
         parts = [part for _, part in numbered]
         # Discs first, then all in the order of the zones
         still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
@@ -102,7 +104,6 @@ class ZoneBatch:
             paths = [part.centers if part.pointing is None else part.pointing for part in parts]
             pointing = frame.points_batch([*known, *paths])
             directions = (pointing.take(order) if known else pointing).derivative
-        still = np.zeros(2)
         return cls(
             ids=tuple(ids[k] for k in order),
             radius=radius + inflation,
@@ -110,7 +111,7 @@ class ZoneBatch:
             uncertain=np.array([k for k, _ in uncertain], dtype=np.intp),
             covariances=frame.covariances_batch([one for _, one in uncertain]) if uncertain else None,
             shaped=np.array([k for k, _ in shaped], dtype=np.intp),
-            outlines=Outlines([outline.moved(still, -frame.heading) for _, outline in shaped]) if shaped else None,
+            outlines=Outlines([outline for _, outline in shaped]).turned(-frame.heading) if shaped else None,
             own_directions=directions,
         )
 
@@ -125,6 +126,18 @@ class ZoneBatch:
         first: dict[str, int] = {}
         found = [first.setdefault(name, place) for place, name in enumerate(self.ids)]
         return None if len(first) == self.size else np.array(found, dtype=np.intp)
+
+    def singles(self, place: Index, zone: Index, contacts: ZoneContacts) -> Index:
+        """Which of some contacts with zones, (n,), in places, are not those with a part of which another has the same.
+
+        Parts of one zone that overlap share edges: what is nearest is then the same point of both.
+        """
+        assert self.whole is not None, "otherwise all are"
+        distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
+        keys = np.stack([place, self.whole[zone], distance, *normal.T])
+        order = np.lexsort((zone, *keys))
+        same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
+        return np.sort(np.delete(order, np.flatnonzero(same) + 1))
 
     @cached_property
     def velocities(self) -> PiecewisePolynomials:
@@ -167,6 +180,11 @@ class ZoneBatch:
         """Whether any zone turns."""
         return bool(self.turning.any())
 
+    @cached_property
+    def typical_radius(self) -> float | None:
+        """Median radius, without what is uncertain, m; None without zones."""
+        return None if self.size == 0 else float(np.median(self.radius + self.extent))
+
     def subset(self, index: Index) -> ZoneBatch:
         """Return the batch of some of the zones."""
         uncertain, shaped = self.slot[index], self.outline_slot[index]
@@ -174,7 +192,7 @@ class ZoneBatch:
         if self.covariances is not None and np.any(uncertain >= 0):
             covariances = self.covariances.take(uncertain[uncertain >= 0])
         if self.outlines is not None and np.any(shaped >= 0):
-            outlines = Outlines([self.outlines.outlines[k] for k in shaped[shaped >= 0]])
+            outlines = self.outlines.take(shaped[shaped >= 0])
         return ZoneBatch(
             ids=tuple(self.ids[i] for i in index),
             radius=self.radius[index],
@@ -210,7 +228,7 @@ class ZoneBatch:
         if covariances is not None:
             covariances = covariances.rounded(DECIMALS + 3, DECIMALS + 3)
         if outlines is not None:
-            outlines = Outlines([outline.rounded(DECIMALS + 2) for outline in outlines.outlines])
+            outlines = outlines.rounded(DECIMALS + 2)
         centers = self.centers.rounded(DECIMALS, DECIMALS + 3)
         directions = self.own_directions
         if directions is not None:
@@ -274,9 +292,9 @@ class ZoneBatch:
         """Put the distances to outlines into the array, (n, L) m, of those to their centres."""
         distance[:, self.shaped] -= self.extent[self.shaped]
         near = distance[:, self.shaped] < exact_below
-        if self._ground is not None:
-            ground = self._ground.zones
-            bound = np.maximum(distance[:, ground], self._ground.heights(points) - self.radius[ground])
+        if self.ground is not None:
+            ground = self.ground.zones
+            bound = np.maximum(distance[:, ground], self.ground.heights(points) - self.radius[ground])
             distance[:, ground] = bound
             near[:, self.outline_slot[ground]] = bound < exact_below
         row, column = np.nonzero(near)
@@ -287,7 +305,7 @@ class ZoneBatch:
             distance[row, index] = exact - self.radius[index]
 
     @cached_property
-    def _ground(self) -> _Ground | None:
+    def ground(self) -> Ground | None:
         """Polygons that stand and are known; None without any."""
         if self.outlines is None:
             return None
@@ -296,7 +314,7 @@ class ZoneBatch:
         if len(zones) == 0:
             return None
         places = self.centers.take(zones).grid(np.zeros(1))[0]
-        return _Ground.of(zones, [self.outlines.outlines[k] for k in self.outline_slot[zones]], places)
+        return Ground.of(zones, self.outlines, self.outline_slot[zones], places)
 
     def reach(self, times: Array) -> Array:
         """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
@@ -312,7 +330,7 @@ class ZoneBatch:
 
     def uncertain_among(self, index: Index) -> Index | slice:
         """Where some zones, (n,), are uncertain: a slice of all if all zones are."""
-        return _ALL if len(self.uncertain) == self.size else np.flatnonzero(self.slot[index] >= 0)
+        return _ALL if len(self.uncertain) == self.size else (self.slot[index] >= 0).nonzero()[0]
 
     def contacts(self, index: Index, times: Array, points: Array) -> ZoneContacts:
         """Exact contacts of points with chosen zones.
@@ -332,14 +350,14 @@ class ZoneBatch:
         """
         center, velocity = self.centers.at_with_rate(index, times)
         offset = points - center
-        rows = self.uncertain_among(index)
-        if self.covariances is None or rows is not _ALL:
+        rows = None if self.covariances is None else self.uncertain_among(index)
+        if rows is not _ALL:
             distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
             normal = offset / np.maximum(distance, 1e-12)[:, None]
             growth = np.zeros_like(distance)
         else:
             distance, normal, growth = np.empty(len(offset)), np.empty_like(offset), np.empty(len(offset))
-        if self.covariances is not None:
+        if self.covariances is not None and rows is not None:
             covariance, change = self.covariances.at_with_rate(self.slot[index[rows]], times[rows])
             exact = ellipse_contact(offset[rows], covariance)
             normal[rows], distance[rows] = exact.normal, exact.distance
@@ -396,44 +414,9 @@ class ZoneBatch:
         if len(rows):
             pointing = self.directions.at(index[rows], times[rows])
             change = self.directions.derivative.at(index[rows], times[rows])
-            spin = _cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
-            rate[rows] += spin * _cross(normal[rows], lever[rows])
+            spin = cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
+            rate[rows] += spin * cross(normal[rows], lever[rows])
         return rate
-
-
-@dataclass(frozen=True)
-class _Ground:
-    """Polygons that stand, by the lines of their edges.
-
-    Attributes
-    ----------
-    zones : (s,) array of int
-        Which zones they are.
-    normals : (E, 2) array
-        Outward unit normals of all edges, those of a polygon together.
-    offsets : (E,) array
-        normal . p on the line of each edge, m.
-    first : (s,) array of int
-        Where the edges of each polygon begin.
-    """
-
-    zones: Index
-    normals: Array
-    offsets: Array
-    first: Index
-
-    @classmethod
-    def of(cls, zones: Index, outlines: Sequence[Outline], places: Array) -> _Ground:
-        """Return the edges of polygons about places, (s, 2) m."""
-        normals = np.concatenate([outline.normals for outline in outlines])
-        counts = np.array([len(outline.normals) for outline in outlines])
-        corners = np.concatenate([outline.vertices for outline in outlines if outline.vertices is not None])
-        offsets = np.einsum("ij,ij->i", normals, corners + places.repeat(counts, axis=0))
-        return cls(zones, normals, offsets, np.cumsum(counts) - counts)
-
-    def heights(self, points: Array) -> Array:
-        """Return how far points, (n, 2) m, are beyond the farthest edge, (n, s) m: outside at most the distance."""
-        return np.maximum.reduceat(points @ self.normals.T - self.offsets, self.first, axis=1)
 
 
 class _Part(NamedTuple):
@@ -447,17 +430,18 @@ class _Part(NamedTuple):
     pointing: PiecewisePolynomials | None = None
 
     @classmethod
-    def of(cls, zone: ThreatZone, outline: Outline | None) -> _Part:
-        """Return a part; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
-        if outline is None:
-            return cls(zone.id, zone.radius, zone.centers, zone.covariances, None)
-        if outline.matrix is not None and not outline.turning and zone.covariances is None:
-            constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
-            return cls(zone.id, zone.radius, zone.centers, constant, None)
-        coefficients = zone.centers.coefficients.copy()
-        coefficients[:, :, 0] += outline.middle
-        centers = PiecewisePolynomials(zone.centers.breakpoints, coefficients)
-        return cls(zone.id, zone.radius, centers, zone.covariances, outline.moved(-outline.middle), zone.pointing)
+    def all_of(cls, zone: ThreatZone) -> list[_Part]:
+        """Return all parts; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
+        if not zone.outlines:
+            return [cls(zone.id, zone.radius, zone.centers, zone.covariances, None)]
+        found = []
+        for outline, centers in zip(zone.outlines, zone.part_centers, strict=True):
+            if outline.matrix is not None and not outline.turning and zone.covariances is None:
+                constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
+                found.append(cls(zone.id, zone.radius, zone.centers, constant, None))
+            else:
+                found.append(cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing))
+        return found
 
 
 def _slots(index: Index, size: int) -> Index:
@@ -474,11 +458,6 @@ def _support_point(covariance: Array, normal: Array) -> Array:
     return (
         np.stack([xx * x + xy * y, xy * x + yy * y], axis=1) / np.maximum(support(covariance, normal), 1e-300)[:, None]
     )
-
-
-def _cross(first: Array, second: Array) -> Array:
-    product: Array = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    return product
 
 
 def _support_rate(covariance: Array, covariance_rate: Array, normal: Array) -> Array:

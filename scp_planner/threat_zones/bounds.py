@@ -105,7 +105,8 @@ class ZoneBounds:
 
         With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
         distance is at least nu . (r - c) - sqrt(nu' C nu) less the radius; there nu . (r - c) is bounded by Taylor's
-        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline.
+        polynomial of degree 1 and its remainder, and so is nu' C nu under the root. A disc covers each outline;
+        of polygons that stand the line of an edge is at most as far as they are.
 
         Parameters
         ----------
@@ -151,6 +152,12 @@ class ZoneBounds:
             bound[:, batch.uncertain] -= grown
         if not nearest > NO_DIRECTION:
             bound[~(everywhere > NO_DIRECTION)] = -np.inf
+        if batch.ground is not None:
+            # Of polygons that stand the lines of their edges tell more than the discs that cover them.
+            some = batch.ground.zones
+            heights = batch.ground.least_heights(moving.position, half * moving.velocity)
+            heights -= 0.5 * half * half * moving.acceleration[:, None]
+            bound[:, some] = np.maximum(bound[:, some], heights - batch.radius[some])
         return bound
 
     def fine(self, index: Index, interval: Index, moving: MovingPoint) -> DistanceBounds:

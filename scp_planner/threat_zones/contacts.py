@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ZoneContacts:
     normal: Array
     rate: Array
 
-    def take(self, index: slice) -> ZoneContacts:
+    def take(self, index: Index | slice) -> ZoneContacts:
         """Return some of the contacts."""
         return ZoneContacts(self.distance[index], self.normal[index], self.rate[index])
 

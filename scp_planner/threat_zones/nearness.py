@@ -19,7 +19,7 @@ LOOKS = (4, 32)  # intervals of time: few first, more only for the zones that ar
 
 
 @dataclass(frozen=True)
-class Looks:
+class SweptBoxes:
     """Intervals of time, and where the vehicle is on them.
 
     Attributes
@@ -38,18 +38,18 @@ class Looks:
     upper: Array
 
 
-def least_clearances(batch: ZoneBatch, looks: Looks) -> Array:
-    """Lower bounds of the clearance of each zone over all looks, (L,) m.
+def least_clearances(batch: ZoneBatch, boxes: SweptBoxes) -> Array:
+    """Lower bounds of the clearance of each zone over all boxes, (L,) m.
 
     Rigorous for zones whose motion is known and one polynomial; -inf for the others, of which nothing is known so
     cheaply.
     """
-    distance = _distance_to_boxes(batch.centers.grid(looks.middle), looks)
-    polynomials, factor = batch.velocities, looks.half
+    distance = _distance_to_boxes(batch.centers.grid(boxes.middle), boxes)
+    polynomials, factor = batch.velocities, boxes.half
     for order in range(2, batch.centers.coefficients.shape[2] + 1):
-        moved = polynomials.grid(looks.middle)
+        moved = polynomials.grid(boxes.middle)
         distance -= factor * np.sqrt(np.einsum("kld,kld->kl", moved, moved))
-        polynomials, factor = polynomials.derivative, factor * looks.half / order
+        polynomials, factor = polynomials.derivative, factor * boxes.half / order
     bounds: Array = distance.min(axis=0) - batch.radius - batch.extent
     unknown = batch.slot >= 0
     if batch.centers.coefficients.shape[1] > 1:
@@ -58,10 +58,10 @@ def least_clearances(batch: ZoneBatch, looks: Looks) -> Array:
     return bounds
 
 
-def _distance_to_boxes(points: Array, looks: Looks) -> Array:
+def _distance_to_boxes(points: Array, boxes: SweptBoxes) -> Array:
     """Distances of (K, L, 2) points to the K boxes."""
-    x = np.maximum(looks.lower[:, None, 0] - points[:, :, 0], points[:, :, 0] - looks.upper[:, None, 0])
-    y = np.maximum(looks.lower[:, None, 1] - points[:, :, 1], points[:, :, 1] - looks.upper[:, None, 1])
+    x = np.maximum(boxes.lower[:, None, 0] - points[:, :, 0], points[:, :, 0] - boxes.upper[:, None, 0])
+    y = np.maximum(boxes.lower[:, None, 1] - points[:, :, 1], points[:, :, 1] - boxes.upper[:, None, 1])
     np.maximum(x, 0.0, out=x)
     np.maximum(y, 0.0, out=y)
     # not np.hypot, which takes four times as long

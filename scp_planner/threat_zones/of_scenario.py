@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, cast, overload
 import numpy as np
 
 from scp_planner.arrays import Index
-from scp_planner.mathematics import corridor
+from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.courses import course_covariances, course_pointing, course_polynomials
 from scp_planner.mathematics.headings import course_heading
 from scp_planner.mathematics.outlines import Outline, convex_pieces
@@ -188,22 +188,24 @@ def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
 def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     """Return corridor and walls of a scenario as the zones of obstacles that stand: what lies outside, and walls."""
     outside = () if scenario.corridor is None else _walls(scenario.corridor)
-    return (*_standing(scenario, corridor.NAME, outside), *_standing(scenario, corridor.WALLS, scenario.walls))
+    start = scenario.start.position
+    return (*_standing(start, corridor.NAME, outside), *_standing(start, corridor.WALLS, scenario.walls))
 
 
-def _standing(scenario: Scenario, name: str, polygons: Sequence[corridor.Polygon]) -> tuple[ThreatZone, ...]:
-    """Convex polygons as the zone of one obstacle that stands; none without any."""
+@lru_cache(maxsize=16)
+def _standing(start: planar.Point, name: str, polygons: tuple[corridor.Polygon, ...]) -> tuple[ThreatZone, ...]:
+    """Convex polygons as the zone of one obstacle that stands, seen from a place; none without any."""
     if not polygons:
         return ()
-    middle = np.array(scenario.start.position)
+    middle = np.array(start)
     still = PiecewisePolynomials.single(0.0, middle[None])
     outlines = tuple(Outline.polygon(np.array(polygon) - middle) for polygon in polygons)
     return (ThreatZone(name, 0.0, still, None, outlines),)
 
 
 @lru_cache(maxsize=16)
-def _walls(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
-    return corridor.outside(polygons)
+def _walls(polygons: tuple[corridor.Polygon, ...]) -> tuple[corridor.Polygon, ...]:
+    return tuple(corridor.outside(polygons))
 
 
 def _estimates(scenario: Scenario, some: Iterable[int]) -> dict[int, MotionEstimate]:

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, cross
 from scp_planner.estimation.confidence import outside_probability, region_scale, shared_alpha, uniform_scale
 from scp_planner.estimation.dynamics import RandomWalk
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
@@ -188,8 +188,7 @@ def _velocity(estimate: MotionEstimate, times: Array) -> Array:
 def _turns(velocity: Array) -> Array:
     """By how much velocities (L, 2), which change straight from one to the next, have turned since the first, rad."""
     before, after = velocity[:-1], velocity[1:]
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turns = np.arctan2(cross, np.einsum("na,na->n", before, after))
+    turns = np.arctan2(cross(before, after), np.einsum("na,na->n", before, after))
     return np.asarray(np.abs(np.concatenate([[0.0], np.cumsum(turns)])))
 
 

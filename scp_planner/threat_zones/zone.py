@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf
 
 import numpy as np
@@ -54,6 +55,16 @@ class ThreatZone:
     outlines: tuple[Outline, ...] = ()
     pointing: PiecewisePolynomials | None = None
     until: float = inf
+
+    @cached_property
+    def part_centers(self) -> tuple[PiecewisePolynomials, ...]:
+        """Of the middle of each outline, m."""
+        found = []
+        for outline in self.outlines:
+            coefficients = self.centers.coefficients.copy()
+            coefficients[:, :, 0] += outline.middle
+            found.append(PiecewisePolynomials(self.centers.breakpoints, coefficients))
+        return tuple(found)
 
     def __repr__(self) -> str:
         shape = f"disc of {self.radius:.4g} m" if not self.outlines else f"{len(self.outlines)} convex outlines"

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, cross
 from scp_planner.trips.samples import SampledTrajectory
 
 IN_LINE = 1e-12  # relative; velocity and acceleration that differ less in direction are in line: rounding
@@ -154,15 +154,10 @@ class SampledMotion:
     @property
     def turn(self) -> Array:
         """Velocity x acceleration, (m,) m^2/s^3: constant on a piece; 0 where they are in line but for rounding."""
-        cross = _cross(self.velocity, self.acceleration)
+        turn = cross(self.velocity, self.acceleration)
         size = np.hypot(*self.velocity.T) * np.hypot(*self.acceleration.T)
-        found: Array = np.where(np.abs(cross) <= IN_LINE * size, 0.0, cross)
+        found: Array = np.where(np.abs(turn) <= IN_LINE * size, 0.0, turn)
         return found
-
-
-def _cross(a: Array, b: Array) -> Array:
-    found: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return found
 
 
 def _woven(a: Array, b: Array) -> Array:

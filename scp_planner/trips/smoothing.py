@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, cross
 from scp_planner.errors import TooLargeError
 from scp_planner.trips.guide import CurvedGuide, Guide, StraightGuide
 
@@ -165,9 +165,7 @@ def _rounded(points: Array, radius: float) -> tuple[Array, float]:
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     directions = legs / lengths[:, None]
     before, after = directions[:-1], directions[1:]
-    turn = np.arctan2(
-        before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1]
-    )
+    turn = np.arctan2(cross(before, after), before[:, 0] * after[:, 0] + before[:, 1] * after[:, 1])
     sharp = np.abs(turn) >= SHARP
     # An inner leg is shared by its two corners.
     each = np.where((np.arange(len(legs)) == 0) | (np.arange(len(legs)) == len(legs) - 1), 1.0, 0.5)

@@ -109,7 +109,7 @@ class Arrivals:
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveSamples:
     """A motion along a path at n times.
 
     Attributes
@@ -266,10 +266,10 @@ class Trajectory:
         """Local power coefficients of the acceleration."""
         return self.space.acceleration.combine(self.beta)
 
-    def drive_at(self, sigma: Array) -> Drive:
+    def drive_at(self, sigma: Array) -> DriveSamples:
         """Return the motion along the path at normalised times, (n,); as in :meth:`at`, but without a table."""
         span, x = self.space.acceleration.locate(sigma)
-        return Drive(
+        return DriveSamples(
             evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma,
             evaluate(self._speed, span, x) + self.space.start_speed,
             evaluate(self._acceleration, span, x),

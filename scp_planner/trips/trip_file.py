@@ -19,7 +19,7 @@ from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
 
-class Reader:
+class KeyReader:
     """Reads keys of a plan file with errors that name the file, the key and the value."""
 
     def __init__(self, data: dict[str, Any], file: str, path: str = "") -> None:
@@ -40,12 +40,12 @@ class Reader:
             raise self.fault(key, MISSING, "a value")
         return self.data[key]
 
-    def part(self, key: str) -> Reader:
+    def part(self, key: str) -> KeyReader:
         """Return the mapping of a key."""
         value = self.get(key)
         if not isinstance(value, dict):
             raise self.fault(key, value, "an object")
-        return Reader(value, self._file, self._where(key))
+        return KeyReader(value, self._file, self._where(key))
 
     def number(self, key: str) -> float:
         """Return a finite number."""
@@ -102,12 +102,12 @@ class Reader:
         return breaks
 
 
-def trip_in(reader: Reader) -> Trip:
+def trip_in(reader: KeyReader) -> Trip:
     """Return the trip of a plan file.
 
     Parameters
     ----------
-    reader : Reader
+    reader : KeyReader
         Of the whole file.
 
     Returns
@@ -122,14 +122,14 @@ def trip_in(reader: Reader) -> Trip:
     return Trip(_frame_in(reader), _trajectory_in(reader))
 
 
-def _frame_in(reader: Reader) -> PlanningFrame:
+def _frame_in(reader: KeyReader) -> PlanningFrame:
     """Return the frame of a plan file."""
     guide = reader.part("path").part("guide")
     x, y = guide.vector("origin", 2).tolist()
     return PlanningFrame((x, y), guide.coordinate("heading"), reader.coordinate("start_time"))
 
 
-def _guide_in(path: Reader) -> Guide:
+def _guide_in(path: KeyReader) -> Guide:
     """Return the guide of a plan file, given its part ``path``."""
     part = path.part("guide")
     try:
@@ -141,7 +141,7 @@ def _guide_in(path: Reader) -> Guide:
     return guide
 
 
-def _space_in(reader: Reader) -> TripSpace:
+def _space_in(reader: KeyReader) -> TripSpace:
     """Return the guide and the splines of a plan file."""
     path, drive = reader.part("path"), reader.part("acceleration")
     guide = _guide_in(path)
@@ -166,7 +166,7 @@ def _space_in(reader: Reader) -> TripSpace:
         raise path.fault("knots", path_breaks.tolist(), f"fewer; {error}") from None
 
 
-def _trajectory_in(reader: Reader) -> Trajectory:
+def _trajectory_in(reader: KeyReader) -> Trajectory:
     """Return the trip of a plan file in its planning frame."""
     space = _space_in(reader)
     theta = reader.part("path").vector("offsets", space.path_size)

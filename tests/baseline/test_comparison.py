@@ -28,12 +28,17 @@ from scp_planner.studies.figures import plot_comparison
 from scp_planner.threat_zones.of_scenario import zones
 
 SMALL = Settings(path_span=2.5, acceleration_spans=8, samples=80)
+SMALLEST = Settings(path_span=10.0, acceleration_spans=3, samples=20)
 
 
 @pytest.fixture(scope="module")
 def trials() -> list[Trial]:
-    scenarios = [scene(*CROSSERS), scene(disc("on-goal", (20.0, 0.5), radius=2.0), name="hopeless")]
-    return compare(scenarios, starts_each=2, methods=[Method.SCP, Method.LBFGS], settings=SMALL)
+    hopeless = scene(disc("on-goal", (20.0, 0.5), radius=2.0), name="hopeless")
+    methods = [Method.SCP, Method.LBFGS]
+    return [
+        *compare([scene(*CROSSERS)], starts_each=2, methods=methods, settings=SMALL),
+        *compare([hopeless], starts_each=2, methods=methods, settings=SMALLEST),
+    ]
 
 
 def test_every_method_runs_from_every_start(trials: list[Trial]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from scenes import scene
@@ -175,11 +176,9 @@ def test_the_certificate_sees_the_same_zones() -> None:
     assert dense - certificate.clearance.minimum < 0.02
 
 
-def test_a_file_holds_it_and_gives_it_back(tmp_path: Any) -> None:
-    import jsonschema
-
+def test_a_file_holds_it_and_gives_it_back(tmp_path: Any, scenario_schema: jsonschema.Draft202012Validator) -> None:
     given = scene(obstacle(3), obstacle(2) | {"id": "two", "model": "car"})
-    jsonschema.validate(given.to_dict(), sp.Scenario.json_schema())
+    scenario_schema.validate(given.to_dict())
     given.save(tmp_path / "tracked.yaml")
     assert sp.Scenario.load(tmp_path / "tracked.yaml") == given
 

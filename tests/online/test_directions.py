@@ -10,8 +10,8 @@ from scenes import scene
 
 import scp_planner as sp
 from scp_planner.certificate.ends import EndState, can_reverse, start_violations
-from scp_planner.online.courses import Profiles
 from scp_planner.online.directions import can_turn, direction
+from scp_planner.online.dodge_courses import Profiles
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion, _Driven
 from scp_planner.online.planner import Planner

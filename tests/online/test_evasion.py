@@ -1,4 +1,4 @@
-"""Out of the way: dodges, what is promised of a stop, and people who walk at a vehicle that stands."""
+"""Out of the way: what is promised of a stop, and people who walk at a vehicle that stands."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from scenes import disc, scene
 import scp_planner as sp
 from scp_planner.online.assumptions import _radii_towards
 from scp_planner.online.decision import Waiting
-from scp_planner.online.evasion import Evasion, _Driven, _until
+from scp_planner.online.evasion import Evasion
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
 from scp_planner.online.vetting import Stop, Vetted
-from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.simulation.crowds import WALKER, among_people
@@ -28,27 +27,12 @@ from scp_planner.simulation.crowds import WALKER, among_people
 SCALE = math.sqrt(-2.0 * math.log(0.05))
 """Of the region of two normal errors at 95 %."""
 PERIOD = 0.2
-LIMITS = Limits(1.5, 1.0, 1.5, 1.5, 2.0)
 
 
 def follow(planner: Planner, time: float) -> OnlinePlan:
     plan = planner.plan
     assert plan is not None
     return planner.replan(time, plan.position(time), float(plan.heading(time)), max(float(plan.speed(time)), 0.0))
-
-
-# dodges
-
-
-def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
-    """Somebody comes nearer by 1 m/s: when the dodges end, at 1.4 s and at 2 s, clearances are what is left then."""
-    times = np.array([0.0, 1.0, 2.0, 3.0])
-    driven = _Driven(times, np.zeros((2, 4, 2)), np.zeros((2, 4)), np.array([1.4, 2.0]))
-    found = _until(np.tile(1.5 - times, (2, 1)), driven)
-    assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
-
-
-# behaviour
 
 
 @pytest.mark.parametrize("steering", Steering)
@@ -245,9 +229,6 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
         assert bool(seen.worth[straight] < 0.0) is harmful
         assert worth == pytest.approx(seen.worth[straight], abs=0.02)
-
-
-# what is promised
 
 
 def reachable(name: str, time: float, place: np.ndarray, velocity: np.ndarray, most: float) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures
-from scp_planner.online.mixtures import Mixture, Widening
+from scp_planner.online.mixtures import FilterModels, Mixture
 from scp_planner.online.noticing import EVIDENCE, Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import ObstacleTrack
@@ -25,7 +25,7 @@ from scp_planner.settings.online import RARE, Watch
 from scp_planner.threat_zones.of_scenario import HORIZON, Body, zones
 
 NOISE = 0.1
-WIDENING = Widening(1.5, 0.5)
+WIDENING = FilterModels(1.5, 0.5)
 STEP = 0.1
 
 
@@ -56,7 +56,7 @@ def test_filters_are_those_of_their_motions() -> None:
     for number, motion in enumerate(WIDENING.filters):
         model = ProcessModel(process=motion, velocity_deviation=1.5, noise_deviation=1.0)
         expected = estimate_process(times, places, model, sigma)
-        bank.weights[slot] = np.eye(len(WIDENING.filters))[number]
+        bank.weights[slot] = np.eye(WIDENING.size)[number]
         mixed = bank.mixed(slot, np.array([at]))
         assert mixed.mean[0, 0] == pytest.approx(expected.position(at), abs=1e-9)
         assert mixed.covariance[0, 0, :, 0] == pytest.approx(expected.covariance(at), rel=1e-9)
@@ -66,7 +66,7 @@ def test_mixture_has_the_moments_of_its_parts() -> None:
     rng = np.random.default_rng(1)
     bank, slots = bank_of(1)
     drive(bank, slots, rng.normal(0.0, 0.3, (20, 1, 2)))
-    weights = rng.dirichlet(np.ones(len(WIDENING.filters)))
+    weights = rng.dirichlet(np.ones(WIDENING.size))
     parts = []
     for one in np.eye(len(weights)):
         bank.weights[slots] = one
@@ -93,7 +93,7 @@ def test_zone_of_one_filter_is_that_of_its_motion() -> None:
     for number, motion in enumerate(WIDENING.filters):
         model = ProcessModel(process=motion, velocity_deviation=1.5, noise_deviation=1.0)
         estimate = estimate_process(times, places[:, 0], model, NOISE**2 * np.eye(2))
-        bank.weights[slots] = np.eye(len(WIDENING.filters))[number]
+        bank.weights[slots] = np.eye(WIDENING.size)[number]
         start = times[-1] + 0.05
         (zone,) = zones_of_mixtures([track], bank.mixed(slots, np.array([start])), start, level)
         length = estimate.standardised_length(start, start + HORIZON)
@@ -137,7 +137,7 @@ def test_false_alarm_is_called_off() -> None:
     bank, slots = bank_of(10)
     places = NOISE * rng.standard_normal((200, 10, 2))
     drive(bank, slots, places[:100])
-    bank.alarmed[slots] = True
+    bank.alarm(slots, np.zeros(len(slots), dtype=np.intp))
     alarmed = drive(bank, slots, places[100:], 10.0)
     assert not np.any(alarmed[-1]) and np.all(alarmed[EVIDENCE - 2])
 

@@ -9,7 +9,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
@@ -40,13 +40,16 @@ def frame_of(rng: np.random.Generator, number: int) -> dict[str, Seen]:
 
 def score_of(told: Prediction, one: Seen) -> float:
     """By Horner's rule, one element at a time."""
-    lag = one.time - told.origin
-    offset, covariance = np.array(one.position), np.zeros(3)
-    center = np.zeros(2)
-    for row in told.center[::-1]:
-        center = center * lag + row
-    for row in told.covariance[::-1]:
-        covariance = covariance * lag + row
+    parts = [(told.origin, told.center), (told.origin, told.covariance)]
+    if told.later is not None:
+        pieces = told.later.centers, told.later.covariances
+        number = [max(i for i, begin in enumerate(each.breakpoints[0, :-1]) if begin <= one.time) for each in pieces]
+        parts = [(each.breakpoints[0, i], each.coefficients[0, i]) for each, i in zip(pieces, number, strict=True)]
+    offset, center, covariance = np.array(one.position), np.zeros(2), np.zeros(3)
+    for row in parts[0][1][::-1]:
+        center = center * (one.time - parts[0][0]) + row
+    for row in parts[1][1][::-1]:
+        covariance = covariance * (one.time - parts[1][0]) + row
     border = -2.0 * math.log(1.0 - LEVEL)
     noise = NOISE**2 * np.array([[1.0, 0.0, 1.0]])
     return float(region_score([offset - center], [covariance], noise, border)[0])
@@ -58,7 +61,7 @@ def test_what_came_of_a_frame_is_learnt_as_of_each_prediction_alone() -> None:
     told: dict[str, list[Prediction]] = {str(k): [] for k in range(COUNT)}
     for number in range(FRAMES):
         seen = frame_of(rng, number)
-        assert frames.take_in(tracks, list(seen), list(seen.values())) == COUNT * [None]
+        assert sensor_frames.take_in(tracks, list(seen), list(seen.values())) == COUNT * [None]
         for name, one in seen.items():
             for horizon, lead in enumerate(LEADS):
                 before = [each for each in told[name] if each.origin <= one.time - lead]
@@ -78,7 +81,7 @@ def test_zones_are_sized_by_what_came() -> None:
     for number in range(FRAMES):
         seen = frame_of(rng, number)
         for each in (tracks, plain):
-            frames.take_in(each, list(seen), list(seen.values()))
+            sensor_frames.take_in(each, list(seen), list(seen.values()))
         ours, zones = tracks.zones(STEP * number), plain.zones(STEP * number)
     scale = -2.0 * math.log(1.0 - LEVEL)
     now = STEP * (FRAMES - 1)

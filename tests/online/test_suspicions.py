@@ -9,14 +9,14 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.recursive import RecursiveEstimator
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.suspicions import (
     ONSETS,
     SPEAKS,
     Changes,
-    Looks,
+    Sightings,
     changed_motions,
     changes_of,
 )
@@ -35,7 +35,7 @@ class Sight:
     times: np.ndarray
     places: np.ndarray
     estimator: RecursiveEstimator
-    looks: Looks
+    looks: Sightings
 
 
 def sight(order: int, count: int, sigma: np.ndarray) -> Sight:
@@ -51,7 +51,7 @@ def sight(order: int, count: int, sigma: np.ndarray) -> Sight:
     newest = min(count, 32)
     clock, rows = np.full((32, 1), -np.inf), np.zeros((2, 32, 1))
     clock[-newest:, 0], rows[:, -newest:, 0] = times[-newest:], places[-newest:].T
-    return Sight(times, places, estimator, Looks(clock, rows))
+    return Sight(times, places, estimator, Sightings(clock, rows))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -129,7 +129,7 @@ def watched(change: float, watch: Watch) -> tuple[np.ndarray, np.ndarray]:
     for time in STEP * np.arange(-60, 15):
         place = np.array([time, 0.5 * change * max(time, 0.0) ** 2])
         ones = place + NOISE * rng.standard_normal((len(names), 2))
-        frames.take_in(tracks, names, [Seen(float(time), (x, y)) for x, y in ones.tolist()])
+        sensor_frames.take_in(tracks, names, [Seen(float(time), (x, y)) for x, y in ones.tolist()])
         if time < -1.0:
             continue
         ahead = time + 1.5

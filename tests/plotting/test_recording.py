@@ -19,16 +19,6 @@ from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.scales import nearest_indices, nice_times
 
 
-@pytest.fixture(scope="module")
-def scenario() -> sp.Scenario:
-    return builtin.load("radar")
-
-
-@pytest.fixture(scope="module")
-def plan(scenario: sp.Scenario) -> sp.Plan:
-    return sp.plan(scenario)
-
-
 def test_samples_are_the_plan(plan: sp.Plan, scenario: sp.Scenario) -> None:
     recording = record_plan(plan, scenario, 40)
     time = np.linspace(plan.start_time, plan.arrival_time, 40)

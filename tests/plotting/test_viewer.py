@@ -13,22 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import BROWSER_VARIABLE, Browser, find_browser
+from figure_parts import tall_scenario
 from scenes import scene
 
 import scp_planner as sp
-from scp_planner import builtin
 from scp_planner.plotting.recording import record_plan
 from scp_planner.plotting.viewer import save_recording, save_viewer, to_html
-
-
-@pytest.fixture(scope="module")
-def scenario() -> sp.Scenario:
-    return builtin.load("radar")
-
-
-@pytest.fixture(scope="module")
-def plan(scenario: sp.Scenario) -> sp.Plan:
-    return sp.plan(scenario)
 
 
 @pytest.fixture(scope="module")
@@ -422,22 +412,7 @@ def test_hostile_names_run_nothing(browser: Browser, plan: sp.Plan, scenario: sp
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_far_places_and_clocks(browser: Browser, scheme: str, tmp_path: Path) -> None:
     """Half a million kilometres from the origin and at a Unix time; a car, a polygon, a radius about the goal."""
-    far = sp.Scenario.model_validate(
-        {
-            "name": "far",
-            "vehicle": {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0},
-            "start": {"time": 1.6e9, "position": [691000.0, 5335000.0], "speed": 0.5},
-            "goal": {"position": [691002.0, 5335020.0], "radius": 0.5},
-            "obstacles": [
-                {"id": "car", "shape": {"rectangle": [4.5, 1.8]}, "motion": {"position": [691006.0, 5335008.0]}},
-                {
-                    "id": "block",
-                    "shape": {"polygon": [[-1, -1], [1, -1], [0, 1.6]]},
-                    "motion": {"position": [690997.0, 5335014.0]},
-                },
-            ],
-        }
-    )
+    far = tall_scenario()
     plan = sp.plan(far)
     save_viewer(plan, far, tmp_path / "far.html")
     browser.emulate(prefers_color_scheme=scheme)

@@ -11,10 +11,10 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.errors import TooLargeError
-from scp_planner.planning import attempts
+from scp_planner.planning import attempts, offline
 from scp_planner.problem import memory
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.memory import MOST_BYTES, check_memory, plan_bytes, trip_bytes
+from scp_planner.problem.memory import MOST_BYTES, check_memory, check_obstacles, plan_bytes, trip_bytes
 from scp_planner.scenario.models import Scenario
 from scp_planner.search import blocked
 from scp_planner.search.ways import WaySearch
@@ -97,3 +97,14 @@ def test_cells_that_zones_block_do_not_depend_on_how_many_are_marked_at_once(mon
     monkeypatch.setattr(blocked, "MOST_MARKED", 50)
     again = blocked.Cells(problem, whole.grid).free
     assert np.array_equal(expected, again)
+
+
+def test_more_obstacles_than_can_be_made_ready_are_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two hundred thousand took 1.5 GB before what may be met of them was counted."""
+    check_obstacles(80_000)
+    with pytest.raises(TooLargeError, match=r"obstacles: 200000 of them would take 800 MB .* at most 83750"):
+        check_obstacles(200_000)
+    monkeypatch.setattr(memory, "_OBSTACLE_BYTES", MOST_BYTES)
+    monkeypatch.setattr(offline, "ZonesOf", None)  # which is not come to
+    with pytest.raises(TooLargeError, match="obstacles: 2 of them"):
+        sp.plan(scene(disc("one", (5.0, 1.0)), disc("other", (9.0, 1.0))))

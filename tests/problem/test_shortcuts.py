@@ -109,3 +109,16 @@ def test_it_keeps_away_from_slow_places_if_it_is_to() -> None:
         free = [ground.slowness(places + np.array([0.0, up])).max() < 0.5 for up in shifts]
         least.append(float(shifts[free.index(False)]))
     assert least[1] > least[0] + 0.1
+
+
+def test_more_than_enough_room_is_not_measured_exactly() -> None:
+    problem = problem_of(scene(shelf(10.0, 1.0, 2.0, 6.0), shelf(14.0, -3.0, 3.0, 1.0), disc("o", (5.0, -4.0))))
+    ground = ground_of(problem, ())
+    places = np.random.default_rng(0).uniform([0.0, -6.0], [20.0, 6.0], (2000, 2))
+    exact = ground.room(places, np.inf)
+    for enough in (0.0, 0.7):
+        found = ground.room(places, enough)
+        near = exact <= enough
+        assert 0.05 < near.mean() < 0.95
+        assert np.array_equal(found[near], exact[near])
+        assert np.all((found[~near] > enough) & (found[~near] <= exact[~near] + 1e-12))

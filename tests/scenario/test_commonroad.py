@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from functools import cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -39,6 +41,20 @@ def file_of(data: Path, name: str) -> Path:
     return data / "commonroad" / f"{name}.xml"
 
 
+@cache
+def loaded(file: Path) -> sp.Scenario:
+    """The scenario of a file, read once for all tests that look at it."""
+    return load_commonroad(file)
+
+
+@cache
+def opened(file: Path) -> Any:
+    """What the format's own reader makes of a file, its road and its planning problems, read once."""
+    from commonroad.common.file_reader import CommonRoadFileReader
+
+    return CommonRoadFileReader(str(file)).open()
+
+
 def numbers(element: ElementTree.Element | None, *paths: str) -> list[float]:
     assert element is not None
     return [float(str(element.findtext(path))) for path in paths]
@@ -47,7 +63,7 @@ def numbers(element: ElementTree.Element | None, *paths: str) -> list[float]:
 @pytest.mark.parametrize("name", NAMES)
 def test_scenario_is_that_of_the_file(name: str, recorded_data: Path) -> None:
     """Against the file's elements, read by nothing that the package uses."""
-    scenario = load_commonroad(file_of(recorded_data, name))
+    scenario = loaded(file_of(recorded_data, name))
     root = ElementTree.parse(file_of(recorded_data, name)).getroot()
     step = float(root.attrib["timeStepSize"])
     start = root.find("planningProblem/initialState")
@@ -77,10 +93,8 @@ def test_scenario_is_that_of_the_file(name: str, recorded_data: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_goal_lies_in_its_region(name: str, recorded_data: Path) -> None:
-    from commonroad.common.file_reader import CommonRoadFileReader
-
-    scenario = load_commonroad(file_of(recorded_data, name))
-    _, problems = CommonRoadFileReader(str(file_of(recorded_data, name))).open()
+    scenario = loaded(file_of(recorded_data, name))
+    _, problems = opened(file_of(recorded_data, name))
     (problem,) = problems.planning_problem_dict.values()
     state = problem.goal.state_list[0]
     parts = polygons_of(state.position)
@@ -98,10 +112,8 @@ def test_goal_lies_in_its_region(name: str, recorded_data: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_guide_keeps_to_the_lanes(name: str, recorded_data: Path) -> None:
-    from commonroad.common.file_reader import CommonRoadFileReader
-
-    scenario = load_commonroad(file_of(recorded_data, name))
-    world, _ = CommonRoadFileReader(str(file_of(recorded_data, name))).open()
+    scenario = loaded(file_of(recorded_data, name))
+    world, _ = opened(file_of(recorded_data, name))
     assert scenario.guide is not None
     guide = np.array(scenario.guide)
     sides = np.linalg.norm(np.diff(guide, axis=0), axis=1)
@@ -127,7 +139,7 @@ LONGEST = ("DEU_A9-1_1_T-1", "USA_US101-4_1_T-1")
     ],
 )
 def test_a_certified_plan_reaches_the_goal_in_time(name: str, recorded_data: Path) -> None:
-    scenario = load_commonroad(file_of(recorded_data, name))
+    scenario = loaded(file_of(recorded_data, name))
     plan = sp.plan(scenario)
     assert plan.certified, plan.reason
     goal = scenario.goal

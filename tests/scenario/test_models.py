@@ -12,29 +12,17 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-import shapely
-import shapely.affinity
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scenes import scene
 
-import scp_planner as sp
 from scp_planner import builtin, files
-from scp_planner.errors import MISSING, ScenarioError
-from scp_planner.mathematics import planar
+from scp_planner.errors import ScenarioError
 from scp_planner.scenario.models import ConfidenceLevel, Goal, Observations, Obstacle, Scenario, Start, Vehicle
 from scp_planner.scenario.motions import Motion
 from scp_planner.scenario.shapes import Disc, Ellipse, PolygonShape, Rectangle
 
 SUFFIXES = (".yaml", ".yml", ".json")
-
-
-def paths_of(error: ScenarioError) -> list[str]:
-    return [fault.path for fault in error.faults]
-
-
-# What a file says
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -153,79 +141,6 @@ def test_models_are_frozen(scenario_data: dict[str, Any]) -> None:
         scenario.vehicle.radius = 2.0  # type: ignore[misc]
 
 
-# Faults
-
-
-def test_all_faults_of_a_file_are_in_one_message(scenario_data: dict[str, Any], tmp_path: Path) -> None:
-    scenario_data["vehicle"] |= {"radius": -1, "max_speed": "3", "width": 2}
-    scenario_data["start"]["speed"] = True
-    del scenario_data["goal"]["position"]
-    scenario_data["confidence"]["level"] = "all"
-    scenario_data["obstacles"][0] |= {"id": "seen", "shape": {"disc": 0}}
-    scenario_data["obstacles"][1]["observations"]["time"][4] = 3.0
-    scenario_data["obstacles"][1]["observations"]["covariance"] = [[1, 2], [2, 1]]
-    scenario_data["obstacles"][1]["colour"] = "red"
-    file = tmp_path / "many.yaml"
-    file.write_text(yaml.safe_dump(scenario_data) + "name: again\n")
-    with pytest.raises(ScenarioError) as caught:
-        Scenario.load(file)
-    assert set(paths_of(caught.value)) == {
-        "name",
-        "vehicle.radius",
-        "vehicle.max_speed",
-        "vehicle.width",
-        "start.speed",
-        "goal.position",
-        "confidence.level",
-        "obstacles[0].shape.disc",
-        "obstacles[1].id",
-        "obstacles[1].observations.time[4]",
-        "obstacles[1].observations.covariance",
-        "obstacles[1].colour",
-    }
-    message = str(caught.value)
-    assert message.startswith(f"{file}: 12 faults\n")
-    assert message.count("\n") == 12
-
-
-def test_checks_across_parts_run_beside_faults_of_other_parts(scenario_data: dict[str, Any]) -> None:
-    """A faulty deceleration hides neither the excessive speed nor the start inside an obstacle."""
-    scenario_data["vehicle"]["max_deceleration"] = -2
-    scenario_data["start"]["speed"] = 7
-    scenario_data["obstacles"][0] = {
-        "id": "on top",
-        "shape": {"disc": 1},
-        "motion": {"position": [0, 0]},
-        "model": {"order": 9},
-    }
-    with pytest.raises(ScenarioError) as caught:
-        Scenario(**scenario_data)
-    assert set(paths_of(caught.value)) == {
-        "vehicle.max_deceleration",
-        "start.speed",
-        "start.position",
-        "obstacles[0].model.order",
-    }
-
-
-def test_a_missing_value_is_told_from_null(scenario_data: dict[str, Any]) -> None:
-    del scenario_data["start"]["speed"]
-    scenario_data["start"]["time"] = None
-    with pytest.raises(ScenarioError) as caught:
-        Scenario(**scenario_data)
-    assert {fault.path: fault.value for fault in caught.value.faults} == {
-        "start.speed": MISSING,
-        "start.time": None,
-    }
-
-
-def test_parts_raise_the_same_error() -> None:
-    with pytest.raises(ScenarioError, match=r"Vehicle: 1 fault\n  radius = -1: must be greater than 0"):
-        Vehicle(radius=-1, max_speed=3, max_acceleration=1, max_deceleration=1)
-    with pytest.raises(ScenarioError, match="either motion or observations"):
-        Obstacle(id="a", shape=Disc(disc=1.0))
-
-
 def test_models_and_dictionaries_mix(scenario_data: dict[str, Any]) -> None:
     whole = Scenario(**scenario_data)
     mixed = Scenario(**{**scenario_data, "vehicle": whole.vehicle, "obstacles": list(whole.obstacles)})
@@ -235,41 +150,9 @@ def test_models_and_dictionaries_mix(scenario_data: dict[str, Any]) -> None:
         Scenario(**{**scenario_data, "obstacles": [inside]})
 
 
-def test_values_are_shortened_in_messages() -> None:
-    with pytest.raises(ScenarioError) as caught:
-        Observations(time=range(100_000), position=[[0.0, 0.0]] * 9999)
-    assert max(map(len, str(caught.value).splitlines())) < 200
-
-
-def test_the_error_survives_pickling(scenario_data: dict[str, Any]) -> None:
-    scenario_data["vehicle"]["radius"] = -1
-    with pytest.raises(ScenarioError) as caught:
-        Scenario(**scenario_data)
-    again = pickle.loads(pickle.dumps(caught.value))
-    assert isinstance(again, ScenarioError)
-    assert str(again) == str(caught.value)
-    assert again.faults == caught.value.faults
-    assert caught.value.__context__ is None  # some ways of pickling take it along, and cannot read it again
-
-
 def test_a_scenario_survives_pickling(scenario_data: dict[str, Any]) -> None:
     scenario = Scenario(**scenario_data)
     assert pickle.loads(pickle.dumps(scenario)) == scenario
-
-
-def test_the_start_may_touch_what_is_gone_by_then(scenario_data: dict[str, Any]) -> None:
-    """Where an obstacle is at the start counts, not where it was at t = 0."""
-    scenario_data["obstacles"] = [
-        {"id": "a", "shape": {"disc": 0.5}, "motion": {"position": [0, 0], "velocity": [0, 1]}}
-    ]
-    scenario_data["start"]["time"] = 3.0
-    assert Scenario(**scenario_data).start.time == 3.0
-    scenario_data["start"]["time"] = 0.5
-    with pytest.raises(ScenarioError, match=r"from obstacles\[0\]"):
-        Scenario(**scenario_data)
-
-
-# Saving
 
 
 numbers = st.floats(-1e6, 1e6)
@@ -344,14 +227,16 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 @given(scenario=scenarios(), suffix=st.sampled_from(SUFFIXES))
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-def test_load_gives_back_what_save_wrote(scenario: Scenario, suffix: str, tmp_path: Path) -> None:
+def test_load_gives_back_what_save_wrote(
+    scenario: Scenario, suffix: str, tmp_path: Path, scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     file = tmp_path / f"scenario{suffix}"
     scenario.save(file)
     again = Scenario.load(file)
     assert again == scenario
     assert again.model_dump_json() == scenario.model_dump_json()  # to the last bit: -0.0 is not 0.0
     if suffix == ".json":
-        jsonschema.Draft202012Validator(Scenario.json_schema()).validate(json.loads(file.read_text()))
+        scenario_schema.validate(json.loads(file.read_text()))
 
 
 @given(text=st.text(min_size=1))
@@ -393,9 +278,6 @@ def test_save_refuses_other_suffixes(scenario_data: dict[str, Any], tmp_path: Pa
     assert not list(tmp_path.iterdir())
 
 
-# The JSON schema
-
-
 def test_json_schema_is_a_schema_that_accepts_scenarios(scenario_data: dict[str, Any]) -> None:
     schema = Scenario.json_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
@@ -422,66 +304,28 @@ def test_json_schema_is_a_schema_that_accepts_scenarios(scenario_data: dict[str,
         ("obstacles.1.model.order", 3),
     ],
 )
-def test_json_schema_refuses(path: str, value: Any, scenario_data: dict[str, Any]) -> None:
+def test_json_schema_refuses(
+    path: str, value: Any, scenario_data: dict[str, Any], scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     *steps, last = path.split(".")
     place: Any = scenario_data
     for step in steps:
         place = place[int(step)] if isinstance(place, list) else place[step]
     place[last] = value
-    assert not jsonschema.Draft202012Validator(Scenario.json_schema()).is_valid(scenario_data)
+    assert not scenario_schema.is_valid(scenario_data)
 
 
-def test_reference_scenarios_load_save_and_match_the_schema(reference_scenarios: Path, tmp_path: Path) -> None:
-    validator = jsonschema.Draft202012Validator(Scenario.json_schema())
+def test_reference_scenarios_load_save_and_match_the_schema(
+    reference_scenarios: Path, tmp_path: Path, scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     found = [file for file in sorted(reference_scenarios.glob("*.json")) if file.name != "best_known.json"]
     assert len(found) >= 50
     for place, file in enumerate(found[::3]):
-        validator.validate(json.loads(file.read_text()))
+        scenario_schema.validate(json.loads(file.read_text()))
         scenario = Scenario.load(file)
         for suffix in SUFFIXES if place % 7 == 0 else [".json"]:  # YAML takes its time
             scenario.save(tmp_path / f"copy{suffix}")
             assert Scenario.load(tmp_path / f"copy{suffix}") == scenario
-
-
-# Geometry, against shapely
-
-
-@given(
-    point=st.tuples(st.floats(-5, 5), st.floats(-5, 5)),
-    size=st.tuples(st.floats(0.2, 3), st.floats(0.2, 3)),
-    heading=st.floats(-4, 4),
-)
-def test_distance_to_shapes(point: tuple[float, float], size: tuple[float, float], heading: float) -> None:
-    def turned(shape: shapely.Geometry) -> shapely.Geometry:
-        return shapely.affinity.rotate(shape, heading, origin=(0, 0), use_radians=True)
-
-    place = shapely.Point(point)
-    circle = shapely.Point(0, 0).buffer(1.0, quad_segs=2000)
-    box = shapely.box(-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2)
-    vertices = ((-size[0], 0.0), (size[0], -1.0), (0.3, 0.2), (0.0, size[1]))  # concave
-    assert Disc(disc=size[0]).distance(point, heading) == pytest.approx(
-        shapely.affinity.scale(circle, size[0], size[0]).distance(place), abs=1e-5
-    )
-    assert Rectangle(rectangle=size).distance(point, heading) == pytest.approx(turned(box).distance(place), abs=1e-9)
-    assert Ellipse(ellipse=size).distance(point, heading) == pytest.approx(
-        turned(shapely.affinity.scale(circle, *size)).distance(place), abs=1e-5
-    )
-    assert PolygonShape(polygon=vertices).distance(point, heading) == pytest.approx(
-        shapely.Polygon(vertices).distance(place), abs=1e-9
-    )
-
-
-@given(vertices=st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=3, max_size=8, unique=True))
-@settings(max_examples=80)
-def test_a_polygon_is_accepted_where_it_is_simple(vertices: list[tuple[int, int]]) -> None:
-    expected = shapely.Polygon(vertices)
-    is_simple = planar.first_crossing([(float(x), float(y)) for x, y in vertices]) is None
-    assert is_simple == expected.is_valid
-    if is_simple:
-        assert abs(planar.area(vertices)) == pytest.approx(expected.area)
-
-
-# Built-in scenarios
 
 
 def test_built_in_scenarios_load_by_name() -> None:
@@ -493,41 +337,3 @@ def test_built_in_scenarios_load_by_name() -> None:
 def test_an_unknown_built_in_scenario_is_refused() -> None:
     with pytest.raises(ScenarioError, match=r"'crosing': must be one of .*; did you mean 'crossing'"):
         builtin.load("crosing")
-
-
-MODELS_SEEN: tuple[dict[str, Any], ...] = (
-    {},
-    {"order": 1},
-    {
-        "process": {
-            "process": {"kind": "random_walk", "diffusion": 0.1},
-            "velocity_deviation": 1.0,
-            "noise_deviation": 0.1,
-        }
-    },
-)
-
-
-@pytest.mark.parametrize("model", MODELS_SEEN, ids=["acceleration", "velocity", "process"])
-@pytest.mark.parametrize(("start", "step"), [(0.0, 0.1), (0.0, 1e-3), (1.6e9, 0.1), (-3.0, 0.1), (0.0, 50.0)])
-def test_observations_up_to_the_start_but_for_rounding_are_taken(
-    model: dict[str, Any], start: float, step: float
-) -> None:
-    """The last time of a range is the start but for rounding, or some digits of a clock after it."""
-    times = np.arange(start - 20 * step, start + 0.5 * step, step)
-    times[-1] = start + max(1e-14 * step, np.spacing(start))
-    assert times[-1] > start
-    positions = [[12.0 - 0.5 * (t - start), 6.0 + 0.2 * ((7 * k) % 5)] for k, t in enumerate(times)]
-    seen: dict[str, Any] = {
-        "id": "seen",
-        "shape": {"disc": 0.4},
-        "observations": {"time": times.tolist(), "position": positions, "covariance": [[0.01, 0.0], [0.0, 0.01]]},
-        "model": model,
-    }
-    scenario = scene(seen, start={"time": start})
-    zone = sp.zones(scenario)[0]
-    assert np.isfinite(zone.center(np.array([start, start + 1.0]))).all()
-    late = [*times[:-1].tolist(), start + 1e-3 * step] if start < 1e9 else [*times[:-1].tolist(), start + 1e-3]
-    seen["observations"] = {**seen["observations"], "time": late}
-    with pytest.raises(sp.ScenarioError, match=r"time\[20\] = .* must not be later than start"):
-        scene(seen, start={"time": start})

@@ -40,7 +40,9 @@ def pavement(model: object = None, people: int = 12) -> sp.Scenario:
 
 
 @pytest.mark.parametrize("name", ready_made.NAMES)
-def test_a_word_is_a_model_in_a_file_and_in_python(name: str, tmp_path: Path) -> None:
+def test_a_word_is_a_model_in_a_file_and_in_python(
+    name: str, tmp_path: Path, scenario_schema: jsonschema.Draft202012Validator
+) -> None:
     scenario = pavement(name, people=1)
     model = scenario.obstacles[0].model
     assert model == sp.Model.named(name) == sp.Model(process=name)
@@ -51,7 +53,7 @@ def test_a_word_is_a_model_in_a_file_and_in_python(name: str, tmp_path: Path) ->
     for written in (name, {"process": name}):
         contents = scenario.to_dict()
         contents["obstacles"][0]["model"] = written
-        jsonschema.validate(contents, sp.Scenario.json_schema())
+        scenario_schema.validate(contents)
         files.write(tmp_path / "short.yaml", contents)
         assert sp.Scenario.load(tmp_path / "short.yaml") == scenario
 

@@ -11,7 +11,7 @@ from scenes import scene
 
 from scp_planner.problem.build import build_problem
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid
-from scp_planner.search.sweep import Begun, Ends, Sweep
+from scp_planner.search.sweep import Begun, Sweep, WayEnds
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 
@@ -70,7 +70,7 @@ class Rules:
                         break
                     delay += 1
 
-    def enumerated(self, ends: Ends) -> list[set[State]]:
+    def enumerated(self, ends: WayEnds) -> list[set[State]]:
         """States at each station, found one by one."""
         grid = self.grid
         speeds = range(len(grid.speeds))[grid.first_speeds]
@@ -100,10 +100,10 @@ def always(grid: Grid) -> np.ndarray:
     return np.full((grid.columns + 1, len(grid.speeds), 2 * grid.middle + 1), DELAYS, dtype=np.uint8)
 
 
-def ends_of(grid: Grid) -> Ends:
+def ends_of(grid: Grid) -> WayEnds:
     goal = np.zeros(2 * grid.middle + 1, dtype=np.uint64)
     goal[grid.middle - 1 : grid.middle + 2] = ALL
-    return Ends(slice(2, 3), slice(1, 4), goal)
+    return WayEnds(slice(2, 3), slice(1, 4), goal)
 
 
 @pytest.mark.parametrize(

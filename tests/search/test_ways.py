@@ -9,7 +9,7 @@ import pytest
 from scenes import CROSSERS, disc, scene
 
 from scp_planner import plan
-from scp_planner.arrays import Mask
+from scp_planner.arrays import Index, Mask
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
@@ -200,7 +200,7 @@ def test_after_the_deadline_no_way_is_found_and_not_all_zones_are_looked_at(monk
     looked: list[Cuts] = []
     mark = Cells._mark
 
-    def counted(cells: Cells, words: Mask, cuts: Cuts, side: int) -> None:
+    def counted(cells: Cells, words: Mask, cuts: Cuts, side: Index) -> None:
         looked.append(cuts)
         mark(cells, words, cuts, side)
 

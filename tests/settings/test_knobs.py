@@ -192,7 +192,7 @@ TAKERS: dict[type[Enum], tuple[str, Callable[[Any], Any]]] = {
     ConfidenceLevel: ("level", lambda word: sp.Confidence(level=word).level),
     Variant: ("variant", lambda word: DescentSettings(variant=word).variant),
     Method: ("methods", lambda word: _method_compared(word)),
-    jobs.Method: ("method", lambda word: jobs.Options(method=word).method),
+    jobs.PlanningMethod: ("method", lambda word: jobs.Options(method=word).method),
     View: ("view", lambda word: _view_drawn(word)),
 }
 """What takes the words of users, by its enum: the name in its messages, and what it makes of a word."""

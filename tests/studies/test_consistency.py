@@ -29,8 +29,8 @@ from scp_planner.studies.field import (
     BorderPoint,
     ConsistencySettings,
     Record,
+    Replication,
     Study,
-    Task,
     ZoneKind,
     border,
 )
@@ -155,7 +155,7 @@ def test_the_compact_set_lies_in_the_box_and_the_domain(study: Study) -> None:
 
 def test_values_over_the_set_are_those_of_the_objective(study: Study) -> None:
     assert study.true_values == pytest.approx([study.truth.value(omega) for omega in study.compact_set], rel=1e-12)
-    observed = sp.zones(study.observed(Task(0.1, 50, 0)))
+    observed = sp.zones(study.observed(Replication(0.1, 50, 0)))
     problem = replace(
         study.problem,
         zones=ZoneBatch.of(observed, study.problem.frame, study.problem.zones.radius[0] - 0.7),
@@ -165,7 +165,7 @@ def test_values_over_the_set_are_those_of_the_objective(study: Study) -> None:
 
 
 def test_observations_are_n_in_the_window_and_scatter_as_they_should(study: Study) -> None:
-    observed = study.observed(Task(0.1, 4000, 3))
+    observed = study.observed(Replication(0.1, 4000, 3))
     for obstacle, true in zip(observed.obstacles, study.scenario.obstacles, strict=True):
         assert obstacle.observations is not None
         assert isinstance(true.motion, sp.Motion)
@@ -181,14 +181,14 @@ def test_observations_are_n_in_the_window_and_scatter_as_they_should(study: Stud
 
 
 def test_repetitions_differ_and_are_repeatable(study: Study) -> None:
-    def first(task: Task) -> object:
+    def first(task: Replication) -> object:
         observations = study.observed(task).obstacles[0].observations
         assert observations is not None
         return observations.position
 
-    assert first(Task(0.1, 10, 0)) == first(Task(0.1, 10, 0))
-    assert first(Task(0.1, 10, 0)) != first(Task(0.1, 10, 1))
-    assert first(Task(0.1, 10, 0)) != first(Task(0.05, 10, 0))
+    assert first(Replication(0.1, 10, 0)) == first(Replication(0.1, 10, 0))
+    assert first(Replication(0.1, 10, 0)) != first(Replication(0.1, 10, 1))
+    assert first(Replication(0.1, 10, 0)) != first(Replication(0.05, 10, 0))
 
 
 # means and slopes
@@ -202,7 +202,7 @@ def synthetic(
     random = np.random.default_rng(seed)
     records = [
         Record(
-            Task(0.1, size, repetition),
+            Replication(0.1, size, repetition),
             kind,
             {metric.name: float(3.0 * size**exponent * random.gamma(4.0, 0.25)) for metric in METRICS}
             | {OTHER_WAY: float(size in elsewhere and repetition == 0)},
@@ -290,7 +290,7 @@ def test_one_size_has_no_slope() -> None:
 # results on disk
 
 
-def drawn(settings: ConsistencySettings, task: Task) -> list[Record]:
+def drawn(settings: ConsistencySettings, task: Replication) -> list[Record]:
     """What a repetition might have measured: how results are kept does not depend on it."""
     rng = np.random.default_rng([settings.seed, task.size, task.repetition])
     values = {metric.name: float(rng.gamma(4.0)) for metric in METRICS}
@@ -317,9 +317,9 @@ def test_results_are_kept_and_used_again(tmp_path: Path, monkeypatch: pytest.Mon
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run_consistency(TINY)
     measure = consistency._measure
-    done: list[Task] = []
+    done: list[Replication] = []
 
-    def interrupted(settings: ConsistencySettings, task: Task) -> list[Record]:
+    def interrupted(settings: ConsistencySettings, task: Replication) -> list[Record]:
         if len(done) == 2:
             raise KeyboardInterrupt
         done.append(task)
@@ -345,7 +345,7 @@ def test_results_do_not_depend_on_the_number_of_processes(tmp_path: Path) -> Non
 
 
 def test_results_of_other_settings_are_left_alone(tmp_path: Path) -> None:
-    task, values = Task(0.02, 100, 0), {metric.name: 1.0 for metric in METRICS}
+    task, values = Replication(0.02, 100, 0), {metric.name: 1.0 for metric in METRICS}
     records = [Record(task, kind, values) for kind in ZoneKind]
     mine, other = (ResultFile(tmp_path / RESULTS, name) for name in ("mine", "other"))
     mine.append(records)

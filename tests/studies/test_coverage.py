@@ -211,7 +211,7 @@ def test_fitted_models_cover_real_people(recorded_data: Path, name: str) -> None
 
 def test_command(tmp_path: Path) -> None:
     wanderers(24, 20).save(tmp_path / "walkers.csv")
-    options = ["--runs", "40", "--probability", "0.9", "--window", "6", "-o", str(tmp_path / "out")]
+    options = ["--runs", "10", "--probability", "0.9", "--window", "6", "-o", str(tmp_path / "out")]
     told = CliRunner().invoke(app, ["study", "coverage", str(tmp_path / "walkers.csv"), *options])
     assert told.exit_code == 0, told.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [

@@ -135,3 +135,17 @@ def test_zones_come_no_nearer_than_their_bound_says() -> None:
         nearer = zones.distances(middle, start) - zones.distances(middle + when, moved)
         assert np.all(nearer <= allowed + 1e-12)
         assert np.all(nearer.max(axis=0) > 0.5 * allowed)
+
+
+def test_what_overlapping_parts_share_is_told_once() -> None:
+    corners = [[0.0, 1.0], [6.0, 1.0], [6.0, 3.0], [0.0, 3.0]]
+    walls = [corners, [[x + 4.0, y] for x, y in corners], [[x, y - 4.0] for x, y in corners]]
+    zones = sp.zones(scene(disc("o", (5.0, 2.0), radius=1.0), walls=walls, start={"position": [-4.0, 0.0]}))
+    several = ZoneBatch.of(zones, FRAME, 0.3)
+    assert several.ids == ("o", "walls", "walls", "walls")
+    places = np.array([[5.0, 0.0], [1.0, 0.0]])
+    place, zone = np.divmod(np.arange(8), 4)
+    contacts = several.contacts(zone, np.zeros(8), places[place])
+    assert contacts.distance[1:4] == pytest.approx(contacts.distance[0])
+    # Of what is as near only both walls above share a point: not the disc, nor the wall below.
+    assert several.singles(place, zone, contacts).tolist() == [0, 1, 3, 4, 5, 6, 7]

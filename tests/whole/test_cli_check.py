@@ -10,17 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import run
 from scenes import disc, scene
-from typer.testing import CliRunner, Result
 
 import scp_planner as sp
-from scp_planner.cli import app
 from scp_planner.cli.output import waiting
 from scp_planner.scenario.models import Scenario
-
-
-def run(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -9,14 +9,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import typer.main
+from clock import PATIENCE, eventually
 from typer.testing import CliRunner
 
 import scp_planner as sp
@@ -26,18 +25,6 @@ from scp_planner.cli.application import COMMANDS, COMPLETE_VARIABLE, main
 from scp_planner.cli.output import progress_bar
 
 PROGRAM = [sys.executable, "-m", "scp_planner"]
-
-
-PATIENCE = 600.0  # s; only a test that hangs waits so long
-
-
-def eventually(happened: Callable[[], Any], patience: float = PATIENCE) -> Any:
-    """Wait until something is true, and return it."""
-    until = time.monotonic() + patience
-    while not (found := happened()):
-        assert time.monotonic() < until, "it never happened"
-        time.sleep(0.005)
-    return found
 
 
 # interrupts

@@ -32,7 +32,7 @@ class _SpeedSites:
         Normalised station and time, m/s, m/s^2.
     limit : (n,) array
         m/s; inf where there is none.
-    pieces : _Pieces
+    pieces : _OtherPieces
         Of them, those that stand for other pieces of the acceleration.
     """
 
@@ -41,7 +41,7 @@ class _SpeedSites:
     speed: Array
     acceleration: Array
     limit: Array
-    pieces: _Pieces
+    pieces: _OtherPieces
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class SpeedLimits(OptionalLimit):
         beside = np.clip(arrivals.sigma + BESIDE * side, 0.0, 1.0)
         jumps = trajectory.at(self._jumps)
         at_gates, speed = arrivals.sigma[count:], arrivals.speed[count:]
-        pieces = _Pieces.beside(trajectory, at_gates, speed, beside[count:], limits)
+        pieces = _OtherPieces.beside(trajectory, at_gates, speed, beside[count:], limits)
         own = space.time_table(beside).acceleration @ trajectory.beta
         fixed, moving = (limits_at(self.stretches, at) for at in (path.station_positions, jumps.path.position))
         return _SpeedSites(
@@ -179,7 +179,7 @@ class SpeedLimits(OptionalLimit):
 
 
 @dataclass(frozen=True)
-class _Pieces:
+class _OtherPieces:
     """Other pieces of the acceleration than that at gates, gone on with: (n,) arrays.
 
     Attributes
@@ -200,7 +200,7 @@ class _Pieces:
     since: Array
 
     @classmethod
-    def beside(cls, trajectory: Trajectory, sigma: Array, speed: Array, counted: Array, limit: Array) -> _Pieces:
+    def beside(cls, trajectory: Trajectory, sigma: Array, speed: Array, counted: Array, limit: Array) -> _OtherPieces:
         """Return the piece before that at each gate, and the one after it, where the acceleration rises between them.
 
         There the speed is the larger one of both pieces, gone on with: a step that moves a gate past the rise would

@@ -6,7 +6,7 @@ the offset (m), beta + d beta = b / tau_k^2 those of the acceleration (m/s^2) an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -50,7 +50,7 @@ class Rows:
     def stack(cls, parts: list[Rows]) -> Rows:
         """Return the rows of several constraints as one; the place in the list becomes part of the keys."""
         numbered = [
-            replace(part, key=part.key + place * KEYS) if place else part
+            Rows(part.matrix, part.gap, part.group, part.key + place * KEYS, part.owner) if place else part
             for place, part in enumerate(parts)
             if len(part.gap)
         ]

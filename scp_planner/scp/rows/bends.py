@@ -211,11 +211,12 @@ def _bend_gradient(problem: Problem, bend: PathBend, rows: Array, slopes: Array,
 
 def _both_sides(gradient: Array, value: Array, group: int, key: Index, owner: Index) -> Rows:
     """Rows of -1 <= value + gradient z <= 1, but of the far side only where the value is not near to one side."""
-    upper, lower = np.flatnonzero(value > -OPPOSITE), np.flatnonzero(value < OPPOSITE)
-    return Rows(
-        np.concatenate([gradient[upper], -gradient[lower]]),
-        np.concatenate([1.0 - value[upper], 1.0 + value[lower]]),
-        np.full(len(upper) + len(lower), group, dtype=np.intp),
-        np.concatenate([2 * key[upper], 2 * key[lower] + 1]),
-        np.concatenate([owner[upper], owner[lower]]),
-    )
+    (upper,), (lower,) = (value > -OPPOSITE).nonzero(), (value < OPPOSITE).nonzero()
+    both = np.concatenate([upper, lower])
+    far = slice(len(upper), None)
+    matrix, gap, twice = gradient[both], value[both], 2 * key[both]
+    np.negative(matrix[far], out=matrix[far])
+    np.negative(gap[: len(upper)], out=gap[: len(upper)])
+    gap += 1.0
+    twice[far] += 1
+    return Rows(matrix, gap, np.full(len(both), group, dtype=np.intp), twice, owner[both])

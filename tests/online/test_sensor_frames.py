@@ -7,7 +7,7 @@ import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.error_laws import NormalErrors
-from scp_planner.online import frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Foretold, Prediction
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
@@ -50,7 +50,7 @@ def test_a_frame_is_taken_in_as_its_observations_one_by_one() -> None:
         seen = seen_of(rng, number)
         if number == 30:
             seen["6"] = Seen(STEP * (number - 1), together.tracks["6"].positions[-1])  # again
-        said += (told := frames.take_in(together, list(seen), list(seen.values())))
+        said += (told := sensor_frames.take_in(together, list(seen), list(seen.values())))
         each = [alone.observe(name, one.time, one.position, one.covariance) for name, one in seen.items()]
         assert told == each
         if number % 10 == 0:  # where predictions are from, too

@@ -1,0 +1,175 @@
+"""Zones of obstacles that are noticed to move otherwise than foretold.
+
+They follow the filters, and a single change of acceleration as far as that explains what was seen. Those that go on
+smoothly are polynomials for all times (`scp_planner.online.many_zones`). Those that weave are not: they are put down at
+moments a part of a swing apart, where values, rates and second derivatives of mean and covariance are met, up to a
+moment from which on nothing is taken for known of how they swing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.estimation.motion_estimate import standardised_speed
+from scp_planner.online.many_zones import Future, Level, future_of, lengths_of, made_zones, zones_of_mixtures
+from scp_planner.online.mixtures import Mixture
+from scp_planner.online.noticing import Bank
+from scp_planner.online.suspicions import MOST_EVIDENCE, ONSETS, Changes, changed_motions, changes_of
+from scp_planner.online.track import ObstacleTrack
+from scp_planner.threat_zones.of_scenario import HORIZON
+from scp_planner.threat_zones.zone import ThreatZone
+
+KNOTS = 8
+"""Spans between moments at which those that weave are put down, up to when they are taken for settled."""
+SPAN = 0.4
+"""Shortest period of a swing, of one of them."""
+LOOKS = np.array([0.0, 0.05, 0.15, 0.3, 0.6])
+"""Of the first of them: moments besides the ends of all at which lengths are summed up."""
+
+
+class Alarmed:
+    """Obstacles of one order that are alarmed.
+
+    Parameters
+    ----------
+    tracks : sequence of ObstacleTrack
+    bank : Bank
+        That they are in.
+    deviation : float
+        Standard deviation of a single change of acceleration, m/s^2; 0: there is none.
+    """
+
+    def __init__(self, tracks: Sequence[ObstacleTrack], bank: Bank, deviation: float) -> None:
+        self.tracks, self.bank, self.deviation = tracks, bank, deviation
+        self.slots = slots_of(tracks)
+
+    def zones(self, start: float, level: Level) -> list[ThreatZone]:
+        """Their zones from a time on, s, in order."""
+        weave = self.bank.weave(self.slots)
+        if not weave.any():
+            return zones_of_mixtures(
+                self.tracks, self._mixture(self.bank.mixed(self.slots, self._at(start)), start), start, level
+            )
+        made: dict[str, ThreatZone] = {}
+        for each, swing in ((~weave, False), (weave, True)):
+            some = Alarmed([self.tracks[k] for k in np.flatnonzero(each).tolist()], self.bank, self.deviation)
+            if some.tracks:
+                zones = some._weaving(start, level) if swing else some.zones(start, level)
+                made.update(zip((track.id for track in some.tracks), zones, strict=True))
+        return [made[track.id] for track in self.tracks]
+
+    def _at(self, time: float) -> Array:
+        return np.full(len(self.slots), time)
+
+    @cached_property
+    def _single(self) -> Index:
+        """Those that have been seen often enough to say whether they have changed their accelerations once."""
+        if self.deviation <= 0.0:
+            return np.zeros(0, dtype=np.intp)
+        known = [track.settled for track in self.tracks]
+        return np.flatnonzero(known & (self.bank.count[self.slots] > ONSETS[0]))
+
+    @cached_property
+    def _changes(self) -> Changes:
+        return changes_among(self.bank, self.slots[self._single], self.deviation)
+
+    def _mixture(self, filters: Mixture, start: float, leads: Array | None = None) -> Mixture:
+        """The filters, and a single change: at a time, s, or after each of some leads (T,) from there, lead by lead."""
+        some = self._single
+        if not len(some):
+            return filters
+        slots = self.slots[some]
+        roots, noise = self.bank.polynomials.roots.of(slots), self.bank.noise_of(slots)
+        changed = changed_motions(roots, self._changes.sure(), noise, start)
+        odds = np.clip(self.bank.gain[slots] - self._changes.total, -MOST_EVIDENCE, MOST_EVIDENCE)
+        share = 1.0 / (1.0 + np.exp(odds))
+        if leads is None:
+            return filters.blended(some, changed, share)
+        many = len(leads)
+        where = (some + len(self.slots) * np.arange(many)[:, None]).ravel()
+        return filters.blended(where, changed.after(leads), np.tile(share, many))
+
+    def _weaving(self, start: float, level: Level) -> list[ThreatZone]:
+        """Zones of those that weave."""
+        bank, count = self.bank, len(self.tracks)
+        span = SPAN * 2.0 * np.pi / float(bank.widening.swings.rates.max())
+        leads = span * np.concatenate([LOOKS, np.arange(1.0, KNOTS)])
+        knots = np.concatenate([[0], len(LOOKS) + np.arange(KNOTS - 1)])
+        many = len(leads)
+        times = np.repeat(start + leads, count)
+        near = self._mixture(bank.mixed(np.tile(self.slots, many), times), start, leads)
+        end = span * KNOTS
+        settled = self._mixture(bank.settled(self.slots, self._at(start + end)), start + end)
+        later = future_of(settled, start + end)
+        error, cross, rate, force = (
+            near.covariance[:, i, :, j].reshape(many, count, 2, 2) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2))
+        )
+        speed = standardised_speed(error, cross, rate)
+        lengths = lengths_of(settled) + (end - leads[-1]) * speed[-1]
+        lengths += (0.5 * np.diff(leads)[:, None] * (speed[1:] + speed[:-1])).sum(axis=0)
+        centers = near.mean.reshape(many, count, 3, 2)[knots]
+        moments = np.stack([error, 2.0 * _even(cross), 2.0 * (rate + _even(force))], axis=2)[knots]
+        moments = moments[..., [0, 0, 1], [0, 1, 1]]
+        breaks = start + np.concatenate([leads[knots], [end, HORIZON]])
+        widths = np.diff(breaks)[:-1]
+        future = Future(
+            breaks,
+            _pieces(centers, later.centers[:, -1], widths),
+            _pieces(moments, later.covariances[:, -1], widths),
+        )
+        scales = [level.scale(float(length), None) for length in lengths]
+        return made_zones(self.tracks, future, scales, future_of(near.of(slice(count)), start))
+
+
+def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:
+    """Slots of tracks that are in a bank."""
+    return np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+
+
+def changes_among(bank: Bank, slots: Index, deviation: float) -> Changes:
+    """How likely it is that obstacles have changed their accelerations once, by how much usually, m/s^2."""
+    return changes_of(bank.polynomials.roots.of(slots), bank.looks(slots), bank.noise_of(slots), deviation)
+
+
+def _even(blocks: Array) -> Array:
+    """Symmetric parts of blocks (..., 2, 2)."""
+    return np.asarray(0.5 * (blocks + blocks.swapaxes(-1, -2)))
+
+
+def _pieces(values: Array, last: Array, widths: Array) -> Array:
+    """Coefficients (K, S + 1, P, d) of polynomials of degree 5 between moments, and what follows them.
+
+    Parameters
+    ----------
+    values : (S, K, 3, d) array
+        Values, first and second derivatives at all moments but the last.
+    last : (K, P, d) array
+        Coefficients of what follows the last moment.
+    widths : (S,) array
+        s.
+    """
+    count, terms = len(last), max(6, last.shape[1])
+    end = last[:, :3] * np.array([1.0, 1.0, 2.0])[:, None]
+    right = np.concatenate([values[1:], end[None]])
+    h = widths[:, None, None]
+    p, v, a = (values[:, :, k] for k in range(3))
+    gap = right[:, :, 0] - p - h * v - 0.5 * h * h * a
+    slope = h * (right[:, :, 1] - v - h * a)
+    bend = h * h * (right[:, :, 2] - a)
+    pieces = np.zeros((count, len(values) + 1, terms, last.shape[2]))
+    rows = (
+        p,
+        v,
+        0.5 * a,
+        (10.0 * gap - 4.0 * slope + 0.5 * bend) / h**3,
+        (-15.0 * gap + 7.0 * slope - bend) / h**4,
+        (6.0 * gap - 3.0 * slope + 0.5 * bend) / h**5,
+    )
+    for power, row in enumerate(rows):
+        pieces[:, :-1, power] = row.swapaxes(0, 1)
+    pieces[:, -1, : last.shape[1]] = last
+    return pieces

@@ -1,0 +1,248 @@
+"""Filters of those that weave: what is left of a course when a swing about it is taken off.
+
+Who walks, cycles or steers in waves keeps changing its acceleration, and comes back each time. A filter that lets
+accelerations go on makes zones of that which fill the world within two seconds. Here a motion is a course with hardly
+any white jerk, and a swing about it: a damped oscillation that white noise keeps up, by which the obstacle is never
+farther from its course than the swing is wide. As with `scp_planner.online.mixtures`, one filter serves both
+components.
+
+The state of a filter is position, velocity, acceleration - of course and swing together - and the swing with its rate:
+so its first three are what the other filters have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+
+PERIODS = (0.83, 1.17, 1.6, 2.2)
+"""Of the swings, as multiples of the time in which newcomers' accelerations make their velocities."""
+SWING = 0.09
+"""Standard deviation of a swing, as a multiple of how far newcomers' velocities lead in that time."""
+DAMPING = 0.03
+"""Damping ratio: after so many swings, 1 / (2 pi) over it, little is known of how it goes on."""
+COURSE_JERK = 0.003
+"""Intensity of the course's jerk, as a multiple of that of newcomers."""
+STATES = 5
+_PAIRS = np.array(list(combinations_with_replacement(range(STATES), 2))).T
+"""Rows and columns of the upper triangle."""
+_OBSERVED = np.array(list(combinations_with_replacement(range(3), 2))).T
+_FULL = np.zeros((STATES, STATES), dtype=np.intp)
+_FULL[_PAIRS[0], _PAIRS[1]] = _FULL[_PAIRS[1], _PAIRS[0]] = np.arange(_PAIRS.shape[1])
+_KINEMATIC = _FULL[_OBSERVED[0], _OBSERVED[1]]
+"""Where the upper triangle of the first three states is."""
+_KEPT = 16
+"""Steps that are kept: lags repeat, from frame to frame."""
+_DIGITS = 9  # of lags, in units of time: those of one frame differ by rounding only
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """What L lags do: to means, (L, M, 5, 5), to spreads, (L, M, 15, 15), and what noise adds to these, (15, M, L)."""
+
+    moved: Array
+    triangles: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Swings:
+    """M motions that swing about a course.
+
+    Attributes
+    ----------
+    rates : (M,) array
+        Natural frequencies, rad/s.
+    deviation : float
+        Standard deviation of each component of a swing, m.
+    jerk : float
+        Intensity of the course's jerk, m^2/s^5.
+    velocity_deviation, acceleration_deviation : float
+        Of the course before anything was seen, m/s and m/s^2.
+    """
+
+    rates: Array
+    deviation: float
+    jerk: float
+    velocity_deviation: float
+    acceleration_deviation: float
+    _kept: dict[bytes, _Steps] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, velocity_deviation: float, acceleration_deviation: float) -> Swings:
+        """Those of obstacles that move like newcomers."""
+        time = velocity_deviation / acceleration_deviation
+        jerk = COURSE_JERK * acceleration_deviation**2 / time
+        rates = 2.0 * np.pi / (time * np.array(PERIODS))
+        return cls(rates, SWING * velocity_deviation * time, jerk, velocity_deviation, acceleration_deviation)
+
+    @cached_property
+    def diffusions(self) -> Array:
+        """Intensities of acceleration and jerk where nothing is known of the swing any more, (M, 2)."""
+        return np.array([[0.0, self.jerk]] * len(self.rates))
+
+    @cached_property
+    def driving(self) -> Array:
+        """The same where it is known how they swing, for times that are short beside their periods."""
+        swerves = 4.0 * DAMPING * self.rates**3 * self.deviation**2
+        return np.stack([swerves, np.full(len(swerves), self.jerk)], axis=1)
+
+    @cached_property
+    def apart(self) -> Array:
+        """From states to the course and the swing, (M, 5, 5)."""
+        matrix = np.tile(np.eye(STATES), (len(self.rates), 1, 1))
+        matrix[:, 0, 3] = matrix[:, 1, 4] = -1.0
+        matrix[:, 2, 3], matrix[:, 2, 4] = self.rates**2, 2.0 * DAMPING * self.rates
+        return matrix
+
+    @cached_property
+    def _united(self) -> Array:
+        """And back."""
+        return np.asarray(np.linalg.inv(self.apart), dtype=float)
+
+    @cached_property
+    def _steady(self) -> Array:
+        """Covariance of a swing and its rate of which nothing is known, (M, 2, 2)."""
+        steady = np.zeros((len(self.rates), 2, 2))
+        steady[:, 0, 0], steady[:, 1, 1] = self.deviation**2, (self.deviation * self.rates) ** 2
+        return steady
+
+    @cached_property
+    def first(self) -> Array:
+        """Covariance of the state before anything was seen, of all but the position, (15, M)."""
+        known = np.zeros((len(self.rates), STATES, STATES))
+        known[:, 1, 1], known[:, 2, 2] = self.velocity_deviation**2, self.acceleration_deviation**2
+        known[:, 3:, 3:] = self._steady
+        spread = (self._united @ known @ self._united.transpose(0, 2, 1))[:, _PAIRS[0], _PAIRS[1]].T
+        spread[:STATES] = 0.0  # where it is may be anywhere, so that it tells nothing of the swing
+        return np.asarray(spread)
+
+    def moved(self, lags: Array) -> tuple[Array, Array]:
+        """Transitions (L, M, 5, 5) over lags (L,), s, and the covariances (L, M, 5, 5) of the noise on the way."""
+        t, rate = lags[:, None], self.rates
+        decay, damped = np.exp(-DAMPING * rate * t), np.sqrt(1.0 - DAMPING**2) * rate
+        cosine, sine = decay * np.cos(damped * t), decay * np.sin(damped * t) / damped
+        swing = np.zeros((*cosine.shape, 2, 2))
+        swing[..., 0, 0], swing[..., 0, 1] = cosine + DAMPING * rate * sine, sine
+        swing[..., 1, 0], swing[..., 1, 1] = -(rate**2) * sine, cosine - DAMPING * rate * sine
+        moved, noise = np.zeros((2, *cosine.shape, STATES, STATES))
+        moved[..., range(3), range(3)] = 1.0
+        moved[..., 0, 1] = moved[..., 1, 2] = t
+        moved[..., 0, 2] = 0.5 * t * t
+        moved[..., 3:, 3:] = swing
+        powers = np.array([[20.0, 8.0, 6.0], [8.0, 3.0, 2.0], [6.0, 2.0, 1.0]])
+        degrees = np.array([[5, 4, 3], [4, 3, 2], [3, 2, 1]])
+        noise[..., :3, :3] = self.jerk * t[..., None, None] ** degrees / powers
+        noise[..., 3:, 3:] = self._steady - swing @ self._steady @ swing.swapaxes(-1, -2)
+        united, apart = self._united, self.apart
+        return united @ moved @ apart, united @ noise @ united.transpose(0, 2, 1)
+
+    def steps(self, lags: Array) -> _Steps:
+        """What lags (L,), s, do."""
+        kept = self._kept.get(lags.tobytes())
+        if kept is None:
+            if len(self._kept) >= _KEPT:
+                self._kept.clear()
+            moved, noise = self.moved(lags)
+            kept = _Steps(moved, _on_triangles(moved, _PAIRS), noise[..., _PAIRS[0], _PAIRS[1]].transpose(2, 1, 0))
+            self._kept[lags.tobytes()] = kept
+        return kept
+
+
+def _on_triangles(matrices: Array, rows: Array) -> Array:
+    """From the upper triangle of P to that of F P F', for F (..., n, 5): (..., len(rows[0]), 15)."""
+    left, right = matrices[..., rows[0], :], matrices[..., rows[1], :]
+    product = left[..., _PAIRS[0]] * right[..., _PAIRS[1]]
+    return np.asarray(product + (_PAIRS[0] != _PAIRS[1]) * left[..., _PAIRS[1]] * right[..., _PAIRS[0]])
+
+
+@dataclass
+class SwingStates:
+    """States of M swinging motions of each of K obstacles, in units of the covariance of the noise.
+
+    Attributes
+    ----------
+    swings : Swings
+    mean : (5, 2, M, K)
+        Position, velocity, acceleration, swing and its rate.
+    spread : (15, M, K)
+        The covariance of the state is this times that of the noise that is declared: its upper triangle, row by row.
+    """
+
+    swings: Swings
+    mean: Array
+    spread: Array
+
+    @classmethod
+    def none(cls, swings: Swings) -> SwingStates:
+        """Of no obstacles."""
+        return cls(
+            swings, np.zeros((STATES, 2, len(swings.rates), 0)), np.zeros((_PAIRS.shape[1], len(swings.rates), 0))
+        )
+
+    def of(self, slots: Index | slice) -> SwingStates:
+        """Copy the states of some obstacles, (n,)."""
+        return SwingStates(self.swings, self.mean[..., slots].copy(), self.spread[..., slots].copy())
+
+    def at(self, slots: Index | slice) -> SwingStates:
+        """The states of some obstacles: where they are if those are a slice, else copies."""
+        return SwingStates(self.swings, self.mean[..., slots], self.spread[..., slots])
+
+    def put(self, slots: Index | slice, part: SwingStates) -> None:
+        """Put states where those of some obstacles are, (n,)."""
+        self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
+
+    def begin(self, slots: Index, positions: Array, noise: float, unit: Array) -> None:
+        """Begin with positions (n, 2), m, seen with so many times the noise whose variances are (n,), m^2."""
+        self.mean[..., slots] = 0.0
+        self.mean[0][..., slots] = positions.T[:, None]
+        self.spread[..., slots] = self.swings.first[..., None] / unit
+        self.spread[0][..., slots] = noise
+
+    def predict(self, lag: Array, unit: Array) -> None:
+        """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
+        lags, which = np.unique(np.round(lag, _DIGITS), return_inverse=True)
+        steps = self.swings.steps(lags)
+        moved, triangles = steps.moved, steps.triangles
+        some, count = len(lags), len(lag) // max(len(lags), 1)
+        if np.array_equal(
+            which, np.repeat(np.arange(some), count)
+        ):  # as in a frame, or lag by lag: products of matrices
+            pairs, swings = self.spread.shape[:2]
+            mean = self.mean.reshape(STATES, 2, swings, some, count).transpose(3, 2, 0, 1, 4)
+            mean = moved @ mean.reshape(some, swings, STATES, 2 * count)
+            mean = mean.reshape(some, swings, STATES, 2, count).transpose(2, 3, 1, 0, 4)
+            spread = triangles @ self.spread.reshape(pairs, swings, some, count).transpose(2, 1, 0, 3)
+            self.mean[...] = mean.reshape(self.mean.shape)
+            self.spread[...] = spread.transpose(2, 1, 0, 3).reshape(self.spread.shape)
+        else:
+            self.mean[...] = np.einsum("kmij,jamk->iamk", moved[which], self.mean)
+            self.spread[...] = np.einsum("kmij,jmk->imk", triangles[which], self.spread)
+        self.spread += steps.noise[..., which] / unit
+
+    def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
+        """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
+        innovation = positions[:, None] - self.mean[0]
+        variance = self.spread[0] + noise
+        gain = self.spread[:STATES] / variance
+        self.mean += gain[:, None] * innovation
+        self.spread -= gain[_PAIRS[0]] * self.spread[_PAIRS[1]]
+        return innovation, variance
+
+    @property
+    def kinematic(self) -> tuple[Array, Array]:
+        """Means (3, 2, M, K) and spreads (6, M, K) of position, velocity and acceleration."""
+        return self.mean[:3], self.spread[_KINEMATIC]
+
+    def settled(self, unit: Array) -> tuple[Array, Array]:
+        """The same where nothing is known of the swing any more: those of the course, and as far as a swing leads."""
+        course = self.swings.apart[:, :3]
+        mean = np.einsum("mij,jamk->iamk", course, self.mean)
+        spread = np.einsum("mij,jmk->imk", _on_triangles(course, _OBSERVED), self.spread)
+        spread[0] += self.swings.deviation**2 / unit
+        return mean, spread

@@ -1,0 +1,157 @@
+"""Batches, with an executor that does the work here and now."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from batches import STRANGE_NAMES, Here
+
+from scp_planner import files
+from scp_planner.batch import runner
+from scp_planner.batch.executor import Fate
+from scp_planner.batch.jobs import Options, TableRow
+from scp_planner.batch.runner import run_batch, scenario_files
+from scp_planner.batch.table import TableError
+from scp_planner.planning.plan import Plan
+from scp_planner.settings.planning import Settings
+
+
+def test_a_batch_has_a_row_for_each_scenario(folder: Path, tmp_path: Path) -> None:
+    table, plans, heard = tmp_path / "t.csv", tmp_path / "plans", []
+    executor = Here()
+    files = scenario_files(folder)
+    result = run_batch(files, table, executor, plans=plans, progress=lambda done, status: heard.append((done, status)))
+    assert executor.done == ["overtaking.json", "headon.yaml", "crossing.yaml"]
+    assert heard == [(1, "bad_input"), *((done, "certified") for done in (2, 3, 4))]
+    assert (result.counts, result.done_before, result.all_certified) == ({"certified": 3, "bad_input": 1}, 0, False)
+    assert [row["file"] for row in result.rows] == list(files)
+    broken, crossing = result.rows[:2]
+    assert "speed = 3: unknown key" in broken["reason"] and "vehicle: missing" in broken["reason"]
+    plan = Plan.load(plans / "crossing.yaml.plan.json")
+    assert float(crossing["travel_time"]) == plan.travel_time
+    assert int(crossing["iterations"]) == plan.iterations
+    assert crossing["nearest_obstacle"] == plan.clearance.obstacle
+    assert len(table.read_text().splitlines()) == 5
+
+
+def test_rows_that_are_there_are_not_done_again(folder: Path, tmp_path: Path) -> None:
+    table = tmp_path / "t.csv"
+    files = scenario_files(folder)
+    run_batch(files, table, Here())
+    before = table.read_bytes()
+    again = Here()
+    result = run_batch(files, table, again)
+    assert (again.done, result.done_before) == ([], 4)
+    assert table.read_bytes() == before
+
+
+def test_an_interrupted_batch_ends_like_one_that_was_not(folder: Path, tmp_path: Path) -> None:
+    files = scenario_files(folder)
+    run_batch(files, tmp_path / "whole.csv", Here())
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(files, tmp_path / "t.csv", Here(most=1))
+    assert len((tmp_path / "t.csv").read_text().splitlines()) == 3  # header, the broken one, and one plan
+    rest = Here()
+    run_batch(files, tmp_path / "t.csv", rest)
+    assert len(rest.done) == 2
+    assert (tmp_path / "t.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+
+
+def test_a_scenario_that_has_changed_is_done_again(folder: Path, tmp_path: Path) -> None:
+    table = tmp_path / "t.csv"
+    run_batch(scenario_files(folder), table, Here())
+    data = yaml.safe_load((folder / "headon.yaml").read_text())
+    (folder / "headon.yaml").write_text(yaml.safe_dump(data))  # other text, same scenario
+    data["vehicle"]["max_speed"] = 2.0
+    (folder / "crossing.yaml").write_text(yaml.safe_dump(data))
+    (folder / "broken.yaml").write_text(yaml.safe_dump({**data, "name": "mended"}))
+    again = Here()
+    result = run_batch(scenario_files(folder), table, again)
+    assert again.done == ["crossing.yaml", "broken.yaml"]
+    assert [row["name"] for row in result.rows] == ["mended", "headon", "headon", "overtaking"]
+    assert len(table.read_text().splitlines()) == 5
+
+
+def test_work_that_came_to_nothing_is_done_again_only_if_that_is_asked_for(folder: Path, tmp_path: Path) -> None:
+    table, files = tmp_path / "t.csv", scenario_files(folder)
+    lost = run_batch(files, table, Here(Fate.LOST))
+    assert lost.counts == {"lost": 3, "bad_input": 1}
+    assert lost.rows[1]["reason"] == "a reason, of two lines"
+    assert run_batch(files, table, Here()).counts == lost.counts
+    assert run_batch(files, table, Here(), retry=True).counts == {"certified": 3, "bad_input": 1}
+    assert len(table.read_text().splitlines()) == 5
+
+
+def test_what_is_no_scenario_at_all_has_a_short_reason(tmp_path: Path) -> None:
+    folder = tmp_path / "plans"
+    folder.mkdir()
+    (folder / "plan.json").write_text(json.dumps({f"key{number}": number for number in range(50)}))
+    (only,) = run_batch(scenario_files(folder), tmp_path / "t.csv", Here()).rows
+    assert only["reason"].endswith("and 48 more faults") and len(only["reason"]) < 1000
+
+
+def test_strange_names_of_files_are_planned_and_found_again(strange: Path, tmp_path: Path) -> None:
+    files = scenario_files(strange)
+    result = run_batch(files, tmp_path / "t.csv", Here(), plans=tmp_path / "plans")
+    assert result.all_certified and result.done_before == 0
+    lines = (tmp_path / "t.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 1 + len(files) == 1 + len(STRANGE_NAMES)
+    cells = [row["file"] for row in result.rows]
+    assert len(set(cells)) == len(STRANGE_NAMES)
+    assert {"two  blanks.yaml", " before.yaml", r"a new\nline.yaml", r"a new\\nline.yaml"} < set(cells)
+    assert {os.fsencode(path.name) for path in (tmp_path / "plans").iterdir()} == {
+        name + b".plan.json" for name in STRANGE_NAMES
+    }
+    again = run_batch(files, tmp_path / "t.csv", Here(), plans=tmp_path / "plans")
+    assert again.done_before == len(STRANGE_NAMES) and again.rows == result.rows
+    assert runner.rows_done(files, tmp_path / "t.csv") == len(STRANGE_NAMES)
+
+
+def test_text_that_is_no_unicode_has_a_cell() -> None:
+    made = TableRow("a.yaml", name="\ud800", reason="one\ntwo  three").texts()
+    assert (made["name"], made["reason"]) == (r"\ud800", "one two three")
+
+
+def test_plans_that_are_asked_for_later_are_made(folder: Path, tmp_path: Path) -> None:
+    table, files, again = tmp_path / "t.csv", scenario_files(folder), Here()
+    run_batch(files, table, Here())
+    run_batch(files, table, again, plans=tmp_path / "plans")
+    assert len(again.done) == len(list((tmp_path / "plans").iterdir())) == 3
+
+
+def test_rows_of_other_options_are_not_mixed(folder: Path, tmp_path: Path) -> None:
+    table, files = tmp_path / "t.csv", scenario_files(folder)
+    run_batch(files, table, Here(), Options(settings=Settings(path_span=2.0)))
+    before = table.read_bytes()
+    with pytest.raises(TableError, match=r"other options: .*path_span=2.0, not method=scp;"):
+        run_batch(files, table, Here())
+    with pytest.raises(TableError, match="its columns are"):
+        run_batch(files, table, Here(), timings=True)
+    assert table.read_bytes() == before
+
+
+def test_scenarios_are_found_by_pattern_and_results_left_out(folder: Path) -> None:
+    (folder / "sub").mkdir()
+    shutil.copy(folder / "headon.yaml", folder / "sub" / "headon.yml")
+    (folder / "plans").mkdir()
+    (folder / "plans" / "headon.yaml.plan.json").write_text("{}")
+    (folder / ".crossing.yaml.part.yaml").write_text("half a file")
+    assert list(scenario_files(folder)) == ["broken.yaml", "crossing.yaml", "headon.yaml", "overtaking.json"]
+    found = scenario_files(folder, "**/*", [folder / "plans", folder / "broken.yaml"])
+    assert list(found) == ["crossing.yaml", "headon.yaml", "overtaking.json", "sub/headon.yml"]
+    assert list(scenario_files(folder, "head*")) == ["headon.yaml"]
+
+
+def test_a_folder_with_too_much_in_it_is_not_looked_through(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "sub").mkdir()
+    monkeypatch.setattr(files, "MOST_ENTRIES", len(list(folder.rglob("*"))))
+    assert len(scenario_files(folder, "**/*")) == 4
+    (folder / "sub" / "one_more.txt").touch()
+    with pytest.raises(ValueError, match=r"pattern '\*\*/\*': .* holds over [0-9]+ files, with those in its folders"):
+        scenario_files(folder, "**/*")
+    assert len(scenario_files(folder)) == 4  # of the folder alone

@@ -1,0 +1,278 @@
+"""The figure of a plan: that it shows what is, legibly, and leaves no file half done."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from figure_parts import Case, assert_legible, case_of, map_of, panel_of
+from matplotlib import rcParams
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, PathPatch, Polygon
+from matplotlib.text import Annotation
+from scenes import disc, scene
+
+import scp_planner as sp
+from scp_planner.plotting import animate_plan, plot_plan, plot_profiles, plot_space_time
+from scp_planner.plotting.maps import border_of
+from scp_planner.plotting.recording import record_plan
+from scp_planner.plotting.style import COLOURS, GREY
+
+
+def _is_hollow(patch: Any) -> bool:
+    return patch.get_facecolor()[3] == 0.0
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_map_shows_vehicle_and_zones_in_one_colour_a_time(radar: Case) -> None:
+    plan, scenario = radar
+    times = plan.start_time + np.array([0.3, 0.6]) * plan.travel_time
+    axes = map_of(plot_plan(plan, scenario, times=times))
+    discs = [patch for patch in axes.patches if isinstance(patch, Circle)]
+    assert [disc.center for disc in discs] == [pytest.approx(plan.position(t)) for t in times]
+    assert {disc.radius for disc in discs} == {scenario.vehicle.radius}
+    colours = [to_hex(disc.get_facecolor()).upper() for disc in discs]
+    assert colours == list(COLOURS[:2])
+    shapes = [patch for patch in axes.patches if isinstance(patch, Polygon | PathPatch)]
+    filled = {to_hex(shape.get_facecolor()).upper() for shape in shapes if not _is_hollow(shape)}
+    assert filled <= {*COLOURS[:2], GREY}
+    # Every zone that is near the vehicle at one of the times is there, in that time's colour; in grey if it stands.
+    for t, colour in zip(times, COLOURS, strict=False):
+        for zone in sp.zones(scenario):
+            if zone.signed_distance(t, plan.position(t)) - scenario.vehicle.radius < 0.1 * 20.0:
+                own = GREY if zone.id == "buoy" else colour
+                zones = [s for s in shapes if to_hex(s.get_edgecolor()).upper() == own]
+                outlines = [np.asarray(s.get_path().vertices) for s in zones if isinstance(s, PathPatch)]
+                fits = [np.abs(zone.signed_distance(np.full(len(o), t), o)).max() < 1e-6 for o in outlines]
+                assert any(fits), (zone.id, t)
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_what_stands_is_drawn_once(radar: Case) -> None:
+    plan, scenario = radar
+    for count in (1, 5):
+        axes = map_of(plot_plan(plan, scenario, times=np.linspace(plan.start_time, plan.arrival_time, count)))
+        zones = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
+        assert sum(to_hex(zone.get_edgecolor()).upper() == GREY for zone in zones) == 1
+
+
+def test_border_of_several_pieces_has_no_seams(pocket: Case) -> None:
+    """It is all on the outside of the obstacle grown by its margin, and as long as that is."""
+    shapely = pytest.importorskip("shapely")
+    plan, scenario = pocket
+    (obstacle,) = record_plan(plan, scenario, 3).obstacles
+    assert len(obstacle.boundary[0]) > 2
+    border = border_of(obstacle, 0)
+    bits = np.asarray(border.vertices).reshape(-1, 2, 2)
+    shape = scenario.obstacles[0].shape
+    assert isinstance(shape, sp.PolygonShape)
+    room = shapely.affinity.translate(shapely.Polygon(shape.polygon), 9.0, 1.0)
+    # Corners are rounded, and drawn from a few points: 60 on each piece.
+    outside = room.buffer(0.2, quad_segs=64).exterior
+    off = [outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)]
+    assert max(off) < 0.02
+    # Where pieces grown by the margin overlap, a little of it is drawn twice.
+    assert outside.length < np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() < 1.05 * outside.length
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_corridor_is_light_and_the_rest_is_shaded() -> None:
+    shapely = pytest.importorskip("shapely")
+    polygons = [[[-1, -1], [9, -1], [9, 1], [-1, 1]], [[7, 0.5], [7, -1.5], [13, -1.5], [13, 6], [11, 6]]]
+    scenario = scene(goal={"position": [12.0, 4.0]}, corridor=polygons)
+    axes = map_of(plot_plan(sp.plan(scenario), scenario))
+    white = [
+        patch for patch in axes.patches if isinstance(patch, Polygon) and to_hex(patch.get_facecolor()) == "#ffffff"
+    ]
+    assert len(white) == 2
+    (border,) = [patch for patch in axes.patches if isinstance(patch, PathPatch)]
+    bits = np.asarray(border.get_path().vertices).reshape(-1, 2, 2)
+    outside = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons]).exterior
+    assert max(outside.distance(shapely.Point(point)) for point in bits.mean(axis=1)) < 1e-9
+    # A bit at each crossing of two borders ends beyond it.
+    assert np.linalg.norm(bits[:, 1] - bits[:, 0], axis=1).sum() == pytest.approx(outside.length, rel=0.03)
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_names_do_not_lie_on_each_other() -> None:
+    twins = [disc(name, (10.0, 0.9)) for name in ("one", "other")]
+    scenario = scene(*twins, disc("third", (15.0, -0.9)))
+    names = [a.get_text() for a in map_of(plot_plan(sp.plan(scenario), scenario)).findobj(Annotation)]
+    assert names == ["one", "third"]
+
+
+def test_map_has_equal_axes(figure: Figure) -> None:
+    FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]
+    axes = map_of(figure)
+    origin, right, up = axes.transData.transform([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    assert right[0] - origin[0] == pytest.approx(up[1] - origin[1], rel=1e-6)
+
+
+def test_path_is_coloured_by_speed(radar: Case, figure: Figure) -> None:
+    plan, scenario = radar
+    axes = map_of(figure)
+    (line,) = axes.collections
+    middles = np.array([segment.mean(axis=0) for segment in line.get_segments()])
+    near_start = line.get_array()[0]
+    assert near_start == pytest.approx(plan.speed(plan.start_time), abs=0.1)
+    assert line.get_array()[-1] == pytest.approx(plan.speed(plan.arrival_time), abs=0.1)
+    assert np.abs(middles[0] - plan.position(plan.start_time)).max() < 0.1
+    assert line.get_clim() == (0.0, scenario.vehicle.max_speed)
+
+
+@pytest.mark.parametrize(
+    ("title", "values", "limits"),
+    [
+        ("speed (m/s)", lambda p, t: p.speed(t), {0.0, 3.0}),
+        ("acceleration (m/s²)", lambda p, t: p.acceleration(t), {-2.0, 1.5}),
+        ("lateral acceleration (m/s²)", lambda p, t: p.speed(t) ** 2 * p.curvature(t), {-2.0, 2.0}),
+        ("curvature (1/m)", lambda p, t: p.curvature(t), {-1.0, 1.0}),
+    ],
+)
+def test_profiles_stand_against_their_limits(
+    radar: Case, figure: Figure, title: str, values: Any, limits: set[float]
+) -> None:
+    plan, _ = radar
+    axes = panel_of(figure, title)
+    curves = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100]
+    (curve,) = curves
+    assert np.allclose(curve.get_ydata(), values(plan, curve.get_xdata()), rtol=1e-12, atol=1e-12)
+    flat = {
+        float(line.get_ydata()[0]) for line in axes.lines if line.get_linestyle() == "-" and len(line.get_xdata()) == 2
+    }
+    assert flat == limits
+
+
+def test_clearance_over_time(radar: Case, figure: Figure) -> None:
+    plan, scenario = radar
+    axes = panel_of(figure, "clearance")
+    least = [line for line in axes.lines if len(np.asarray(line.get_xdata())) > 100][-1]
+    time = np.asarray(least.get_xdata())
+    distances = [zone.signed_distance(time, plan.position(time)) for zone in sp.zones(scenario)]
+    assert np.allclose(least.get_ydata(), np.min(distances, axis=0) - scenario.vehicle.radius, atol=1e-12)
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_limits_by_place_are_drawn() -> None:
+    scenario = scene(speed_limits=[{"from": 5.0, "to": 9.0, "speed": 1.5}])
+    figure = plot_plan(sp.plan(scenario), scenario)
+    drawn = [set(np.asarray(line.get_ydata()).tolist()) for line in panel_of(figure, "speed (m/s)").lines]
+    assert {1.5, 3.0} in drawn
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_limits_that_are_none_are_not_drawn() -> None:
+    figure = plot_plan(*case_of("tall"))
+    for title in ("lateral acceleration", "curvature"):
+        flat = [line for line in panel_of(figure, title).lines if len(line.get_xdata()) == 2]
+        assert flat == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["tall", *(pytest.param(n, marks=pytest.mark.slow) for n in ("slow-past-a-school", "crossing", "alone", "late"))],
+)
+def test_no_text_overlaps_or_is_cut_off(name: str) -> None:
+    """So it is in the views of "radar", below."""
+    plan, scenario = case_of(name)
+    assert_legible(plot_plan(plan, scenario))
+    assert_legible(plot_space_time(plan, scenario))
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_truth_is_drawn_where_there_is_a_record(radar: Case) -> None:
+    plan, scenario = radar
+    seen = np.array([plan.start_time, plan.start_time + 2.0])
+    went = np.array([[9.0, -5.0], [9.0, -3.0]])
+    axes = map_of(plot_plan(plan, scenario, truth={"ferry": (seen, went)}, times=[seen[0], plan.arrival_time]))
+    dotted = [line for line in axes.lines if line.get_linestyle() not in ("-", "None")]
+    (line,) = dotted
+    points = np.stack(line.get_data(), axis=-1)
+    known = ~np.isnan(points).any(axis=1)
+    assert np.allclose(points[known][0], went[0]) and np.allclose(points[known][-1], went[1], atol=0.05)
+    shapes = [patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon) and _is_hollow(patch)]
+    true_discs = [xy for xy in shapes if np.allclose(np.linalg.norm(xy - went[0], axis=1), 0.8)]
+    assert len(true_discs) == 1  # at the start; at the arrival nobody knows
+
+
+@pytest.mark.parametrize("times", [[], [0.0] * 8, [[0.0, 1.0]]])
+def test_wrong_times_are_refused(radar: Case, times: Any) -> None:
+    with pytest.raises(ValueError, match="times: must be 1 to 7 times"):
+        plot_plan(*radar, times=times)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "begins"),
+    [(".png", b"\x89PNG"), (".pdf", b"%PDF"), pytest.param(".svg", b"<?xml", marks=pytest.mark.slow)],
+)
+def test_saved_figure(radar: Case, tmp_path: Path, suffix: str, begins: bytes, request: pytest.FixtureRequest) -> None:
+    if suffix == ".pdf":
+        request.getfixturevalue("unsettled")
+    files = [tmp_path / f"{n}{suffix}" for n in (1, 2)]
+    for file in files:
+        plot_profiles(*radar, file)
+    first, second = (file.read_bytes() for file in files)
+    assert first.startswith(begins)
+    assert first == second
+    assert sorted(tmp_path.iterdir()) == files
+
+
+@pytest.mark.parametrize("draw", [plot_plan, plot_space_time, animate_plan])
+def test_wrong_suffix_is_refused_before_anything_is_written(radar: Case, tmp_path: Path, draw: Any) -> None:
+    with pytest.raises(ValueError, match=r"plan\.docx: must end in one of"):
+        draw(*radar, tmp_path / "plan.docx")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_failure_leaves_the_old_file(radar: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "plan.png"
+    target.write_bytes(b"old")
+
+    def fail(self: Figure, file: Path, **_: Any) -> None:
+        Path(file).write_bytes(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(Figure, "savefig", fail)
+    with pytest.raises(OSError, match="disk full"):
+        plot_plan(*radar, target)
+    assert target.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.usefixtures("unsettled")
+def test_users_settings_neither_matter_nor_change(radar: Case, tmp_path: Path) -> None:
+    plot_profiles(*radar, tmp_path / "before.png")
+    before = dict(rcParams)
+    rcParams["font.size"] = 30.0
+    rcParams["lines.linestyle"] = "--"
+    try:
+        plot_profiles(*radar, tmp_path / "after.png")
+        assert rcParams["font.size"] == 30.0
+    finally:
+        rcParams.update({key: before[key] for key in ("font.size", "lines.linestyle")})
+    assert dict(rcParams) == before
+    assert (tmp_path / "before.png").read_bytes() == (tmp_path / "after.png").read_bytes()
+
+
+def test_pyplot_stays_out_and_matplotlib_waits() -> None:
+    script = """
+import sys
+import scp_planner.plotting, scp_planner.plotting.viewer
+assert "matplotlib" not in sys.modules
+import scp_planner as sp
+from scp_planner import builtin
+scenario = builtin.load("headon")
+scp_planner.plotting.plot_profiles(sp.plan(scenario, sp.Settings(max_runs=1)), scenario)
+assert "matplotlib" in sys.modules and "matplotlib.pyplot" not in sys.modules
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

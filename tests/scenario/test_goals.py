@@ -1,0 +1,71 @@
+"""Goals that are regions, against shapely."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import scp_planner as sp
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.scenario.goal_sides import GoalSides
+from scp_planner.scenario.goals import aim_at, convex_parts, distance_outside, with_aim
+
+shapely = pytest.importorskip("shapely")
+
+ELL = ((0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0))
+
+
+def test_the_aim_lies_inside_where_the_region_is_nearest() -> None:
+    polygon = shapely.Polygon(ELL)
+    for x, y in np.random.default_rng(1).uniform(-6.0, 9.0, (40, 2)).tolist():
+        point = shapely.Point(x, y)
+        assert distance_outside(ELL, (x, y)) == pytest.approx(polygon.distance(point), abs=1e-9)
+        if polygon.contains(point):
+            continue
+        aim = shapely.Point(aim_at(ELL, (x, y)))
+        assert polygon.contains(aim) and 0.0 < polygon.exterior.distance(aim) < 0.01
+        assert aim.distance(point) == pytest.approx(polygon.distance(point), abs=0.01)
+
+
+def test_convex_parts_are_the_region() -> None:
+    parts = [shapely.Polygon(part) for part in convex_parts(ELL)]
+    assert all(part.equals(part.convex_hull) for part in parts) and len(parts) > 1
+    assert sum(part.area for part in parts) == pytest.approx(shapely.Polygon(ELL).area)
+    assert shapely.union_all(parts).symmetric_difference(shapely.Polygon(ELL)).area == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "goal", [{"position": [1.0, 2.0], "region": ELL}, {"position": [1.0, 2.0]}, {"region": ELL[:2]}, {"region": "odd"}]
+)
+def test_data_without_a_region_to_aim_at_is_left_as_it_is(goal: dict[str, object]) -> None:
+    data = {"start": {"position": [9.0, 9.0]}, "goal": goal}
+    assert with_aim(data) is data
+
+
+def test_sides_cut_a_line_where_the_part_does() -> None:
+    """A line of the planning frame through the part that is aimed at, with a margin from each side."""
+    margin, origin, angle = 0.1, (-3.0, -2.0), 0.6
+    scenario = sp.Scenario.model_validate(
+        {
+            "name": "parking",
+            "vehicle": {"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0},
+            "start": {"time": 0.0, "position": origin, "speed": 0.0},
+            "goal": {"region": ELL},
+        }
+    )
+    frame = PlanningFrame(origin, angle, 0.0)
+    sides = GoalSides.of(scenario, frame, margin)
+    assert sides is not None
+    aim = scenario.goal.position
+    part = min((shapely.Polygon(each) for each in convex_parts(ELL)), key=lambda one: one.distance(shapely.Point(aim)))
+    inner = part.buffer(-margin, join_style="mitre")
+    for direction in np.random.default_rng(2).uniform(0.0, math.pi, 20).tolist():
+        through = np.array([inner.centroid.x, inner.centroid.y])
+        ahead = np.array([math.cos(direction), math.sin(direction)])
+        cut = inner.intersection(shapely.LineString([through - 50.0 * ahead, through + 50.0 * ahead]))
+        first, last = sides.along(frame.to_frame(through[None])[0], frame.rotation.T @ ahead)
+        assert last - first == pytest.approx(cut.length, abs=1e-9) and first < 0.0 < last
+    first, last = sides.along(np.array([0.0, 1e3]), np.array([1.0, 0.0]))
+    assert first > last

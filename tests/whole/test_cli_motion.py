@@ -1,0 +1,145 @@
+"""The command that fits models of motions, and the models that commands are given."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import run
+
+
+def test_fit_motion_writes_a_model_that_a_scenario_can_refer_to(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    rows = ["id,time,x,y"]
+    for person in range(30):
+        velocity, position = rng.normal(size=2), rng.normal(size=2)
+        for step in range(24):
+            rows.append(f"{person},{0.4 * step:.1f},{position[0]:.4f},{position[1]:.4f}")
+            velocity = velocity + 0.2 * rng.normal(size=2)
+            position = position + 0.4 * velocity
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    result = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "people.yaml")
+    assert result.exit_code == 0, result.stderr
+    assert "random_walk" in result.stdout and "m2/s3" in result.stdout
+    printed = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "people.json", "--json", "--quiet")
+    assert json.loads(printed.stdout) == json.loads((tmp_path / "people.json").read_text())
+    assert printed.stderr == ""
+    scenario = {
+        "schema": 1,
+        "vehicle": {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.0, "max_deceleration": 1.0},
+        "start": {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 1.0},
+        "goal": {"position": [10, 0]},
+        "obstacles": [
+            {
+                "id": "walker",
+                "shape": {"disc": 0.3},
+                "observations": {"time": [-0.8, -0.4, 0.0], "position": [[5, 6], [5, 6.4], [5, 6.8]]},
+                "model": {"process": "people.yaml"},
+            }
+        ],
+    }
+    (tmp_path / "scene.json").write_text(json.dumps(scenario))
+    planned = run("plan", tmp_path / "scene.json", "-o", tmp_path / "plan.json")
+    assert planned.exit_code == 0, planned.stderr
+
+
+def watched(folder: Path, model: object = None) -> Path:
+    """A scenario of one person who is seen beside the way."""
+    person = {
+        "id": "walker",
+        "shape": {"disc": 0.3},
+        "observations": {
+            "time": [-0.8, -0.4, 0.0],
+            "position": [[5, 5.0], [5, 5.01], [5, 5.0]],
+            "covariance": [[0.0025, 0.0], [0.0, 0.0025]],
+        },
+    }
+    scenario = {
+        "schema": 1,
+        "vehicle": {"radius": 0.3, "max_speed": 2.0, "max_acceleration": 1.0, "max_deceleration": 1.0},
+        "start": {"time": 0.0, "position": [0, 0], "heading": 0.0, "speed": 1.0},
+        "goal": {"position": [10, 0]},
+        "obstacles": [person if model is None else {**person, "model": model}],
+    }
+    (folder / "scene.json").write_text(json.dumps(scenario))
+    return folder / "scene.json"
+
+
+def test_a_motion_model_can_be_named_on_the_command_line(tmp_path: Path) -> None:
+    """Plan and check see the zones of the model that is named, whatever the file says."""
+    seen, plan = watched(tmp_path), tmp_path / "plan.json"
+    planned = run("plan", seen, "--model", "pedestrian", "-o", plan, "--no-bound")
+    assert planned.exit_code == 0, planned.stderr
+    checked = {
+        model: json.loads(run("check", seen, plan, *(["--model", model] if model else []), "--json").stdout)
+        for model in ("", "pedestrian", "car")
+    }
+    clearance = {model: each["least_clearance"] for model, each in checked.items()}
+    assert clearance["pedestrian"] > clearance["car"] and clearance["pedestrian"] > clearance[""]
+    named = json.loads(run("check", watched(tmp_path, "pedestrian"), plan, "--json").stdout)
+    assert named == checked["pedestrian"]
+
+
+@pytest.mark.parametrize("command", ["plan", "check", "simulate"])
+def test_a_motion_model_that_is_none_is_refused(tmp_path: Path, command: str) -> None:
+    plan = [tmp_path / "plan.json"] if command == "check" else []
+    refused = run(command, watched(tmp_path), *plan, "--model", "pedestrain")
+    assert refused.exit_code == 2 and "did you mean 'pedestrian'" in refused.stderr
+    known = run(command, "builtin:crossing", *plan, "--model", "pedestrian")
+    assert known.exit_code == 2 and "no obstacle whose motion is to be estimated" in known.stderr
+
+
+def test_a_model_fitted_to_half_of_the_tracks_is_tested_on_the_rest(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    rows = ["id,time,x,y"]
+    for person in range(60):
+        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(24, 2)), axis=0)), axis=0)
+        rows += [f"{person},{0.4 * step:.1f},{x:.4f},{y:.4f}" for step, (x, y) in enumerate(course)]
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    options = ("--half", "--noise", "0.02", "--source", "made up", "-o", tmp_path / "half.yaml", "--json")
+    fitted = json.loads(run("fit-motion", tmp_path / "tracks.csv", *options).stdout)
+    assert fitted["fitted_to"]["tracks"] == 30 and fitted["fitted_to"]["source"] == "made up"
+    assert fitted["noise_deviation"] == 0.02
+    coverage = ("study", "coverage", tmp_path / "tracks.csv", "--model", tmp_path / "half.yaml", "-o", tmp_path / "out")
+    measured = json.loads(run(*coverage, "--json").stdout)["recorded"]
+    pointwise = {row["lead_time"]: row for row in measured if row["level"] == "per_time"}
+    assert list(pointwise) == [1.0, 2.0, 4.0]
+    assert all(row["tracks"] == 30 and row["coverage"] > 0.88 for row in pointwise.values())
+    refused = run("study", "coverage", "--model", "pedestrian", "-o", tmp_path / "out")
+    assert refused.exit_code == 2 and "TRACKS" in refused.stderr
+
+
+def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = ["id,time,x,y"]
+    for person in range(50):
+        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(20, 2)), axis=0)), axis=0)
+        rows += [f"{person},{0.4 * step:.1f},{x:.4f},{y:.4f}" for step, (x, y) in enumerate(course)]
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    inflations = {}
+    for level in ("0.8", "0.95"):
+        result = run("fit-motion", tmp_path / "tracks.csv", "--conformal", level, "-o", tmp_path / "m.json", "--json")
+        assert result.exit_code == 0, result.stderr
+        inflations[level] = json.loads(result.stdout)["tails"]["inflation"]
+    assert inflations["0.8"] != inflations["0.95"]
+    refused = run("fit-motion", tmp_path / "tracks.csv", "--conformal", "2", "-o", tmp_path / "m.json")
+    assert refused.exit_code == 2 and "--conformal" in refused.stderr
+
+
+def test_fit_motion_says_what_to_do_with_a_few_tracks(tmp_path: Path) -> None:
+    rows = [f"{name},{0.4 * k},{k + 0.1 * (-1) ** k},{name}" for name in range(3) for k in range(12)]
+    (tmp_path / "tracks.csv").write_text("\n".join(["id,time,x,y", *rows]))
+    refused = run("fit-motion", tmp_path / "tracks.csv", "-o", tmp_path / "m.json")
+    assert refused.exit_code == 2 and "--no-tails" in refused.stderr and "WARNING" not in refused.stderr
+    assert run("fit-motion", tmp_path / "tracks.csv", "--no-tails", "-o", tmp_path / "m.json").exit_code == 0
+    assert json.loads((tmp_path / "m.json").read_text())["tails"] is None
+
+
+def test_fit_motion_refuses_an_unknown_kind(tmp_path: Path) -> None:
+    (tmp_path / "tracks.csv").write_text("id,time,x,y\n1,0,0,0\n1,1,1,0\n")
+    result = run("fit-motion", tmp_path / "tracks.csv", "--kind", "brownian", "-o", tmp_path / "m.yaml")
+    assert result.exit_code == 2
+    assert "brownian" in result.stderr
+    assert not (tmp_path / "m.yaml").exists()
