@@ -37,6 +37,8 @@ TRIED = 4
 """Dodges that are certified in one replan, at most."""
 BETTER = 0.1
 """Widths of way by which a dodge must do better for the vehicle to leave a trip."""
+ALIKE = 0.1
+"""Widths of way by which a dodge must do better than the one that is being driven for the vehicle to change over."""
 PATIENCE = 10.0
 """Moments without coming nearer to the goal, after which nearness and spare room count half."""
 SPARE = 1.0 / 24.0
@@ -133,11 +135,13 @@ class _Outlook:
 
 @dataclass(frozen=True)
 class _SeenDodges:
-    """A moment, its dodges, and what is seen of them."""
+    """A moment, its dodges, and what is seen of them and of what was begun before, if the vehicle is on that."""
 
     moment: Moment
     dodges: Dodges
     seen: _Outlook
+    begun: Stop | None
+    going_on: _Outlook | None
 
 
 class Evasion:
@@ -162,14 +166,17 @@ class Evasion:
         self._patience = lasts / (lasts + waited)
 
     def safest(self, now: Replan) -> Dodge | None:
-        """Return the certified dodge that is worth most; None if none is certified."""
-        dodges, seen = self._looked(now)
-        return self._first_safe(now, now.moment, dodges, seen, seen.worth)
+        """Return the certified dodge that is worth most, or the one that is driven, if that is worth nearly as much.
+
+        None if none is certified.
+        """
+        view = self._looked(now)
+        return self._still_good(now) or self._first_safe(now, now.moment, view.dodges, view.seen, view.seen.worth)
 
     def least_harmful(self, now: Replan) -> Dodge:
         """Return what does best where nothing is safe: by what it gains, and how soon and deep it enters zones."""
-        dodges, seen = self._looked(now)
-        return self._made(now.moment, dodges, seen, int(np.argmax(seen.worth)))
+        view = self._looked(now)
+        return self._made(now.moment, view.dodges, view.seen, int(np.argmax(view.seen.worth)))
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where no new dodge does better; None where one does.
@@ -186,13 +193,25 @@ class Evasion:
         Dodge or None
             None, too, where the vehicle is not on what it drove last, or that is over.
         """
-        moment, stop = now.moment, self._begun(now)
-        if stop is None:
+        view = self._looked(now)
+        if view.begun is None or view.going_on is None or view.going_on.worth[0] < view.seen.worth.max():
             return None
-        dodges, new = self._looked(now)
-        seen = self._look_on(moment, stop, dodges.times)
-        now.lap("evasion")
-        return None if seen.worth[0] < new.worth.max() else self._gone_on_with(moment, seen, stop)
+        return self._gone_on_with(now.moment, view.going_on, view.begun)
+
+    def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
+        """What was begun, if it is certified, worth nearly as much as all new that is clear, and more than least, m.
+
+        What does hardly better now may do hardly worse at the next replan: who always takes the best turns to and fro.
+        """
+        view = self._looked(now)
+        if view.begun is None or view.going_on is None or np.isfinite(view.going_on.clear[0]):
+            return None
+        best = view.seen.worth.max(where=np.isinf(view.seen.clear), initial=-np.inf)
+        if view.going_on.worth[0] <= max(best - ALIKE * 2.0 * now.moment.scenario.vehicle.radius, least):
+            return None
+        found = self._gone_on_with(now.moment, view.going_on, view.begun)
+        now.lap("certificate")
+        return found if found.safe else None
 
     def _begun(self, now: Replan) -> Stop | None:
         """What was begun at the last replan to get out of the way, unless the vehicle is not on it, or that is over."""
@@ -220,15 +239,18 @@ class Evasion:
         -------
         Dodge or None
         """
-        moment = now.moment
-        dodges, seen = self._looked(now)
-        worth = self._worth_of(moment, trip, dodges.times)
+        moment, view = now.moment, self._looked(now)
+        seen, least = view.seen, self._worth_of(moment, trip, view.dodges.times)
+        least += BETTER * 2.0 * moment.scenario.vehicle.radius
         now.lap("evasion")
-        better = seen.worth > worth + BETTER * 2.0 * moment.scenario.vehicle.radius
+        before = self._still_good(now, least)
+        if before is not None:
+            return before
+        better = seen.worth > least
         if not (better & np.isinf(seen.clear)).any():
             return None
         seen = replace(seen, clear=np.where(better, seen.clear, 0.0))
-        return self._first_safe(now, moment, dodges, seen, seen.worth)
+        return self._first_safe(now, moment, view.dodges, seen, seen.worth)
 
     def at_lower_level(self, now: Replan, moment: Moment) -> Dodge | None:
         """Where no dodge is safe: one that is among smaller zones, what was begun before all others; None if none is.
@@ -243,17 +265,17 @@ class Evasion:
         -------
         Dodge or None
         """
-        dodges, whole = self._looked(now)
-        begun = self._begun(now)
-        if begun is not None:
-            going_on = self._gone_on_with(moment, self._look_on(moment, begun, dodges.times), begun)
+        view = self._looked(now)
+        if view.begun is not None:
+            seen = self._look_on(moment, view.begun, view.dodges.times)
+            going_on = self._gone_on_with(moment, seen, view.begun)
             now.lap("certificate")
             if going_on.safe:
                 return going_on
-        seen = self._look(moment, dodges)
+        seen = self._look(moment, view.dodges)
         now.lap("evasion")
         # Of those the one that does least harm in whole zones: it is no time to gain way.
-        return self._first_safe(now, moment, dodges, seen, whole.worth)
+        return self._first_safe(now, moment, view.dodges, seen, view.seen.worth)
 
     def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: _Outlook, worth: Array) -> Dodge | None:
         """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""
@@ -265,13 +287,14 @@ class Evasion:
                 return found
         return None
 
-    def _looked(self, now: Replan) -> tuple[Dodges, _Outlook]:
-        """The dodges of a moment and what is seen of them, which is looked at once."""
+    def _looked(self, now: Replan) -> _SeenDodges:
+        """What is seen in a moment, which is looked at once."""
         if self._view is None or self._view.moment is not now.moment:
-            dodges = self._dodges(now.moment)
-            self._view = _SeenDodges(now.moment, dodges, self._look(now.moment, dodges))
+            dodges, begun = self._dodges(now.moment), self._begun(now)
+            going_on = None if begun is None else self._look_on(now.moment, begun, dodges.times)
+            self._view = _SeenDodges(now.moment, dodges, self._look(now.moment, dodges), begun, going_on)
             now.lap("evasion")
-        return self._view.dodges, self._view.seen
+        return self._view
 
     def _dodges(self, moment: Moment) -> Dodges:
         state = moment.state

@@ -19,6 +19,7 @@ from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import standing_from
+from scp_planner.online.vetting import Stop, Vetted
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.simulation.crowds import WALKER, among_people
@@ -128,7 +129,7 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
         scenario = scene(disc("walker", (0.0, start), (0.0, 1.0), radius=0.3), start={"speed": 0.0}, vehicle=SLOW)
         means = Planner(scenario, online=OnlineSettings(stay_clear=0.3))._means
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
-        _, seen = Evasion(means)._looked(now)
+        seen = Evasion(means)._looked(now).seen
         assert np.isinf(seen.clear[0]), "the first dodge stands"
         worth[start] = seen.worth[0]
     times = np.linspace(0.0, 3.0, 3001)
@@ -159,6 +160,25 @@ def test_a_turn_that_was_begun_is_gone_on_with() -> None:
     assert math.dist(run.position[-1], (20.0, 0.0)) < 0.1
     # where no new turn is safe among zones of any size, the one that was begun still is among smaller ones
     assert any("as before" in cycle.reason and "times as large" in cycle.reason for cycle in run.records)
+
+
+@pytest.mark.parametrize(("number", "kept"), [(0, True), (1, True), (3, False)])
+def test_what_was_begun_is_gone_on_with_where_nothing_is_clearly_better(number: int, kept: bool) -> None:
+    """Nobody is near: a course that leads by so many of its neighbours past the goal gains hardly less, or clearly."""
+    means = Planner(scene(goal={"position": (20.0, 0.0)}, vehicle=SLOW))._means
+    evasion = Evasion(means)
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 1.0)), 0.0, math.inf, None, 0)
+    dodges = evasion._looked(now).dodges
+    at_top_speed = 5  # for the time of two widths
+    trip = dodges.trip(number * len(dodges.families[0].profiles.stands) + at_top_speed, now.moment.frame)
+    points, _ = trip.at(0.1)
+    x, y = trip.frame.to_world(points.path.position)[0].tolist()
+    stop = Stop(trip, trip.trajectory.travel_time)
+    begun = means.plan_of(Vetted(trip, now.moment.certify(trip), stop, 0.0), now, Outcome.EVADING, "")
+    later = Replan(means.moment(State(0.1, (x, y), None, float(points.speed[0]))), 0.0, math.inf, begun, 1)
+    found = evasion.safest(later)
+    assert found is not None and found.safe
+    assert (found.trip is trip) is kept
 
 
 def test_the_last_trip_is_gone_on_with_where_it_leads_between_smaller_zones() -> None:
@@ -202,7 +222,8 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         means = Planner(scenario)._means
         now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
         evasion = Evasion(means)
-        dodges, seen = evasion._looked(now)
+        view = evasion._looked(now)
+        dodges, seen = view.dodges, view.seen
         # The first course leads to the goal; for longest, at top speed
         straight = len(dodges.families[0].profiles.stands) - 2
         worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
