@@ -197,7 +197,9 @@ def _what(dodge: Dodge) -> str:
     whom = dodge.blocked_by or dodge.threat
     if whom is None:
         # Nobody is in the way: it is how the vehicle stands, in the room that there is, or who is far ahead.
-        return "nears the goal as far as is safe" if dodge.moves else "waits, as no trip leads on from where it stands"
+        if not dodge.moves:
+            return "waits, as no trip leads on from where it stands"
+        return "nears the goal as far as is safe" if dodge.nears else "moves to where it is safer"
     if not dodge.moves:
         return f"waits for {whom}"
     return f"nears the goal as far as is safe, behind {whom}" if dodge.nears else f"gives way to {whom}"

@@ -319,7 +319,7 @@ def test_zones_are_those_of_all_that_was_observed() -> None:
 
 def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
     """From a stand before something that goes away: the first trip drives too fast, until it has been improved."""
-    scenario = scene(bounds={"min": (-2.0, -1.0), "max": (21.0, 1.0)})
+    scenario = scene(bounds={"min": (-2.0, -1.1), "max": (21.0, 1.1)})
     planner = Planner(scenario, online=OnlineSettings(iterations=6))
     begin(planner, scenario)
     post = float(follow(planner, 2.0).position(2.0)[0]) + 8.0
