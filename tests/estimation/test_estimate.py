@@ -1,3 +1,5 @@
+"""Estimates of motions: least squares, priors and forgetting, against closed forms and simulation."""
+
 from __future__ import annotations
 
 import math
@@ -9,29 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
+from observed_motions import SIGMA, TRUTH, irregular, observe
 
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import HotellingErrors, NormalErrors, StudentErrors
 from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.least_squares import MotionPrior
-from scp_planner.estimation.motion_estimate import PolynomialEstimate, standardised_speed
-from scp_planner.estimation.observations import Faulty, Outliers, Screening
 from scp_planner.scenario.models import Obstacle
 
 pytestmark = pytest.mark.numerics
-
-SIGMA = np.array([[0.04, 0.015], [0.015, 0.01]])
-TRUTH = np.array([[3.0, -1.0], [1.2, 0.4], [-0.3, 0.25]])  # position, velocity, half the acceleration
-
-
-def observe(rng: np.random.Generator, times: np.ndarray, order: int = 2, sigma: np.ndarray = SIGMA) -> np.ndarray:
-    truth = (np.asarray(times)[:, None] ** np.arange(order + 1)) @ TRUTH[: order + 1]
-    return truth + rng.multivariate_normal(np.zeros(2), sigma, len(times))
-
-
-def irregular(rng: np.random.Generator, count: int = 15, end: float = 2.0) -> np.ndarray:
-    return np.sort(rng.uniform(0.0, end, count))
 
 
 def closed_form(times: list[Fraction], t: Fraction) -> float:
@@ -178,86 +166,6 @@ def test_estimate_does_not_depend_on_the_frame_or_the_order(
     assert turned.reference_time == seen.reference_time
 
 
-@pytest.mark.parametrize("each", [False, True])
-@pytest.mark.parametrize("order", [0, 1, 2])
-def test_polynomials_are_the_estimate(order: int, each: bool) -> None:
-    rng = np.random.default_rng(9)
-    times = irregular(rng)
-    sigma = np.array([SIGMA * (1 + i) for i in range(15)]) if each else SIGMA
-    seen = estimate_motion(times, observe(rng, times), sigma, order)
-    pieces = seen.polynomials(1.5, 8.0)
-    assert pieces.breakpoints.tolist() == [1.5, 8.0]
-    assert (pieces.center_error, pieces.covariance_error) == (0.0, 0.0)
-    t = np.linspace(1.5, 8.0, 11)
-    powers = (t - 1.5)[:, None] ** np.arange(5)
-    assert powers @ pieces.center[0] == pytest.approx(seen.position(t), rel=1e-12)
-    xx, xy, yy = (powers @ pieces.covariance[0]).T
-    assert np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2) == pytest.approx(seen.covariance(t), rel=1e-9)
-
-
-@pytest.mark.parametrize("span", [(2, 1), (1, 1), (0, math.inf), (math.nan, 1)])
-def test_polynomials_need_a_finite_span(span: tuple[float, float]) -> None:
-    seen = estimate_motion([0, 1, 2], np.zeros((3, 2)), SIGMA)
-    with pytest.raises(EstimationError, match="span of time"):
-        seen.polynomials(*span)
-
-
-def test_length_of_a_straight_motion_is_an_angle() -> None:
-    rng = np.random.default_rng(10)
-    times = irregular(rng)
-    seen = estimate_motion(times, observe(rng, times), SIGMA, 1)
-    root = np.linalg.cholesky(np.linalg.inv(np.array([[15, times.sum()], [times.sum(), (times**2).sum()]])))
-
-    def direction(t: float) -> np.ndarray:
-        return root.T @ (np.array([0.0, 1.0]) if math.isinf(t) else np.array([1.0, t]))
-
-    for start, stop in ((2.0, 5.0), (0.0, 2.0), (2.0, math.inf)):
-        a, b = direction(start), direction(stop)
-        angle = math.acos(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
-        assert seen.standardised_length(start, stop) == pytest.approx(angle, rel=1e-9)
-    assert seen.standardised_length() == pytest.approx(math.pi, rel=1e-9)
-    assert estimate_motion(times, observe(rng, times), SIGMA, 0).standardised_length() == 0.0
-
-
-def test_length_of_a_quadratic_motion_is_that_of_a_fine_polyline() -> None:
-    rng = np.random.default_rng(12)
-    times = irregular(rng)
-    seen = estimate_motion(times, observe(rng, times), None, 2)
-    rows = np.linspace(2.0, 7.0, 20_001)[:, None] ** np.arange(3)
-    design = times[:, None] ** np.arange(3)
-    on_sphere = rows @ np.linalg.cholesky(np.linalg.inv(design.T @ design))
-    on_sphere /= np.linalg.norm(on_sphere, axis=1, keepdims=True)
-    length = np.linalg.norm(np.diff(on_sphere, axis=0), axis=1).sum()
-    assert seen.standardised_length(2.0, 7.0) == pytest.approx(length, rel=1e-6)
-
-
-def test_length_with_a_covariance_for_each_is_the_mean_speed_of_the_standardised_error() -> None:
-    """Against its definition, with the standardised error's rate of change by finite differences of its covariance."""
-    rng = np.random.default_rng(13)
-    times = irregular(rng, 8)
-    sigmas = np.array([np.diag([0.01 + 0.3 * (i % 2), 0.2 - 0.02 * i]) + 0.001 for i in range(8)])
-    seen = estimate_motion(times, observe(rng, times), sigmas)
-    angles = np.linspace(0, 2 * math.pi, 721)[:-1]
-    directions = np.stack([np.cos(angles), np.sin(angles)])
-
-    def rows(t: float) -> np.ndarray:
-        return np.kron(((t - seen.center_time) / seen.time_scale) ** np.arange(3), np.eye(2))
-
-    spread = seen.coefficient_covariance.reshape(6, 6)
-
-    def standardised(t: float) -> np.ndarray:
-        return np.linalg.solve(np.linalg.cholesky(rows(t) @ spread @ rows(t).T), rows(t))
-
-    total, step = 0.0, 4e-3
-    for t in np.arange(2.0, 5.0, step) + 0.5 * step:
-        change = (standardised(t + 0.5 * step) - standardised(t - 0.5 * step)) / step
-        here = standardised(t)
-        cross = here @ spread @ change.T
-        given = change @ spread @ change.T - cross.T @ cross  # the standardised error itself has unit covariance
-        total += step * np.mean(np.sqrt(np.einsum("an,ab,bn->n", directions, given, directions)))
-    assert seen.standardised_length(2.0, 5.0) == pytest.approx(total, rel=1e-5)
-
-
 class TestIsotropicNoise:
     def test_pools_all_residuals(self) -> None:
         rng = np.random.default_rng(14)
@@ -384,159 +292,6 @@ class TestForgetting:
         assert abs(forget.velocity[1] - 1.0) < 0.01 < abs(keep.velocity[1] - 1.0)
 
 
-class TestScreening:
-    times = np.arange(20) * 0.1
-
-    def spoiled(self, rows: list[int], seed: int = 21) -> np.ndarray:
-        positions = observe(np.random.default_rng(seed), self.times)
-        positions[rows] += [2.0, -3.0]
-        return positions
-
-    def error(self, seen: PolynomialEstimate) -> float:
-        return float(np.linalg.norm(seen.position(2.5) - 2.5 ** np.arange(3) @ TRUTH))
-
-    @pytest.mark.parametrize("covariance", [None, SIGMA, np.broadcast_to(SIGMA, (20, 2, 2))])
-    @pytest.mark.parametrize("noise", ["general", "isotropic"])
-    def test_gate_leaves_out_what_does_not_fit(self, covariance: np.ndarray | None, noise: str) -> None:
-        screening = Screening(outliers=Outliers.GATE)
-        seen = estimate_motion(self.times, self.spoiled([4, 11]), covariance, noise=noise, screening=screening)
-        assert seen.rejected == (4, 11)
-        rest = np.setdiff1d(np.arange(20), [4, 11])
-        sigma = covariance[rest] if covariance is not None and covariance.ndim == 3 else covariance
-        clean = estimate_motion(self.times[rest], self.spoiled([])[rest], sigma, noise=noise)
-        assert seen.position(3.0) == pytest.approx(clean.position(3.0))
-        assert seen.covariance(3.0) == pytest.approx(clean.covariance(3.0))
-
-    @pytest.mark.parametrize(
-        ("known", "noise"),
-        [
-            (True, "general"),
-            (False, "isotropic"),
-            pytest.param(True, "isotropic", marks=pytest.mark.slow),
-            pytest.param(False, "general", marks=pytest.mark.slow),
-        ],
-    )
-    def test_gate_seldom_touches_good_observations(self, known: bool, noise: str) -> None:
-        rng = np.random.default_rng(22)
-        runs, touched = 600, 0
-        sigma = SIGMA if noise == "general" else 0.01 * np.eye(2)
-        screening = Screening(outliers=Outliers.GATE, gate_probability=0.05)
-        for _ in range(runs):
-            positions = rng.multivariate_normal(np.zeros(2), sigma, 8)
-            seen = estimate_motion(
-                self.times[:8], positions, sigma if known else None, noise=noise, screening=screening
-            )
-            touched += bool(seen.rejected)
-        assert 0.01 < touched / runs < 0.05 + 4 * math.sqrt(0.05 * 0.95 / runs)  # Bonferroni: at most 0.05
-
-    @pytest.mark.parametrize("covariance", [None, SIGMA])
-    def test_huber_weights_limit_the_harm(self, covariance: np.ndarray | None) -> None:
-        kept, weighed = (
-            estimate_motion(self.times, self.spoiled([16, 18]), covariance, screening=Screening(outliers=o))
-            for o in (Outliers.KEEP, Outliers.HUBER)
-        )
-        assert self.error(weighed) < self.error(kept) / 4
-        assert weighed.rejected == ()
-
-    @pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.slow)])
-    def test_huber_weights_cover_with_clean_and_with_spoiled_observations(self, known: bool) -> None:
-        rng = np.random.default_rng(23)
-        times, runs = np.arange(30) * 0.1, 90
-        for share in (0.0, 0.1):  # 3,000 runs give 0.95 to 0.97 and 0.94 to 0.97
-            inside = 0
-            for _ in range(runs):
-                positions = rng.multivariate_normal(np.zeros(2), SIGMA, 30)
-                positions[rng.random(30) < share] *= 8.0
-                screening = Screening(outliers=Outliers.HUBER)
-                seen = estimate_motion(times, positions, SIGMA if known else None, 1, screening=screening)
-                z = seen.position(4.0)
-                inside += bool(z @ np.linalg.solve(seen.covariance(4.0), z) <= seen.errors.pointwise_scale(0.05))
-            assert 0.94 - 4 * math.sqrt(0.94 * 0.06 / runs) < inside / runs < 1.0
-
-    def test_huber_weights_solve_their_equation(self) -> None:
-        """At the solution the sum of psi(residual) x vanishes, psi(r) = r min(1, k / |r|)."""
-        positions = self.spoiled([3, 7, 12])
-        seen = estimate_motion(self.times, positions, SIGMA, screening=Screening(outliers=Outliers.HUBER))
-        residuals = np.linalg.solve(np.linalg.cholesky(SIGMA), (positions - seen.position(self.times)).T).T
-        psi = residuals * np.minimum(1.0, 2.0 / np.linalg.norm(residuals, axis=1, keepdims=True))
-        score = (self.times[:, None] ** np.arange(3)).T @ psi
-        assert np.abs(score).max() < 1e-7
-
-    def test_missing_rows_are_refused_or_left_out(self) -> None:
-        positions = self.spoiled([])
-        positions[5, 1] = np.nan
-        with pytest.raises(EstimationError, match=r"observations.position\[5\]: \[.*nan\] is not finite"):
-            estimate_motion(self.times, positions, SIGMA)
-        seen = estimate_motion(self.times, positions, SIGMA, screening=Screening(missing=Faulty.DROP))
-        rest = np.delete(np.arange(20), 5)
-        assert seen.rejected == (5,)
-        assert seen.position(3.0) == pytest.approx(
-            estimate_motion(self.times[rest], positions[rest], SIGMA).position(3.0)
-        )
-        times = self.times.copy()
-        times[2] = np.inf
-        with pytest.raises(EstimationError, match=r"observations.time\[2\]: inf is not finite"):
-            estimate_motion(times, self.spoiled([]), SIGMA)
-
-    def test_repeated_rows_are_refused_or_left_out(self) -> None:
-        times, positions = np.append(self.times, self.times[7]), self.spoiled([])
-        positions = np.vstack([positions, positions[7]])
-        with pytest.raises(EstimationError, match=r"observations\[20\]: time 0.7.* first as observations\[7\]"):
-            estimate_motion(times, positions, SIGMA)
-        seen = estimate_motion(times, positions, SIGMA, screening=Screening(repeated=Faulty.DROP))
-        assert seen.rejected == (20,)
-        assert seen.observations == 20
-
-    def test_two_sensors_at_one_time_are_two_observations(self) -> None:
-        seen = estimate_motion([0, 0, 1, 1], [[0.0, 0.0], [0.2, 0.0], [1.0, 0.0], [1.2, 0.0]], SIGMA, 1)
-        assert seen.position(1.0) == pytest.approx([1.1, 0.0])
-        assert seen.covariance(1.0) == pytest.approx(SIGMA / 2)
-
-    def test_settings_must_make_sense(self) -> None:
-        with pytest.raises(ValueError, match=r"'sometimes'"):
-            Screening(missing="sometimes")  # type: ignore[arg-type]
-        with pytest.raises(EstimationError, match=r"gate_probability: 1.5"):
-            Screening(gate_probability=1.5)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"order": 3}, "order: 3 is not 0, 1 or 2"),
-        ({"order": 1.5}, "order: 1.5 is not"),
-        ({"times": [], "positions": np.zeros((0, 2))}, "observations: 0 are too few for order 2"),
-        (
-            {"times": [0, 1], "positions": np.zeros((2, 2))},
-            "2 are too few for order 2 and a known covariance; at least 3",
-        ),
-        ({"times": range(4), "positions": np.eye(4)[:, :2], "covariance": None}, "4 are too few .* at least 5"),
-        ({"times": [0, 0, 1, 1], "positions": np.arange(8).reshape(4, 2)}, "2 different times are too few"),
-        ({"times": [[0, 1, 2]]}, r"time has shape \(1, 3\)"),
-        ({"positions": np.zeros((3, 3))}, r"position \(3, 3\)"),
-        ({"positions": [["a", "b"]] * 3}, "observations.position: it is not an array of numbers"),
-        ({"covariance": np.eye(3)}, r"covariance: its shape is \(3, 3\)"),
-        ({"covariance": [[1.0, 2.0], [2.0, 1.0]]}, "is not positive definite"),
-        ({"covariance": [[1.0, 0.5], [0.0, 1.0]]}, "is not symmetric"),
-        ({"covariance": [[np.nan, 0.0], [0.0, 1.0]]}, "is not finite"),
-        ({"covariance": [np.eye(2), np.eye(2), -np.eye(2)]}, r"covariance\[2\]: .* is not positive definite"),
-        ({"forgetting": 0.0}, "forgetting: 0.0"),
-        (
-            {"forgetting": 0.9, "covariance": None, "screening": Screening(outliers=Outliers.GATE)},
-            "the covariance must be given",
-        ),
-        ({"times": range(6), "positions": np.ones((6, 2)), "covariance": None}, "lie exactly on a motion"),
-        (
-            {"times": range(6), "positions": np.outer([1, 5, 2, 8, 1, 1], [1, 2]), "covariance": None},
-            "residuals on a line",
-        ),
-    ],
-)
-def test_bad_observations_are_named(change: dict[str, object], message: str) -> None:
-    arguments = {"times": [0.0, 1.0, 2.0], "positions": np.zeros((3, 2)), "covariance": SIGMA, **change}
-    with pytest.raises(EstimationError, match=message):
-        estimate_motion(**arguments)  # type: ignore[arg-type]
-
-
 class TestObstacles:
     seen: ClassVar[dict[str, list[Any]]] = {
         "time": [0.0, 0.4, 0.8, 1.2, 1.6, 2.0],
@@ -579,28 +334,3 @@ class TestObstacles:
         still.model = SimpleNamespace(order=2, prior=None, process=None)
         with pytest.raises(EstimationError, match="obstacle 'c': observations: 1 are too few"):
             estimate_obstacle(still)  # type: ignore[arg-type]
-
-
-def test_hotelling_regions_cover_each_axis_as_student_intervals_do() -> None:
-    """Estimated covariance, one axis at a time: the textbook interval of simple regression."""
-    rng = np.random.default_rng(25)
-    times = np.arange(8) * 0.5
-    positions = observe(rng, times, 1)
-    seen = estimate_motion(times, positions, None, 1)
-    fit = stats.linregress(times, positions[:, 0])
-    assert math.sqrt(seen.covariance(0.0)[0, 0]) == pytest.approx(fit.intercept_stderr)
-
-
-def test_the_standardised_speed_is_the_mean_over_directions() -> None:
-    rng = np.random.default_rng(5)
-    mixed = rng.normal(size=(20, 6, 4))
-    whole = np.einsum("nki,nkj->nij", mixed, mixed)
-    error, cross, rate = whole[:, :2, :2], whole[:, :2, 2:], whole[:, 2:, 2:]
-    found = standardised_speed(error, cross, rate)
-    angles = np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)
-    directions = np.stack([np.cos(angles), np.sin(angles)])
-    for k in range(20):
-        half = np.linalg.inv(np.linalg.cholesky(error[k]))
-        given = half @ (rate[k] - cross[k].T @ np.linalg.inv(error[k]) @ cross[k]) @ half.T
-        mean = np.sqrt(np.einsum("in,ij,jn->n", directions, given, directions)).mean()
-        assert found[k] == pytest.approx(mean, rel=1e-8)

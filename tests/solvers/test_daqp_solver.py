@@ -1,0 +1,68 @@
+"""DAQP: warm starts, its status, its limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from programs import INFEASIBLE_PROGRAM, SEEDS, Array, known_program, long_program
+
+from scp_planner.solvers import (
+    QuadraticProgram,
+    SolverStatus,
+    daqp_solver,
+    solver_named,
+)
+from scp_planner.solvers.interface import LONGEST_SOLVE
+
+pytestmark = pytest.mark.numerics
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("guess", ["right", "wrong", "everything", "nothing"])
+def test_daqp_takes_any_guess_of_the_active_constraints(seed: int, guess: str) -> None:
+    program, x = known_program(seed, weak=True)
+    solver = solver_named("daqp")
+    right = np.sign(np.round(solver.solve(program).multipliers, 9)).astype(np.int8)
+    active = {
+        "right": right,
+        "wrong": np.where(right == 0, np.random.default_rng(seed).integers(-1, 2, len(right)), 0).astype(np.int8),
+        "everything": np.ones(len(right), dtype=np.int8),
+        "nothing": np.zeros(len(right), dtype=np.int8),
+    }[guess]
+    active[len(x) :] = np.maximum(active[len(x) :], 0)  # rows have one side
+    solution = solver.solve(replace(program, active=active))
+    assert solution.status is SolverStatus.OPTIMAL
+    assert solution.x == pytest.approx(x, abs=1e-8)
+
+
+@pytest.mark.parametrize("flag", range(-8, 3))
+def test_every_status_of_daqp_is_mapped(monkeypatch: pytest.MonkeyPatch, flag: int) -> None:
+    answer = (np.zeros(2), 0.0, flag, {"lam": np.zeros(3)})
+    monkeypatch.setattr("daqp.solve", lambda *_, **__: answer)
+    expected = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
+    expected[-6] = SolverStatus.INFEASIBLE  # of the equalities alone, as nothing else is taken as active here
+    assert solver_named("daqp").solve(INFEASIBLE_PROGRAM).status is expected.get(flag, SolverStatus.FAILED)
+
+
+def test_daqp_ends_at_its_limit_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(daqp_solver._SETTINGS, "iter_limit", 50)
+    assert solver_named("daqp").solve(long_program()).status is SolverStatus.FAILED
+
+
+def test_what_daqp_did_not_write_is_a_failure_and_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory may hold numbers that are none and signal that to whoever adds them up."""
+    signalling = np.full(3, 0x7FF0000000000001, dtype=np.uint64).view(float)
+
+    def unwritten(*_: Any, **__: Any) -> tuple[Array, float, int, dict[str, Array]]:
+        return np.zeros(2), 0.0, 1, {"lam": signalling}
+
+    monkeypatch.setattr("daqp.solve", unwritten)
+    program = QuadraticProgram(
+        np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.ones((1, 2)), np.ones(1), 0, time_limit=LONGEST_SOLVE
+    )
+    found = solver_named("daqp").solve(program)
+    assert found.status is SolverStatus.FAILED
+    assert np.isfinite(found.multipliers).all()
