@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -43,6 +44,7 @@ _RINGS = ("_innovations", "_cut", "_evidence", "_looks")
 """Arrays (..., ring, K)."""
 
 
+_States = TypeVar("_States", FilterStates, SwingStates)
 Where = Index | slice
 """Some slots."""
 
@@ -292,9 +294,7 @@ class Bank:
         part.spread[3], part.spread[5] = self.widening.priors.T[:, :, None] / self._least[slots]
         self.states.put(slots, part)
 
-    def _filter(
-        self, states: FilterStates | SwingStates, where: Where, lag: Array, positions: Array
-    ) -> tuple[Array, Array]:
+    def _filter(self, states: _States, where: Where, lag: Array, positions: Array) -> tuple[Array, Array]:
         """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
         part = states.at(where)
         part.predict(lag, self._least[where])

@@ -70,8 +70,8 @@ def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
             found[some] = (powers[:, None] @ np.array([parts[k] for k in some.tolist()]))[:, 0]
         values.append(found)
     pieced = [k for k, each in enumerate(later) if each is not None]
-    for value, parts in zip(values, ("centers", "covariances"), strict=True):
-        pieces = PiecewisePolynomials.stack([getattr(later[k], parts) for k in pieced], value.shape[1])
+    for value, name in zip(values, ("centers", "covariances"), strict=True):
+        pieces = PiecewisePolynomials.stack([getattr(later[k], name) for k in pieced], value.shape[1])
         value[pieced] = pieces.at(np.arange(len(pieced)), where[pieced, 0])
     return where[:, 1:] - values[0], values[1]
 

@@ -135,9 +135,10 @@ def test_pieces_of_a_zone_are_what_the_filters_predict() -> None:
     tracks, _ = weaving(100, count=2)
     tracks.watch = sp.OnlineSettings(changes=0.0).watch
     now = STEP * 99
-    bank = tracks.tracks["0"].estimator.bank
     for k, zone in enumerate(tracks.zones(now)):
-        slot = np.array([tracks.tracks[str(k)].estimator.slot])
+        estimator = tracks.tracks[str(k)].estimator
+        assert estimator is not None and estimator.bank is not None and zone.covariances is not None
+        bank, slot = estimator.bank, np.array([estimator.slot])
         first = bank.mixed(slot, np.array([now])).covariance[0, 0, :, 0]
         scale = zone.covariance(now)[0, 0] / first[0, 0]
         assert scale == pytest.approx(-2.0 * math.log(0.05), rel=1e-9)
