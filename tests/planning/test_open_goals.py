@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -71,14 +72,18 @@ def test_tangents_beside_an_acceleration_are_those_to_the_circle(bent: bool) -> 
         lateral = points.speed**2 * other.path.bend(points.path).curvature
         return np.stack([points.acceleration, lateral], axis=1)[inner] / limit.limit
 
+    def along(tangent: Array, other: Trajectory) -> Array:
+        found: Array = (parts(other) * tangent).sum(axis=1)
+        return found
+
     here = parts(trip)
     direction = np.arctan2(here[:, 1], here[:, 0])
     assert len(limit.beside) > 1
     for place, turn in enumerate(limit.beside):
         tangent = np.stack([np.cos(direction + turn), np.sin(direction + turn)], axis=1)
         index = inner + place * len(times)
-        assert limit.excess(trip)[index] == pytest.approx((here * tangent).sum(axis=1) - 1.0)
-        found = differences(problem, trip, lambda other, tangent=tangent: (parts(other) * tangent).sum(axis=1), 1e-6)
+        assert limit.excess(trip)[index] == pytest.approx(along(tangent, trip) - 1.0)
+        found = differences(problem, trip, partial(along, tangent), 1e-6)
         assert_rows(limit.gradient(trip, index), found)
 
 
