@@ -74,8 +74,8 @@ def penalty_descent(
     began = perf_counter()
     settings, descent = settings or Settings(), descent or DescentSettings()
     deadline = np.inf if time_limit is None else began + time_limit
-    check_obstacles(len(scenario.obstacles))
     units = NaturalUnits.of(scenario)
+    check_obstacles(len(scenario.obstacles))
     inside = units.scenario(scenario)
     search = _Descents(inside, for_scene(settings, units), descent, seed, deadline)
     best = search.best(None if start is None else _as_start(search.problem, start, units))

@@ -92,8 +92,8 @@ def plan(
         solver = "cvxpy"
     if isinstance(solver, str):
         settings, solver = replace(settings, solver=solver), None
-    check_obstacles(len(scenario.obstacles))
     units = NaturalUnits.of(scenario)
+    check_obstacles(len(scenario.obstacles))
     inside = units.scenario(scenario)
     any_time = at_any_time(inside)
     found = ZonesOf(any_time)

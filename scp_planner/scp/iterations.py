@@ -9,6 +9,7 @@ Against a second-order correction it saves one solution of the subproblem, and s
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from time import perf_counter
@@ -291,9 +292,9 @@ class Iterations:
 
         It ends at the minimum of its model, off the trip's own by the square of its length.
         """
-        parameters = self.setup.parameters
-        short = step.size < parameters.inside and step.size * self.trust.theta < parameters.short
-        return short and step.sooner < self.setup.problem.settings.tolerance
+        parameters, tolerance = self.setup.parameters, self.setup.problem.settings.tolerance
+        short = step.size < parameters.inside and step.size * self.trust.theta < parameters.short * math.sqrt(tolerance)
+        return short and step.sooner < tolerance
 
     def _escalated(self) -> LoopStatus | None:
         """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""

@@ -53,7 +53,8 @@ class LoopParameters:
     mended : float
         A step from a larger violation than this may lead to a place from where others lead on.
     short : float
-        Units of length: what a shorter step is off the minimum by is of no account.
+        Of the root of the tolerance, in units of length: what a shorter step is off the minimum by, about its square,
+        is of no account.
     settled : float
         Largest violation of a trip that is taken as it is when nothing is left to gain.
     hope : float
@@ -97,7 +98,7 @@ class LoopParameters:
     grave: float = 5e-3
     hopeless: float = 0.15
     mended: float = 2e-3
-    short: float = 0.04
+    short: float = 2.3
     settled: float = 0.4 * FEASIBILITY
     hope: float = 4.0
     same_way: float = 0.2

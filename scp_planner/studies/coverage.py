@@ -313,7 +313,9 @@ def plot_coverage(results: Sequence[Coverage], path: str | PathLike[str] | None 
                     last = {r.observations: r for r in own if r.order == order}
                     rows = sorted(last.values(), key=lambda r: r.observations)
                     middle = np.array([r.coverage for r in rows])
-                    bars = np.array([[r.coverage - r.low, r.high - r.coverage] for r in rows]).T
+                    bars = np.array([[r.coverage - r.low, r.high - r.coverage] for r in rows]).T.clip(
+                        min=0.0
+                    )  # rounding
                     counts = [r.observations * (1.0 + 0.03 * (order - 1)) for r in rows]  # side by side
                     axes.errorbar(
                         counts,
