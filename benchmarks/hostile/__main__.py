@@ -23,21 +23,26 @@ from benchmarks.hostile.cases import PLAN_TIME, Kind, Outcome, make
 from benchmarks.hostile.workers import tried
 
 CODE_OF_FINDINGS = 1
+INTERRUPTED = 130
 COLUMNS = ("kind", "seed", "fault", "detail", "file")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return 0 if there was nothing to find."""
+    """Run the command; return 0 if there was nothing to find, and 130, with what was tried until then, on Ctrl-C."""
     options = _parser().parse_args(argv)
     kinds = options.only or list(Kind)
     until = time.monotonic() + 60.0 * options.minutes
     report = Report(options.output, options.plan_time)
     jobs = _jobs(kinds, options.seed, options.count, until)
-    for kind, seed, outcome in tried(jobs, options.workers, options.seconds, options.memory * 10**6, options.plan_time):
-        report.add(kind, seed, outcome)
+    code = 0
+    try:
+        for case in tried(jobs, options.workers, options.seconds, options.memory * 10**6, options.plan_time):
+            report.add(*case)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
     report.write()
     print(report.table())
-    return CODE_OF_FINDINGS if report.findings else 0
+    return code or (CODE_OF_FINDINGS if report.findings else 0)
 
 
 def _parser() -> argparse.ArgumentParser:

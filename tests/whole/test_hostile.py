@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -180,6 +181,18 @@ def test_the_command_writes_findings_and_what_it_came_to(
     assert (tmp_path / "findings.csv").read_text().splitlines()[1] == "plan,6,hang,11 s,plan-6.json"
     assert "| plan |     2 |" in capsys.readouterr().out
     assert command.main([*asked, "--seed", "50"]) == 0
+
+
+def test_an_interrupted_hunt_tells_what_it_has_tried(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def tried(jobs: Any, *_: Any) -> Iterator[tuple[Kind, int, Outcome]]:
+        yield *next(jobs), Outcome("certified")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "tried", tried)
+    assert command.main(["--only", "plan", "--output", str(tmp_path)]) == 130
+    assert "| plan |     1 |" in capsys.readouterr().out
 
 
 def test_commands_do_not_read_what_nobody_writes_to() -> None:
