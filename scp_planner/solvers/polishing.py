@@ -7,6 +7,7 @@ active-set method put right the others, and one linear system gives the digits. 
 
 from __future__ import annotations
 
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -21,6 +22,8 @@ TOLERANCE = 1e-10  # of bounds, relative to their sizes
 PULL_TOLERANCE = 1e-13  # of multipliers, to the largest: a weak Hessian turns small ones into long ways
 REGULARISATION = 1e-10  # lets active rows depend on each other
 REFINEMENTS = 4
+MOST_TOUCHED = 1000
+"""Sides that an answer may touch which has fewer variables: a system as large as all of them together is solved."""
 
 
 def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf) -> Solution | None:
@@ -31,7 +34,8 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
     program : QuadraticProgram
         Well scaled: a constraint is first taken as active where its multiplier is larger than what is left of it.
     guess : Solution
-        Optimal or not; one that is not, and touches more sides than there are variables, is too far off.
+        Optimal or not; one that is not, and touches more sides than there are variables, is too far off; one that
+        touches over `MOST_TOUCHED`, most of them over again, takes more memory and time than it is worth.
     deadline : float
         Of the clock of :func:`time.perf_counter`, s, at which it is given up.
 
@@ -43,7 +47,10 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
     """
     sides = _Sides(program)
     active = sides.touched(guess)
-    astray = guess.status is not SolverStatus.OPTIMAL and len(active) > len(program.gradient)
+    most = len(program.gradient)
+    if guess.status is SolverStatus.OPTIMAL:
+        most = max(most, MOST_TOUCHED)
+    astray = len(active) > most
     if astray or perf_counter() > deadline:
         return None
     try:
@@ -69,40 +76,53 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
 def violation(program: QuadraticProgram, x: Array) -> float:
     """Largest excess of x over the bounds and rows of a program, in their units."""
     sides = _Sides(program)
-    over = sides.normals @ x - sides.bounds
+    over = sides.along(x) - sides.bounds
     return float(np.maximum(over, np.where(sides.equal, -over, 0.0)).max(initial=0.0))
 
 
 class _Sides:
-    """Bounds and rows of a program alike: normals x <= bounds, some of them with equality.
+    """Bounds and rows of a program alike: normals x <= bounds, some of them with equality; no copy of the rows is made.
 
     ``source`` is the place of each among the multipliers, ``sign`` its sign there.
     """
 
     def __init__(self, program: QuadraticProgram) -> None:
         size, rows, equalities = len(program.gradient), len(program.bound), program.equalities
-        eye = np.eye(size)
         fixed = program.lower == program.upper
         uppers = np.flatnonzero(np.isfinite(program.upper))
         lowers = np.flatnonzero(np.isfinite(program.lower) & ~fixed)
         kept = np.flatnonzero(np.isfinite(program.bound) | (np.arange(rows) < equalities))
         self.program = program
-        self.normals = np.concatenate([eye[uppers], -eye[lowers], program.matrix[kept]])
+        self._uppers, self._lowers, self._kept = uppers, lowers, kept
         self.bounds = np.concatenate([program.upper[uppers], -program.lower[lowers], program.bound[kept]])
         self.equal = np.concatenate([fixed[uppers], np.zeros(len(lowers), dtype=bool), kept < equalities])
         self.source = np.concatenate([uppers, lowers, size + kept])
         self.sign = np.ones(len(self.bounds))
         self.sign[len(uppers) : len(uppers) + len(lowers)] = -1.0
-        self.lengths = np.maximum(np.linalg.norm(self.normals, axis=1), 1e-12)
+        lengths = np.sqrt(np.einsum("ij,ij->i", program.matrix, program.matrix))[kept]
+        self.lengths = np.concatenate([np.ones(len(uppers) + len(lowers)), np.maximum(lengths, 1e-12)])
+
+    def along(self, x: Array) -> Array:
+        """The product of each normal with a vector."""
+        return np.concatenate([x[self._uppers], -x[self._lowers], (self.program.matrix @ x)[self._kept]])
+
+    def normals(self, chosen: Index) -> Array:
+        """Normals of some sides, (sides, size)."""
+        normals = np.zeros((len(chosen), len(self.program.gradient)))
+        box = len(self._uppers) + len(self._lowers)
+        bound, row = np.flatnonzero(chosen < box), np.flatnonzero(chosen >= box)
+        normals[bound, self.source[chosen[bound]]] = self.sign[chosen[bound]]
+        normals[row] = self.program.matrix[self._kept[chosen[row] - box]]
+        return normals
 
     def touched(self, guess: Solution) -> Index:
         """Sides whose multiplier is larger than what is left of them."""
-        left = self.bounds - self.normals @ guess.x
+        left = self.bounds - self.along(guess.x)
         return np.flatnonzero(self.equal | (self.sign * guess.multipliers[self.source] > left))
 
     def excess(self, x: Array) -> Array:
         """Distance beyond each side where it is more than rounding, else 0."""
-        over = self.normals @ x - self.bounds
+        over = self.along(x) - self.bounds
         over = np.where(self.equal, np.abs(over), over)
         return np.where(over > TOLERANCE * (1.0 + np.abs(self.bounds)), over / self.lengths, 0.0)
 
@@ -113,7 +133,7 @@ class _Sides:
 
     def solve(self, active: Index) -> tuple[Array, Array]:
         """Minimiser on the active sides, and their multipliers."""
-        normals = self.normals[active]
+        normals = self.normals(active)
         size, count = len(self.program.gradient), len(active)
         system = np.zeros((size + count, size + count))
         system[:size, :size] = self.program.hessian
@@ -146,14 +166,29 @@ class _Pivots:
     def __init__(self, sides: _Sides, deadline: float) -> None:
         self.sides = sides
         self.deadline = deadline
-        factor = cho_factor(sides.program.hessian, check_finite=False)
-        self.ways = cho_solve(factor, sides.normals.T, check_finite=False)  # H^-1 normals'
-        self.free = -cho_solve(factor, sides.program.gradient, check_finite=False)  # minimiser without constraints
+        self._factor = cho_factor(sides.program.hessian, check_finite=False)
+        self._ways = np.zeros((len(sides.program.gradient), 0))
+        self._place = np.full(len(sides.bounds), -1)  # of each side in these
+
+    @cached_property
+    def free(self) -> Array:
+        """The minimiser without constraints."""
+        free: Array = -cho_solve(self._factor, self.sides.program.gradient, check_finite=False)
+        return free
+
+    def ways(self, chosen: Index) -> Array:
+        """H^-1 normals', (size, sides), of some sides; computed for those that are asked for, once."""
+        new = chosen[self._place[chosen] < 0]
+        if len(new):
+            found = cho_solve(self._factor, self.sides.normals(new).T, check_finite=False)
+            self._place[new] = self._ways.shape[1] + np.arange(len(new))
+            self._ways = np.concatenate([self._ways, found], axis=1)
+        return self._ways[:, self._place[chosen]]
 
     def mended(self, active: Index) -> Index | None:
         """Return the active set of the minimiser; None if there is none, or it is too far."""
         active, prices = self._pushing(active)
-        x = self.free - self.ways[:, active] @ prices
+        x = self.free - self.ways(active) @ prices
         pivots = 0
         while pivots < MAX_PIVOTS and perf_counter() < self.deadline:
             excess = self.sides.excess(x)
@@ -179,8 +214,7 @@ class _Pivots:
     def _pushing(self, active: Index) -> tuple[Index, Array]:
         """Drop active sides, the worst first, until all push."""
         while True:
-            normals = self.sides.normals[active]
-            prices = self._on_active(active, normals @ self.free - self.sides.bounds[active])
+            prices = self._on_active(active, self.sides.along(self.free)[active] - self.sides.bounds[active])
             pull = self.sides.pull(active, prices)
             if not pull.any() or perf_counter() > self.deadline:
                 return active, prices
@@ -190,16 +224,16 @@ class _Pivots:
         """Prices of active sides, (normals H^-1 normals') p = right."""
         if not len(active):
             return np.zeros(0)
-        system = self.sides.normals[active] @ self.ways[:, active]
-        system.flat[:: len(active) + 1] += 1e-14 * np.trace(system)
-        solved: Array = np.linalg.solve(system, right)
+        system: Array = self.sides.normals(active) @ self.ways(active)
+        system.flat[:: len(active) + 1] += 1e-14 * float(np.trace(system))
+        solved: Array = np.asarray(np.linalg.solve(system, right), dtype=float)
         return solved
 
     def _ratios(self, active: Index, prices: Array, entering: int, x: Array) -> tuple[float, int | None, Array, Array]:
         """How far the price of an entering side can grow, and which side leaves then; rates of prices and of x."""
-        normal, way = self.sides.normals[entering], self.ways[:, entering]
-        against = self._on_active(active, self.sides.normals[active] @ way)
-        direction = way - self.ways[:, active] @ against
+        normal, way = self.sides.normals(np.array([entering]))[0], self.ways(np.array([entering]))[:, 0]
+        against = self._on_active(active, self.sides.along(way)[active])
+        direction: Array = way - self.ways(active) @ against
         blocking = np.flatnonzero((against > 1e-12) & ~self.sides.equal[active])
         ratios = np.maximum(prices[blocking] / against[blocking], 0.0)
         partial = float(ratios.min(initial=np.inf))

@@ -69,6 +69,8 @@ def equilibrate(program: QuadraticProgram) -> Scaling:
         matrix *= row[:, None]
         columns *= column
         rows *= row
+    np.multiply(program.matrix, columns, out=matrix)  # what it was scaled to is known now: no third copy is made
+    matrix *= rows[:, None]
     gradient = program.gradient * columns
     cost = 1.0 / max(float(hessian.max(axis=0).mean()), float(np.abs(gradient).max()), NARROWEST)
     scaled = replace(
@@ -77,7 +79,7 @@ def equilibrate(program: QuadraticProgram) -> Scaling:
         gradient=gradient * cost,
         lower=np.where(program.lower > -NO_BOUND, program.lower, -np.inf) / columns,
         upper=np.where(program.upper < NO_BOUND, program.upper, np.inf) / columns,
-        matrix=program.matrix * columns * rows[:, None],
+        matrix=matrix,
         bound=np.where(program.bound < NO_BOUND, program.bound, np.inf) * rows,
     )
     return Scaling(scaled, columns, rows, cost)

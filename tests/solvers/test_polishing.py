@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from programs import INFEASIBLE_PROGRAM, SEEDS, known_program
+from programs import INFEASIBLE_PROGRAM, SEEDS, box, known_program, optimality
 
 from scp_planner.solvers import (
     Solution,
@@ -76,3 +77,30 @@ def test_polish_mends_even_a_wrong_answer(seed: int) -> None:
 
 def test_polish_finds_nothing_in_an_infeasible_program() -> None:
     assert polish(INFEASIBLE_PROGRAM, Solution(SolverStatus.OPTIMAL, np.zeros(2), np.zeros(3))) is None
+
+
+def test_a_large_program_is_copied_once() -> None:
+    """By Clarabel with all that goes before and after it: rows that are mostly zeros need little beside the copy."""
+    size, rows = 60, 12_000
+    matrix = np.zeros((rows, size))
+    matrix[np.arange(rows), np.arange(rows) % size] = 1.0
+    matrix[np.arange(rows), (np.arange(rows) // size) % size] += 0.5
+    bound = np.where(np.arange(rows) < size, 0.9, 3.0)
+    program = replace(box(size), matrix=matrix, bound=bound)
+    tracemalloc.start()
+    solution = solver_named("clarabel").solve(program)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert solution.status is SolverStatus.OPTIMAL
+    assert optimality(program, solution) < 1e-9
+    assert peak < 1.8 * matrix.nbytes
+
+
+def test_a_row_that_stands_a_thousand_times_takes_no_system_of_them_all() -> None:
+    program = replace(box(8), matrix=np.tile(np.eye(8), (1000, 1)), bound=np.full(8000, 0.5))
+    tracemalloc.start()
+    solution = solver_named("clarabel").solve(program)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert solution.x == pytest.approx(np.full(8, 0.5), abs=1e-7)
+    assert peak < 50e6  # where 8,000 sides are taken together it is 500 MB and more
