@@ -16,7 +16,7 @@ import numpy as np
 from scp_planner.arrays import Array, Index
 from scp_planner.estimation.motion_estimate import standardised_speed
 from scp_planner.online.many_zones import Future, Level, future_of, lengths_of, made_zones, zones_of_mixtures
-from scp_planner.online.mixtures import Mixture
+from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.noticing import Bank
 from scp_planner.online.suspicions import MOST_EVIDENCE, ONSETS, Changes, changed_motions, changes_of
 from scp_planner.online.track import ObstacleTrack
@@ -112,7 +112,7 @@ class Alarmed:
         lengths = lengths_of(settled) + (end - leads[-1]) * speed[-1]
         lengths += (0.5 * np.diff(leads)[:, None] * (speed[1:] + speed[:-1])).sum(axis=0)
         centers = near.mean.reshape(many, count, 3, 2)[knots]
-        moments = np.stack([error, 2.0 * _even(cross), 2.0 * (rate + _even(force))], axis=2)[knots]
+        moments = np.stack([error, 2.0 * even(cross), 2.0 * (rate + even(force))], axis=2)[knots]
         moments = moments[..., [0, 0, 1], [0, 1, 1]]
         breaks = start + np.concatenate([leads[knots], [end, HORIZON]])
         widths = np.diff(breaks)[:-1]
@@ -133,11 +133,6 @@ def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:
 def changes_among(bank: Bank, slots: Index, deviation: float) -> Changes:
     """How likely it is that obstacles have changed their accelerations once, by how much usually, m/s^2."""
     return changes_of(bank.polynomials.roots.of(slots), bank.looks(slots), bank.noise_of(slots), deviation)
-
-
-def _even(blocks: Array) -> Array:
-    """Symmetric parts of blocks (..., 2, 2)."""
-    return np.asarray(0.5 * (blocks + blocks.swapaxes(-1, -2)))
 
 
 def _pieces(values: Array, last: Array, widths: Array) -> Array:

@@ -54,6 +54,10 @@ class Prediction:
         """Where it is expected at a time from the origin on, (2,) m, and the covariance's elements, (3,) m^2."""
         if self.later is not None:
             return self.later.centers.grid(np.array([time]))[0, 0], self.later.covariances.grid(np.array([time]))[0, 0]
+        return self._soon(time)
+
+    def _soon(self, time: float) -> tuple[Array, Array]:
+        """The same by the polynomials."""
         powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
         return powers[: len(self.center)] @ self.center, powers[: len(self.covariance)] @ self.covariance
 
@@ -64,9 +68,8 @@ class Prediction:
 
     def square(self, time: float, position: tuple[float, float], noise: Array) -> float | None:
         """Squared standardised error of a position that is seen at a time with noise (2, 2), m^2."""
-        powers = (time - self.origin) ** np.arange(max(len(self.center), len(self.covariance)))
-        x, y = np.asarray(position) - powers[: len(self.center)] @ self.center
-        covariance = powers[: len(self.covariance)] @ self.covariance
+        center, covariance = self._soon(time)
+        x, y = np.asarray(position) - center
         xx, xy, yy = covariance + noise[[0, 0, 1], [0, 1, 1]]
         determinant = xx * yy - xy * xy
         if determinant <= 0.0 or xx <= 0.0:

@@ -16,7 +16,7 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Later, Prediction
-from scp_planner.online.mixtures import Mixture
+from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.suspicions import Suspicions
 from scp_planner.online.track import ObstacleTrack
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
@@ -161,29 +161,13 @@ def zones_of_mixtures(
 def future_of(mixtures: Mixture, start: float) -> Future:
     """What mixtures predict from a time on, s, at which they are given: one piece."""
     center = mixtures.mean / np.array([1.0, 1.0, 2.0])[:, None]
-    covariance = _errors_of(mixtures)[:, :, [0, 0, 1], [0, 1, 1]]
+    covariance = mixtures.errors[:, :, [0, 0, 1], [0, 1, 1]]
     return Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
-
-
-def _errors_of(mixtures: Mixture) -> Array:
-    """Covariances of their positions, polynomials of time, (K, 6, 2, 2)."""
-    p, (swerve, jerk) = mixtures.covariance, mixtures.diffusion.T[:, :, None, None] * mixtures.shape
-    return np.stack(
-        [
-            p[:, 0, :, 0],
-            2.0 * _even(p[:, 0, :, 1]),
-            p[:, 1, :, 1] + _even(p[:, 0, :, 2]),
-            _even(p[:, 1, :, 2]) + swerve / 3.0,
-            0.25 * p[:, 2, :, 2],
-            jerk / 20.0,
-        ],
-        axis=1,
-    )
 
 
 def lengths_of(mixtures: Mixture) -> Array:
     """Standardised lengths over `HORIZON` of what K mixtures predict, (K,)."""
-    p, (swerve, jerk) = mixtures.covariance, mixtures.diffusion.T[:, :, None, None] * mixtures.shape
+    p, (swerve, jerk) = mixtures.covariance, mixtures.noises
     # of the error with its rate, where the two parts of the mixed terms differ
     cross = np.stack(
         [
@@ -195,8 +179,8 @@ def lengths_of(mixtures: Mixture) -> Array:
         ],
         axis=1,
     )
-    rate = np.stack([p[:, 1, :, 1], 2.0 * _even(p[:, 1, :, 2]) + swerve, p[:, 2, :, 2], jerk / 3.0], axis=1)
-    return _lengths_of_mixtures(_errors_of(mixtures), cross, rate)
+    rate = np.stack([p[:, 1, :, 1], 2.0 * even(p[:, 1, :, 2]) + swerve, p[:, 2, :, 2], jerk / 3.0], axis=1)
+    return _lengths_of_mixtures(mixtures.errors, cross, rate)
 
 
 def times_linear(
@@ -233,11 +217,6 @@ def times_linear(
         product[:, 0, [0, 2]] += more[:-1, None]
         product[:, 1, [0, 2]] += (np.diff(more) / widths)[:, None]
     return PiecewisePolynomials(edges[None], product[None])
-
-
-def _even(blocks: Array) -> Array:
-    """Symmetric parts of blocks (K, 2, 2)."""
-    return np.asarray(0.5 * (blocks + blocks.transpose(0, 2, 1)))
 
 
 def made_zones(

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.online.slot_states import SlotStates
 from scp_planner.online.waves import Swings
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
@@ -77,41 +78,24 @@ _ROWS = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @dataclass
-class FilterStates:
-    """States of M filters of each of K obstacles, in units of the covariance of the noise.
-
-    Obstacles are the last axis: what is done to them is done to neighbours in memory.
+class FilterStates(SlotStates):
+    """States of filters with white jerk and white acceleration.
 
     Attributes
     ----------
-    diffusions : (M, 2)
-        Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5.
     mean : (3, 2, M, K)
         Position, velocity, acceleration, m, m/s, m/s^2.
     spread : (6, M, K)
-        The covariance of the state is this times that of the noise that is declared: its upper triangle, row by row.
+    diffusions : (M, 2)
+        Intensities of acceleration and jerk, m^2/s^3 and m^2/s^5.
     """
 
     diffusions: Array
-    mean: Array
-    spread: Array
 
     @classmethod
     def none(cls, diffusions: Array) -> FilterStates:
         """Of no obstacles."""
-        return cls(diffusions, np.zeros((3, 2, len(diffusions), 0)), np.zeros((6, len(diffusions), 0)))
-
-    def of(self, slots: Index | slice) -> FilterStates:
-        """Copy the states of some obstacles, (n,)."""
-        return FilterStates(self.diffusions, self.mean[..., slots].copy(), self.spread[..., slots].copy())
-
-    def at(self, slots: Index | slice) -> FilterStates:
-        """The states of some obstacles: where they are if those are a slice, else copies."""
-        return FilterStates(self.diffusions, self.mean[..., slots], self.spread[..., slots])
-
-    def put(self, slots: Index | slice, part: FilterStates) -> None:
-        """Put states where those of some obstacles are, (n,)."""
-        self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
+        return cls(np.zeros((3, 2, len(diffusions), 0)), np.zeros((6, len(diffusions), 0)), diffusions)
 
     @property
     def means(self) -> Array:
@@ -168,6 +152,11 @@ def _applied(matrices: Array, values: Array) -> Array:
     return np.asarray(np.einsum("ijk,j...k->i...k", matrices, values))
 
 
+def even(blocks: Array) -> Array:
+    """Symmetric parts of blocks (..., 2, 2)."""
+    return np.asarray(0.5 * (blocks + blocks.swapaxes(-1, -2)))
+
+
 @dataclass(frozen=True)
 class Mixture:
     """What several filters together predict of K obstacles: mean and covariance of their mixture.
@@ -188,6 +177,27 @@ class Mixture:
     covariance: Array
     diffusion: Array
     shape: Array
+
+    @cached_property
+    def noises(self) -> Array:
+        """Intensities of acceleration and jerk, (2, K, 2, 2)."""
+        return np.asarray(self.diffusion.T[:, :, None, None] * self.shape)
+
+    @cached_property
+    def errors(self) -> Array:
+        """Covariances of the positions from now on, coefficients (K, 6, 2, 2) of polynomials of time."""
+        p, (swerve, jerk) = self.covariance, self.noises
+        return np.stack(
+            [
+                p[:, 0, :, 0],
+                2.0 * even(p[:, 0, :, 1]),
+                p[:, 1, :, 1] + even(p[:, 0, :, 2]),
+                even(p[:, 1, :, 2]) + swerve / 3.0,
+                0.25 * p[:, 2, :, 2],
+                jerk / 20.0,
+            ],
+            axis=1,
+        )
 
     def of(self, some: Index | slice) -> Mixture:
         """Those of some obstacles."""

@@ -232,7 +232,7 @@ class Bank:
         known = self.count[slots] > 0
         which, lag = slots[known], times[known] - self.last[slots[known]]
         diffusions = self.widening.diffusions[-1:]
-        part = FilterStates(diffusions, self.states.mean[:, :, -1:, which], self.states.spread[:, -1:, which])
+        part = FilterStates(self.states.mean[:, :, -1:, which], self.states.spread[:, -1:, which], diffusions)
         part.predict(lag, self._least[which])
         offset = self._whitened(which, positions[known].T[:, None] - part.mean[0])[:, 0]
         squares[known] = np.maximum(squares[known], (offset * offset).sum(axis=0) / (part.spread[0, 0] + self.noise))
@@ -401,7 +401,7 @@ class Bank:
         part.predict(np.maximum(times - self.last[slots], 0.0), self._least[slots])
         every = np.concatenate([self.widening.diffusions, diffusions])
         part = FilterStates(
-            every, np.concatenate([part.mean, mean], axis=2), np.concatenate([part.spread, spread], axis=1)
+            np.concatenate([part.mean, mean], axis=2), np.concatenate([part.spread, spread], axis=1), every
         )
         weights, means = self.weights[slots], part.means
         mean = (weights[..., None, None] * means).sum(axis=1)

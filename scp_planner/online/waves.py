@@ -19,6 +19,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.online.slot_states import SlotStates
 
 PERIODS = (0.83, 1.17, 1.6, 2.2)
 """Of the swings, as multiples of the time in which newcomers' accelerations make their velocities."""
@@ -162,40 +163,24 @@ def _on_triangles(matrices: Array, rows: Array) -> Array:
 
 
 @dataclass
-class SwingStates:
-    """States of M swinging motions of each of K obstacles, in units of the covariance of the noise.
+class SwingStates(SlotStates):
+    """States of swinging motions.
 
     Attributes
     ----------
-    swings : Swings
     mean : (5, 2, M, K)
         Position, velocity, acceleration, swing and its rate.
     spread : (15, M, K)
-        The covariance of the state is this times that of the noise that is declared: its upper triangle, row by row.
+    swings : Swings
     """
 
     swings: Swings
-    mean: Array
-    spread: Array
 
     @classmethod
     def none(cls, swings: Swings) -> SwingStates:
         """Of no obstacles."""
-        return cls(
-            swings, np.zeros((STATES, 2, len(swings.rates), 0)), np.zeros((_PAIRS.shape[1], len(swings.rates), 0))
-        )
-
-    def of(self, slots: Index | slice) -> SwingStates:
-        """Copy the states of some obstacles, (n,)."""
-        return SwingStates(self.swings, self.mean[..., slots].copy(), self.spread[..., slots].copy())
-
-    def at(self, slots: Index | slice) -> SwingStates:
-        """The states of some obstacles: where they are if those are a slice, else copies."""
-        return SwingStates(self.swings, self.mean[..., slots], self.spread[..., slots])
-
-    def put(self, slots: Index | slice, part: SwingStates) -> None:
-        """Put states where those of some obstacles are, (n,)."""
-        self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
+        many = len(swings.rates)
+        return cls(np.zeros((STATES, 2, many, 0)), np.zeros((_PAIRS.shape[1], many, 0)), swings)
 
     def begin(self, slots: Index, positions: Array, noise: float, unit: Array) -> None:
         """Begin with positions (n, 2), m, seen with so many times the noise whose variances are (n,), m^2."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from time import perf_counter
 
 import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from scp_planner.arrays import Array, Index
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.preparation import given_up, sparse_preparation
 from scp_planner.solvers.scaling import equilibrate
+from scp_planner.solvers.sparse_rows import stacked
 
 _TOLERANCE = 1e-12
 _MOST_ITERATIONS = 200
@@ -72,7 +71,7 @@ class ClarabelSolver:
         answer = clarabel.DefaultSolver(
             csc_matrix(np.triu(program.hessian)),
             program.gradient,
-            _stacked(program.matrix, [fixed, np.concatenate([equal, rows]), below, above]),
+            stacked(program.matrix, fixed, np.concatenate([equal, rows]), below, above),
             np.concatenate(bound),
             [clarabel.ZeroConeT(ends[1]), clarabel.NonnegativeConeT(ends[-1] - ends[1])],
             self._settings,
@@ -87,20 +86,3 @@ class ClarabelSolver:
         # An infeasible program's answer is a certificate of that, with finite numbers in it: only the status tells.
         status = _STATUS.get(str(answer.status), SolverStatus.FAILED)
         return Solution(status, np.array(answer.x), multipliers)
-
-
-def _stacked(matrix: Array, chosen: Sequence[Index]) -> csc_matrix:
-    """Rows of the identity, of a matrix, of the identity and of the negative identity; no dense copy is made."""
-    fixed, kept, below, above = chosen
-    place = np.full(len(matrix), -1)
-    place[kept] = len(fixed) + np.arange(len(kept))
-    row, column = matrix.nonzero()
-    used = place[row] >= 0
-    row, column = row[used], column[used]
-    values = [np.ones(len(fixed)), matrix[row, column], np.ones(len(below)), -np.ones(len(above))]
-    bounds = len(fixed) + len(kept) + np.arange(len(below) + len(above))
-    rows = np.concatenate([np.arange(len(fixed)), place[row], bounds])
-    columns = np.concatenate([fixed, column, below, above])
-    return csc_matrix(
-        (np.concatenate(values), (rows, columns)), shape=(len(fixed) + len(kept) + len(bounds), matrix.shape[1])
-    )

@@ -12,6 +12,7 @@ from scipy.sparse import csc_matrix
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.scaling import equilibrate
+from scp_planner.solvers.sparse_rows import stacked
 
 # Iterations until the answer is polished. Splitting alone needs thousands, or does not get there, where polishing
 # nearly always succeeds after the first round.
@@ -79,7 +80,7 @@ def _set_up(program: QuadraticProgram) -> osqp.OSQP:
     solver.setup(
         csc_matrix(np.triu(program.hessian)),
         program.gradient.copy(),  # the package keeps what it is given, and writes to it
-        csc_matrix(np.concatenate([np.eye(size), program.matrix])),
+        stacked(program.matrix, np.arange(size), np.arange(len(program.bound))),
         lower,
         upper,
         **_SETTINGS,

@@ -91,13 +91,18 @@ def test_a_motion_model_that_is_none_is_refused(tmp_path: Path, command: str) ->
     assert known.exit_code == 2 and "no obstacle whose motion is to be estimated" in known.stderr
 
 
-def test_a_model_fitted_to_half_of_the_tracks_is_tested_on_the_rest(tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
+def walkers(people: int, steps: int, seed: int) -> str:
+    """Tracks of people whose velocities wander, as a table."""
+    rng = np.random.default_rng(seed)
     rows = ["id,time,x,y"]
-    for person in range(60):
-        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(24, 2)), axis=0)), axis=0)
+    for person in range(people):
+        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(steps, 2)), axis=0)), axis=0)
         rows += [f"{person},{0.4 * step:.1f},{x:.4f},{y:.4f}" for step, (x, y) in enumerate(course)]
-    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    return "\n".join(rows) + "\n"
+
+
+def test_a_model_fitted_to_half_of_the_tracks_is_tested_on_the_rest(tmp_path: Path) -> None:
+    (tmp_path / "tracks.csv").write_text(walkers(60, 24, seed=2))
     options = ("--half", "--noise", "0.02", "--source", "made up", "-o", tmp_path / "half.yaml", "--json")
     fitted = json.loads(run("fit-motion", tmp_path / "tracks.csv", *options).stdout)
     assert fitted["fitted_to"]["tracks"] == 30 and fitted["fitted_to"]["source"] == "made up"
@@ -112,12 +117,7 @@ def test_a_model_fitted_to_half_of_the_tracks_is_tested_on_the_rest(tmp_path: Pa
 
 
 def test_fit_motion_makes_split_conformal_regions(tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    rows = ["id,time,x,y"]
-    for person in range(50):
-        course = np.cumsum(0.4 * (rng.normal(size=2) + np.cumsum(0.2 * rng.normal(size=(20, 2)), axis=0)), axis=0)
-        rows += [f"{person},{0.4 * step:.1f},{x:.4f},{y:.4f}" for step, (x, y) in enumerate(course)]
-    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "tracks.csv").write_text(walkers(50, 20, seed=1))
     inflations = {}
     for level in ("0.8", "0.95"):
         result = run("fit-motion", tmp_path / "tracks.csv", "--conformal", level, "-o", tmp_path / "m.json", "--json")
