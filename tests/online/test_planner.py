@@ -233,21 +233,27 @@ def test_work_ends_before_the_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     FakeClock(5e-4).rule(monkeypatch)  # from the beginning: what a look has taken says when the next one is begun
     begin(planner, scenario)
+    work: list[int] = []
     monkeypatch.setattr(
-        "scp_planner.online.decision.ScpLoop.run", _never_good_enough(ScpLoop.run)
+        "scp_planner.online.decision.ScpLoop.run", _never_good_enough(ScpLoop.run, work)
     )  # a feasible trip would end the work
     steps = []
     for k, deadline in ((1, 0.030), (2, 0.009), (3, 0.003)):
+        work.clear()
         plan = follow(planner, k * PERIOD, deadline=deadline)
         assert plan.safe
         assert plan.wall_time <= deadline + planner.online.reserve  # the clock ticks in falling back, too
-        steps.append(plan.iterations)
+        # What has been improved to the last digits may be kept after that: then none of the work is the plan's.
+        assert plan.iterations == (sum(work) if plan.outcome is Outcome.IMPROVED else 0)
+        steps.append(sum(work))
     assert steps[0] > steps[1] > steps[2] == 0
 
 
-def _never_good_enough(run: Any) -> Any:
+def _never_good_enough(run: Any, work: list[int]) -> Any:
     def without(self: Any, *arguments: Any, **options: Any) -> Any:
-        return run(self, *arguments, **{**options, "enough": None})
+        found = run(self, *arguments, **{**options, "enough": None})
+        work.append(len(found.record))
+        return found
 
     return without
 
