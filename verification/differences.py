@@ -26,7 +26,7 @@ CHORD_LENGTH = 3e-3  # m, for headings and curvature
 END_CHORD = 1e-4  # m, for the headings at the ends, whose error grows with the square of the chords
 FINEST = 40  # halvings of a trip's duration, after which no moment is told from its end
 HALVINGS = 20  # of the time in which a chord is left
-END_TURN = 1e-3  # rad, in a window at an end: speeds are off by a share of a third of its square
+END_TURN = 1e-3  # rad, in a window at an end: speeds are off by a share of a third of its square, headings by less
 REVERSAL_LENGTH = 1e-8  # m, shorter displacements have no direction worth comparing
 _THREE: Array = np.array([0.0, 1.0, 2.0])  # places of a one-sided difference of second order
 
@@ -76,9 +76,7 @@ def _end_speed(position: PositionFunction, end: float, window: float) -> float:
 
 def _end_window(position: PositionFunction, end: float, window: float) -> float:
     """Length of a window to the inside of an end, s, that is shorter where the trip turns fast there."""
-    here, near, far = np.asarray(position(end + window * _THREE), dtype=float)
-    before, after = near - here, far - near
-    turn = abs(math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after)))
+    turn = _turn(np.asarray(position(end + window * _THREE), dtype=float))
     return abs(window) * min(1.0, END_TURN / turn) if turn > 0.0 else abs(window)
 
 
@@ -86,12 +84,26 @@ def end_heading(position: PositionFunction, whole: float, end: float, order: int
     """Heading to the inside at an end of a trip of a whole duration, s, over two short chords."""
     speed = _end_speed(position, end, order * END_WINDOW)
     if speed <= SLOW:
-        longest = order * abs(whole)
-        first = _moment_at(position, end, longest, END_CHORD)
-        second = _moment_at(position, end, longest, 2.0 * END_CHORD)
-        return _first_heading(np.asarray(position(np.array([end, first, second])), dtype=float))
+        points = _slow_end(position, end, order * abs(whole), END_CHORD)
+        turn = _turn(points)
+        # What almost stands may turn as sharply as it likes: then over chords in which it turns little.
+        if turn > END_TURN:
+            points = _slow_end(position, end, order * abs(whole), END_CHORD * END_TURN / turn)
+        return _first_heading(points)
     window = order * _end_window(position, end, order * END_CHORD / speed)
     return _first_heading(np.asarray(position(end + window * _THREE), dtype=float))
+
+
+def _slow_end(position: PositionFunction, end: float, longest: float, chord: float) -> Array:
+    """Three points (3, 2), m, at an end, a chord, m, and two chords from it, wherever these are in time."""
+    moments = [end, *(_moment_at(position, end, longest, share * chord) for share in (1.0, 2.0))]
+    return np.asarray(position(np.array(moments)), dtype=float)
+
+
+def _turn(three: Array) -> float:
+    """Angle, rad, between the two chords of three points (3, 2)."""
+    before, after = np.diff(three, axis=0)
+    return abs(math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after)))
 
 
 def _moment_at(position: PositionFunction, end: float, longest: float, distance: float) -> float:

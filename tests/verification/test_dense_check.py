@@ -287,6 +287,24 @@ def test_headings_at_ends_are_exact_where_the_curvature_changes_fast(from_rest: 
     assert found == pytest.approx(0.3, abs=2e-5)
 
 
+@pytest.mark.parametrize("power", [2, 6])
+def test_the_heading_of_what_turns_almost_standing_is_exact(power: int) -> None:
+    """A path that leaves in a bend of 750 /m, which gets a third as sharp every 2 mm, at rest and slowly."""
+    first, bend, length = 0.3, -750.0, 2e-3
+
+    def position(times: Array) -> Array:
+        along = times**power
+        nodes, weights = np.polynomial.legendre.leggauss(20)
+        inner = 0.5 * along[:, None] * (1.0 + nodes)
+        angle = first + bend * length * -np.expm1(-inner / length)
+        return 0.5 * along[:, None] * np.stack([np.cos(angle) @ weights, np.sin(angle) @ weights], axis=1)
+
+    assert end_heading(position, 0.5, 0.0, 1) == pytest.approx(first, abs=2e-5)
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": first + 1e-3, "speed": 0.0}
+    goal = {"position": position(np.array([0.5]))[0].tolist(), "heading": None, "speed": None}
+    assert "start_heading" in refused(check_trip(scenario(start=start, goal=goal), position, 0.0, 0.5))
+
+
 def test_a_sharp_turn_in_the_middle_is_no_acceleration_along_the_way() -> None:
     radius, turn, speed, leg = 0.0076, 1.5, 3.0, 1.0
 
