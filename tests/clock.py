@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
+from functools import cache
+from importlib import import_module
 from itertools import count
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -26,17 +29,18 @@ class FakeClock:
         return self.tick * next(self.looks)
 
     def rule(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """Put it in the place of `perf_counter` in every module that public names need and that looks at that."""
-        for name in scp_planner.__all__:
-            getattr(scp_planner, name)  # which loads its module
-        ruled = [
-            module
-            for name, module in list(sys.modules.items())
-            if name.partition(".")[0] == "scp_planner" and "perf_counter" in vars(module)
-        ]
-        assert ruled, "nothing looks at a clock"
-        for module in ruled:
+        """Put it in the place of `perf_counter` in every module that looks at that, loaded so far or not."""
+        for module in _that_look_at_a_clock():
             monkeypatch.setattr(module, "perf_counter", self)
+
+
+@cache
+def _that_look_at_a_clock() -> tuple[ModuleType, ...]:
+    root = Path(scp_planner.__file__).parent
+    files = [path for path in sorted(root.rglob("*.py")) if "import perf_counter" in path.read_text(encoding="utf-8")]
+    assert files, "nothing looks at a clock"
+    names = [".".join(path.relative_to(root.parent).with_suffix("").parts) for path in files]
+    return tuple(import_module(name.removesuffix(".__init__")) for name in names)
 
 
 def eventually(happened: Callable[[], Any], patience: float = PATIENCE) -> Any:

@@ -55,11 +55,12 @@ _MATCHED = 0  # which of them exactly, for each lead time
 _MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
 _DEGREES = (1.0, 200.0)  # of freedom: bounds
 
-_STARTS: dict[str, dict[str, float]] = {
-    "random_walk": {"diffusion": 0.1},
-    "mean_reverting": {"diffusion": 0.1, "time_constant": 5.0},
+_NOISE_START = 0.1  # of the usual distance between positions
+_PARAMETERS = {
+    "random_walk": ("diffusion",),
+    "mean_reverting": ("diffusion", "time_constant"),
     # the deviation follows: what a short manoeuvre does to the velocity is told apart from how long it lasts
-    "singer": {"diffusion": 0.1, "time_constant": 1.0},
+    "singer": ("diffusion", "time_constant"),
 }
 
 
@@ -102,8 +103,8 @@ def fit_motion_model(
     EstimationError
         If the tracks are too few or too short.
     """
-    if kind not in _STARTS:
-        raise EstimationError(f"kind: {kind!r} is not one of {', '.join(_STARTS)}")
+    if kind not in _PARAMETERS:
+        raise EstimationError(f"kind: {kind!r} is not one of {', '.join(_PARAMETERS)}")
     if window < 1:
         raise EstimationError(f"window: {window!r} is not a positive number")
     if conformal is not None and not 0.0 < conformal < 1.0:
@@ -406,28 +407,49 @@ def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
     return least, most
 
 
+def _guessed(tracks: Tracks) -> dict[str, float]:
+    """Parameters in SI with which tracks are of the usual kind: where the likelihood is maximised from.
+
+    Of several maxima the nearest is found, so all are taken from the tracks: their speed; velocities that last for
+    longer than a step, and less long than a track; changes that keep that speed up; and a little noise.
+    """
+    moving = [track for track in tracks if len(track.times) > 1]
+    steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in moving])
+    lags = np.concatenate([np.diff(track.times) for track in moving])
+    speed = math.sqrt(float((steps**2).sum() / (2.0 * (lags**2).sum())))  # along one axis
+    lasting = math.sqrt(float(np.median(lags)) * float(np.median([np.ptp(track.times) for track in moving])))
+    return {
+        "velocity_deviation": speed,
+        "time_constant": lasting,
+        "diffusion": 2.0 * speed**2 / lasting,
+        "noise_deviation": _NOISE_START * float(steps.mean()),
+    }
+
+
 def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel:
     """Maximise the likelihood over the logarithms of the parameters; the noise may be given, m."""
     from scipy.optimize import minimize
 
     pieces = _pieces(tracks)
     count = int(np.sum(pieces.lengths - 1))
-    starts = {**_STARTS[kind], "velocity_deviation": 1.0, **({"noise_deviation": 0.05} if noise is None else {})}
+    names = (*_PARAMETERS[kind], "velocity_deviation", *(("noise_deviation",) if noise is None else ()))
+    units = np.array([unit_of(name, tracks) for name in names])
 
     def model_at(logs: Array) -> ProcessModel:
-        values = dict(zip(starts, np.exp(logs).tolist(), strict=True))
+        values = dict(zip(names, (units * np.exp(logs)).tolist(), strict=True))
         velocity, own = values.pop("velocity_deviation"), values.pop("noise_deviation", noise)
         if kind == "singer":
             values["deviation"] = math.sqrt(0.5 * values.pop("diffusion") / values["time_constant"])
         return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=own)
 
-    bounds = [_bounds_of(name, tracks) for name in starts]
-    start = np.clip([value * unit_of(name, tracks) for name, value in starts.items()], *np.transpose(bounds))
+    bounds = np.array([_bounds_of(name, tracks) for name in names]) / units[:, None]
+    guessed = _guessed(tracks)
+    start = np.clip(np.array([guessed[name] for name in names]) / units, *bounds.T)
     result = minimize(
         lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,
         np.log(start),
         method="L-BFGS-B",
-        bounds=[tuple(np.log(each)) for each in bounds],
+        bounds=np.log(bounds),
     )
     _logger.info("log likelihood %.6g per position after %d iterations: %s", -result.fun, result.nit, result.message)
     return model_at(result.x)
