@@ -3,6 +3,7 @@
 
 PYTHON ?= python3
 VENV := .venv
+KERNEL_PROCESSES ?= 2
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
@@ -24,9 +25,10 @@ demo: $(INSTALLED)  ## plan a built-in scenario; writes ./demo/
 docs: $(INSTALLED)  ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-test: lint  ## lint, type check and run the tests
+# Types take a core for as long as all that is beside them. What the tests with the other kernel compile serves the others.
+test: $(INSTALLED)  ## lint, type check and run the tests
+	$(MAKE) --no-print-directory --jobs=2 lint-types lint-rules test-kernel KERNEL_PROCESSES=1
 	$(BIN)/pytest -n 2 --dist worksteal
-	$(MAKE) --no-print-directory test-kernel
 
 # What one processor computes another computes with a different last digit, as its kernel of OpenBLAS sums in another
 # order. So tests of numbers, marked `numerics`, run with a second kernel. Prescott is the one that every x86-64
@@ -34,7 +36,7 @@ test: lint  ## lint, type check and run the tests
 # They are those of computations, and of single plans: drives and programs are left out, for time, and so are two of
 # three in each file; test-machines runs all. Skipped, and told, where it cannot run.
 test-kernel: $(INSTALLED)  ## run a third of the tests of numbers with another kernel of OpenBLAS
-	$(BIN)/python tools/machines.py --variant kernel-prescott -- -q -m "numerics and not slow" --one-in 3
+	$(BIN)/python tools/machines.py --variant kernel-prescott -- -q -n $(KERNEL_PROCESSES) -m "numerics and not slow" --one-in 3
 
 # Takes hours. A part: make test-machines ARGUMENTS='--variant load --variant oldest -- tests/test_export.py'
 test-machines: $(INSTALLED)  ## run the tests as on other machines; ARGUMENTS='--list' tells which

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import copy
+import functools
+import gc
 import logging
 import os
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import hypothesis
 import jsonschema
 import pytest
+import typer.main
 
 import scp_planner as sp
 
@@ -22,6 +27,10 @@ DATA_VARIABLE = "SCP_PLANNER_DATA"
 # cores make single examples slow now and then.
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("repeatable")
+
+# What is compiled is kept, also where an environment forbids it: the tests start many programs.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # pyproject.toml makes warnings errors; this, numbers that overflow or are none in the programs that tests start, too.
 os.environ.setdefault("PYTHONWARNINGS", "error::RuntimeWarning")
@@ -45,6 +54,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.hook.pytest_deselected(items=left_out)
 
 
+def pytest_collection_finish() -> None:
+    """What has been loaded by now stays: the garbage collector need not look through it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def command_line_made_once() -> Iterator[None]:
+    """Typer makes all commands and options anew at each call, which takes longer than most calls."""
+    with mock.patch("typer.testing._get_command", functools.cache(typer.main.get_command), create=True):
+        yield
+
+
 @pytest.fixture(autouse=True)
 def log_level() -> Iterator[None]:
     """Which messages are let through is as it was: commands that run in the tests' own process set it."""
@@ -59,6 +81,13 @@ def unsettled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what takes most of the time: places and margins of axes, where a test looks at what they show."""
     for module in ("animation", "figures", "sketches", "space_time"):
         monkeypatch.setattr(f"scp_planner.plotting.{module}.settle", lambda figure: figure.set_layout_engine(None))
+
+
+@pytest.fixture
+def coarse_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look for lower bounds with few cells, where a test does not look at how high they are: they are as true."""
+    for cells in ("SOME_CELLS", "CELLS"):
+        monkeypatch.setattr(f"scp_planner.certificate.lower_bound.{cells}", 9000)
 
 
 @pytest.fixture(scope="session")

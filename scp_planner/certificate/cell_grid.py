@@ -159,15 +159,19 @@ class CellGrid:
 
     def reached_from(self, bits: int, distance: float) -> int:
         """Cells of which any point is within a distance, m, of any point of some cells."""
+        # All are kept moved to the left by their width: so a row is made wider by one shift instead of two.
         up = down = 0
         wide, width = bits, 0
         for wanted in widths(distance, float(self.cell[0]), float(self.cell[1])):
-            while width < wanted:
-                shift = min(wanted - width, 2 * width + 1)
-                wide |= (wide << shift) | (wide >> shift)
-                width += shift
-            up, down = (up << self.stride) | wide, (down >> self.stride) | wide
-        return up | down
+            wider = wanted - width
+            missing = 2 * wider
+            while missing:
+                shift = min(missing, 2 * wanted - missing + 1)
+                wide |= wide << shift
+                missing -= shift
+            width = wanted
+            up, down = (up << self.stride + wider) | wide, (down >> self.stride - wider) | wide
+        return (up | down) >> width
 
 
 @lru_cache(maxsize=256)

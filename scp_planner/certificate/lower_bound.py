@@ -35,6 +35,7 @@ from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 
 PRECISION = 1e-3  # relative, to which the bound is found
+FIRST_STEP = 0.99  # of this precision: what is possible after it is near enough
 GROWTH = (1.02, 1.1, 1.25, 1.6, 2.2, 3.0, 4.0)
 """Times the kinematic bound: how long trips are looked for, until there may be one."""
 
@@ -153,9 +154,11 @@ class _Bisection:
             at_most = self._first_possible()
         if at_most is None:
             return
-        for cells in (SOME_CELLS, CELLS):
-            if at_most - self.excluded > PRECISION * self.least:
-                self._bisect(at_most, cells)
+        precision = PRECISION * self.least
+        # More cells exclude hardly more: it is looked for from below, in steps that grow.
+        for cells, step in ((SOME_CELLS, np.inf), (CELLS, FIRST_STEP * precision)):
+            if at_most - self.excluded > precision:
+                self._narrow(at_most, cells, step)
 
     def _first_possible(self) -> float | None:
         """A duration that cannot be excluded, s; None if there is none that is looked at."""
@@ -166,15 +169,16 @@ class _Bisection:
             self.excluded = longest
         return None
 
-    def _bisect(self, longest: float, cells: int) -> None:
-        """Exclude what can be excluded below a duration, with so many cells."""
+    def _narrow(self, longest: float, cells: int, step: float) -> None:
+        """Exclude what can be excluded below a duration, with so many cells: by halves, or by steps that double."""
         relaxation = self._relaxation(longest, cells)
         while longest - self.excluded > PRECISION * self.least:
-            middle = 0.5 * (self.excluded + longest)
-            if relaxation.possible(middle):
-                longest = middle
+            duration = min(0.5 * (self.excluded + longest), self.excluded + step)
+            if relaxation.possible(duration):
+                longest = duration
             else:
-                self.excluded = middle
+                self.excluded = duration
+                step *= 2.0
 
     def _relaxation(self, longest: float, cells: int) -> Relaxation:
         return Relaxation(self.scenario, self.threat_zones, longest, cells, self.deadline)

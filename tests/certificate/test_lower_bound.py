@@ -314,9 +314,10 @@ def test_it_does_not_depend_on_where_the_scene_is() -> None:
 def test_distances_driven_are_the_integral_of_the_highest_speeds(goal_speed: float | None, duration: float) -> None:
     speeds = Speeds(scene(goal={"speed": goal_speed}), duration)
     times = np.linspace(0.0, duration, 20_001)
-    driven = np.concatenate([[0.0], np.cumsum(0.5 * (speeds.at(times)[1:] + speeds.at(times)[:-1])) * times[1]])
-    assert speeds.driven(times) == pytest.approx(driven, abs=1e-6)
-    assert speeds.at(times).max() <= 3.0
+    highest = speeds.at(times)
+    driven = np.concatenate([[0.0], np.cumsum(0.5 * (highest[1:] + highest[:-1])) * times[1]])
+    assert np.abs(speeds.driven(times) - driven).max() <= 1e-6
+    assert highest.max() <= 3.0
     if goal_speed is not None:
         assert speeds.at(np.array([duration]))[0] <= goal_speed + 2e-3
 

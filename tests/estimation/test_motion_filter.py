@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
@@ -40,6 +41,7 @@ def model(kind: str = "random_walk", tails: Tails | None = None) -> ProcessModel
     return ProcessModel(process=process, velocity_deviation=1.3, noise_deviation=0.1, tails=tails)
 
 
+@cache
 def kernel(kind: str) -> Callable[[float, float], float]:
     """Covariance of one position component at two times after the first observation, from its start.
 
@@ -61,6 +63,7 @@ def kernel(kind: str) -> Callable[[float, float], float]:
         half = 0.5 * (high - low)
         return low + half * (1 + NODES), half * WEIGHTS
 
+    @cache
     def covariance(t: float, s: float) -> float:
         total = 1.3**2 * t * s + (0.5 * KINDS[kind].get("acceleration_deviation", 0.0) * t * s) ** 2
         a, wa = interval(0.0, t)

@@ -223,7 +223,7 @@ def test_too_little_to_go_by_is_named(tracks: Tracks, arguments: dict[str, objec
 
 def test_a_parameter_that_ends_at_its_bound_is_told() -> None:
     """Manoeuvres of a random walk are shorter than any: their time constant goes as low as it may."""
-    tracks = simulated("random_walk", 60, 20)
+    tracks = simulated("random_walk", 30, 20)
     fitted = fit_motion_model(tracks, "singer", tails=False)
     (told,) = bounds_met(tracks, fitted)
     assert told.startswith("time_constant ended at its lower bound, 0.01:")

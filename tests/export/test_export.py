@@ -45,7 +45,7 @@ def late(plan: sp.Plan) -> sp.Plan:
 
 @pytest.fixture(scope="module")
 def run() -> sp.Run:
-    return sp.simulate(scene(disc("a,b", (8.0, -3.0), (0.0, 0.8)), goal={"position": [8.0, 0.0]}), noise=0.02)
+    return sp.simulate(scene(disc("a,b", (8.0, -3.0), (0.0, 0.8)), goal={"position": [8.0, 0.0]}), noise=0.02, rate=4.0)
 
 
 # Tables

@@ -32,13 +32,20 @@ def dodges_of(heading: float | None, speed: float, ahead: float, radius: float, 
 
 
 @pytest.mark.parametrize(
-    ("heading", "speed", "bend"),
-    [(None, 0.0, GRADUAL), (None, 1.2, GRADUAL), (0.7, 0.0, GRADUAL), (0.7, 1.2, GRADUAL), (0.7, 1.2, PROMPT)],
+    ("first", "heading", "speed", "bend"),
+    [
+        (0, None, 0.0, GRADUAL),
+        (1, None, 1.2, GRADUAL),
+        (0, 0.7, 0.0, GRADUAL),
+        (1, 0.7, 1.2, GRADUAL),
+        (0, 0.7, 1.2, PROMPT),
+    ],
 )
-def test_dodges_are_the_trips_that_they_stand_for(heading: float | None, speed: float, bend: Bend) -> None:
+def test_dodges_are_the_trips_that_they_stand_for(first: int, heading: float | None, speed: float, bend: Bend) -> None:
+    """Every other of them: even numbers and odd ones."""
     dodges = dodges_of(heading, speed, 0.2, 0.3, bend)
     frame = PlanningFrame((3.0, -2.0), 0.4, 5.0)
-    for number in range(len(dodges.position)):
+    for number in range(first, len(dodges.position), 2):
         trip = dodges.trip(number, frame)
         points, _ = trip.at(5.0 + dodges.times)
         place = frame.to_frame(trip.frame.to_world(points.path.position))

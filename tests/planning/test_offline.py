@@ -33,14 +33,11 @@ SCENES = {
 
 def bang_bang(length: float, v0: float, top: float, a: float, d: float, end: float | None) -> float:
     """Shortest time by a fine search over peak speeds: an independent computation."""
-    best = np.inf
-    for peak in np.linspace(max(v0, end or 0.0, 1e-3), max(top, v0), 200001):
-        rise = (peak**2 - v0**2) / (2 * a)
-        fall = 0.0 if end is None else (peak**2 - end**2) / (2 * d)
-        if rise + fall > length + 1e-9:
-            break
-        time = (peak - v0) / a + (0.0 if end is None else (peak - end) / d) + (length - rise - fall) / peak
-        best = min(best, time)
+    peak = np.linspace(max(v0, end or 0.0, 1e-3), max(top, v0), 200001)
+    rise = (peak**2 - v0**2) / (2 * a)
+    fall = 0.0 if end is None else (peak**2 - end**2) / (2 * d)
+    time = (peak - v0) / a + (0.0 if end is None else (peak - end) / d) + (length - rise - fall) / peak
+    best = float(time[rise + fall <= length + 1e-9].min(initial=np.inf))
     if end is None:
         free = (-v0 + np.sqrt(v0**2 + 2 * a * length)) / a
         if v0 + a * free <= top:

@@ -122,7 +122,7 @@ def test_obstacles_that_come_late(tmp_path: Path) -> None:
     appears = np.array([2.0, 30.0])
     world = {"late": (appears, np.array([[25.0, 3.0], [-10.0, 3.0]]))}
     run = simulate(alone, rate=4.0, world=world, shapes={"late": sp.Disc(disc=0.4)})
-    recording = record_run(run, 8.0)
+    recording = record_run(run, 3.0)
     (late,) = recording.obstacles
     unknown = np.asarray(np.isnan(late.center).any(axis=1))
     assert unknown[0] and not unknown[-1]
@@ -136,6 +136,7 @@ def test_obstacles_that_come_late(tmp_path: Path) -> None:
     assert "NaN" not in (tmp_path / "late.html").read_text().split('id="data">')[1].split("</script>")[0]
 
 
+@pytest.mark.usefixtures("unsettled")
 def test_who_was_never_seen_is_drawn_as_what_it_was(tmp_path: Path) -> None:
     """No replan knew of it: it is farther away than the sensor sees."""
     alone = builtin.load("headon").model_copy(update={"obstacles": ()})

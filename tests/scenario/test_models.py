@@ -226,7 +226,7 @@ def scenarios(draw: st.DrawFn) -> Scenario:
 
 
 @given(scenario=scenarios(), suffix=st.sampled_from(SUFFIXES))
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_load_gives_back_what_save_wrote(
     scenario: Scenario, suffix: str, tmp_path: Path, scenario_schema: jsonschema.Draft202012Validator
 ) -> None:

@@ -119,8 +119,15 @@ def holds(zone: Any, times: Array, centers: Array, velocities: Array) -> bool:
     return bool(zone.signed_distance(np.repeat(times, 4), corners.reshape(-1, 2)).max() <= 0.0)
 
 
-@pytest.mark.parametrize("level", ["per_obstacle", "joint"])
-@pytest.mark.parametrize(("order", "acceleration"), [(1, (0.0, 0.0)), (2, (0.3, 1.0))])
+@pytest.mark.parametrize(
+    ("order", "acceleration", "level"),
+    [
+        (1, (0.0, 0.0), "joint"),
+        (2, (0.3, 1.0), "per_obstacle"),
+        pytest.param(1, (0.0, 0.0), "per_obstacle", marks=pytest.mark.slow),
+        pytest.param(2, (0.3, 1.0), "joint", marks=pytest.mark.slow),
+    ],
+)
 def test_an_observed_rectangle_is_held_at_all_times(order: int, acceleration: tuple[float, float], level: str) -> None:
     """Drawn from noisy observations, again and again: centre and heading at once, as often as was said."""
     rng, runs, inside, shaped = np.random.default_rng(order), 150, 0, 0

@@ -110,7 +110,7 @@ def test_schema_prints_the_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
 
 
-@pytest.mark.usefixtures("unsettled")
+@pytest.mark.usefixtures("unsettled", "coarse_bounds")
 @pytest.mark.parametrize("arguments", [pytest.param([], marks=pytest.mark.slow, id="radar"), ["headon"]])
 def test_demo_writes_scenario_plan_and_figure(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -163,6 +163,7 @@ def test_demo_refuses_a_file_for_a_folder(tmp_path: Path) -> None:
     assert (tmp_path / "demo").read_text() == "mine"
 
 
+@pytest.mark.usefixtures("coarse_bounds")
 @pytest.mark.parametrize("name", builtin.names())
 def test_every_built_in_scenario_has_a_certified_plan(name: str) -> None:
     result = run("plan", f"builtin:{name}")

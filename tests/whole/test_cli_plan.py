@@ -213,6 +213,7 @@ def test_video_without_ffmpeg_is_refused_before_planning(
     assert not (tmp_path / "plan.json").exists()
 
 
+@pytest.mark.usefixtures("coarse_bounds")
 def test_a_built_in_scenario_is_planned_by_name(tmp_path: Path) -> None:
     result = run("plan", "builtin:crossing", "-o", tmp_path / "plan.json")
     assert result.exit_code == 0, result.output

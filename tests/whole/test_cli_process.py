@@ -270,6 +270,7 @@ def _write_samples(plan: sp.Plan, *names: str) -> None:
         np.savetxt(name, rows, delimiter=",", header="t,x,y,heading,speed", comments="")
 
 
+@pytest.mark.usefixtures("coarse_bounds")
 def test_examples_of_one_scenario_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     builtin.load("crossing").save("crossing.yaml")

@@ -157,7 +157,7 @@ def record_tracks() -> None:
 PREPARATIONS: dict[str, Callable[[], None]] = {"docs/explanation/zones.md": record_tracks}
 
 
-@pytest.mark.usefixtures("unsettled")
+@pytest.mark.usefixtures("unsettled", "coarse_bounds")
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_block_of_code_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

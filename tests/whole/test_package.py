@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Collection, Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
@@ -68,11 +69,16 @@ def test_import_takes_less_than_a_fifth_of_a_second() -> None:
     assert min(float(in_a_new_interpreter(code)) for _ in range(3)) < 0.2
 
 
+@cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
+
+
 def test_no_module_prints_but_the_command_line() -> None:
     """Results go to the caller, messages to logging."""
     printing = []
     for file in sorted((ROOT / "scp_planner").rglob("*.py")):
-        calls = (node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call))
+        calls = (node for node in ast.walk(parsed(file)) if isinstance(node, ast.Call))
         if any(isinstance(call.func, ast.Name) and call.func.id == "print" for call in calls):
             printing.append(file.name)
     assert printing == []
@@ -103,7 +109,7 @@ def test_imports_go_round_in_no_circle() -> None:
 
 def _imported(file: Path, modules: Collection[str]) -> Iterator[str]:
     """Modules of the package that a file imports."""
-    todo: list[ast.AST] = [ast.parse(file.read_text())]
+    todo: list[ast.AST] = [parsed(file)]
     while todo:
         node = todo.pop()
         todo += ast.iter_child_nodes(node)

@@ -88,7 +88,8 @@ def drawn(obstacle: sp.Obstacle, t: float) -> BaseGeometry:
     else:
         figure = affinity.scale(Point(0.0, 0.0).buffer(1.0, quad_segs=2048), *shape.ellipse)
     heading = shape.heading if shape.heading is not None else np.arctan2(going[1], going[0])
-    return affinity.translate(affinity.rotate(figure, heading, origin=(0, 0), use_radians=True), *centre)
+    c, s = np.cos(heading), np.sin(heading)
+    return affinity.affine_transform(figure, [c, -s, s, c, *centre])
 
 
 def spread(obstacle: sp.Obstacle, t: float, scenario: sp.Scenario) -> BaseGeometry:
@@ -115,27 +116,29 @@ def assert_safe(scenario: sp.Scenario, plan: sp.Plan) -> None:
     report = check_trip({**scenario.to_dict(), "obstacles": []}, plan.position, plan.start_time, plan.arrival_time)
     assert report.ok, str(report)
     times = np.linspace(plan.start_time, plan.arrival_time, CHECKS)
-    for place in map(points, discs_at(plan.position(times), plan.heading(times), scenario.vehicle.discs)):
-        assert_clear(scenario, times, place)
+    # of the vehicle's discs, (discs, times)
+    places = np.array([points(c) for c in discs_at(plan.position(times), plan.heading(times), scenario.vehicle.discs)])
+    assert_clear(scenario, times, places)
 
 
-def assert_clear(scenario: sp.Scenario, times: Array, place: Array) -> None:
-    """Clearances of one disc of the vehicle, its centres drawn."""
+def assert_clear(scenario: sp.Scenario, times: Array, places: Array) -> None:
+    """Clearances of the discs of the vehicle, their centres drawn, (discs, times)."""
     if scenario.corridor is not None:
         corridor = unary_union([Polygon(polygon) for polygon in scenario.corridor])
-        assert corridor.contains(place).all()
-        assert distance(corridor.boundary, place).min() >= scenario.vehicle.radius - 2e-6
+        assert corridor.contains(places).all()
+        assert distance(corridor.boundary, places).min() >= scenario.vehicle.radius - 2e-6
     for obstacle in scenario.obstacles:
         assert isinstance(obstacle.motion, sp.Motion | sp.Course)
         if isinstance(obstacle.motion, sp.Course):
             # ellipses are drawn with care, which takes time: every fourth will do
             exact, some = obstacle.motion.covariance is None, slice(None, None, 4)
             figures = [drawn(obstacle, t) if exact else spread(obstacle, t, scenario) for t in times[some]]
-            gaps = distance(figures, place[some])
+            gaps = distance(figures, places[:, some])
         elif not any((*obstacle.motion.velocity, *obstacle.motion.acceleration)):
-            gaps = distance(drawn(obstacle, 0.0), place)
+            gaps = distance(drawn(obstacle, 0.0), places)
         else:
-            gaps = np.array([drawn(obstacle, t).distance(p) for t, p in zip(times, place, strict=True)])
+            gaps = distance([drawn(obstacle, t) for t in times], places)
+        gaps = gaps.min(axis=0)
         least = gaps.min() - obstacle.margin - scenario.vehicle.radius
         assert least >= -2e-6, f"{obstacle.id}: {least} at {times[:: len(times) // len(gaps)][gaps.argmin()]}"
 

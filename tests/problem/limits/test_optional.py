@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -288,10 +289,15 @@ def jerks(plan: sp.Plan) -> Array:
     return np.abs(np.diff(plan.acceleration(times))) / 1e-3
 
 
+@cache
+def without_limit_of_the_jerk() -> sp.Plan:
+    return sp.plan(scene(disc("o", (9.0, 0.1)), start={"speed": 0.0, "acceleration": 0.0}, goal={"speed": 0.0}))
+
+
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_the_jerk_is_limited_and_used(degree: int) -> None:
     """A degree of 0 makes way for accelerations that do not jump."""
-    free = sp.plan(scene(disc("o", (9.0, 0.1)), start={"speed": 0.0, "acceleration": 0.0}, goal={"speed": 0.0}))
+    free = without_limit_of_the_jerk()
     scenario = scene(
         disc("o", (9.0, 0.1)),
         vehicle={"max_jerk": 1.5},
