@@ -403,7 +403,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 12, faults: 500}
     for command, count in counts.items():
-        sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0])
+        sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0].replace("%", "%%"))
         sub.set_defaults(run=command)
         sub.add_argument("--count", type=int, default=count, help=f"replans or runs; default: {count}")
         sub.add_argument("--seed", type=int, default=0, help="of the first run")

@@ -108,9 +108,12 @@ class Alarmed:
         error, cross, rate, force = (
             near.covariance[:, i, :, j].reshape(many, count, 2, 2) for i, j in ((0, 0), (0, 1), (1, 1), (0, 2))
         )
-        speed = standardised_speed(error, cross, rate)
-        lengths = lengths_of(settled) + (end - leads[-1]) * speed[-1]
-        lengths += (0.5 * np.diff(leads)[:, None] * (speed[1:] + speed[:-1])).sum(axis=0)
+
+        def lengths() -> Array:
+            speed = standardised_speed(error, cross, rate)
+            summed = lengths_of(settled) + (end - leads[-1]) * speed[-1]
+            return np.asarray(summed + (0.5 * np.diff(leads)[:, None] * (speed[1:] + speed[:-1])).sum(axis=0))
+
         centers = near.mean.reshape(many, count, 3, 2)[knots]
         moments = np.stack([error, 2.0 * even(cross), 2.0 * (rate + even(force))], axis=2)[knots]
         moments = moments[..., [0, 0, 1], [0, 1, 1]]
@@ -121,8 +124,7 @@ class Alarmed:
             _pieces(centers, later.centers[:, -1], widths),
             _pieces(moments, later.covariances[:, -1], widths),
         )
-        scales = [level.scale(float(length), None) for length in lengths]
-        return made_zones(self.tracks, future, scales, future_of(near.of(slice(count)), start))
+        return made_zones(self.tracks, future, level.scales(count, lengths), future_of(near.of(slice(count)), start))
 
 
 def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:

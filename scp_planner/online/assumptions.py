@@ -9,6 +9,8 @@ What does not hold is told once when that begins; where it goes on, it is not to
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scp_planner.arrays import Array
@@ -61,9 +63,7 @@ class Assumptions:
         late = now.state.time - before.state.time
         if late > self._period * (1.0 + LATE) + TINY_TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
-        points, _ = last.trip.at(now.state.time)
-        (place,) = last.trip.frame.to_world(points.path.position)
-        off = float(np.hypot(*(place - now.state.position)))
+        off = math.dist(last.trip.place_at(now.state.time), now.state.position)
         if off > self._tracking_error + NOTHING:
             found["track"] = f"the vehicle is {off * self._units.length:.3g} m off its plan, beyond the tracking error"
         new = tuple(text for key, text in found.items() if key not in self._told)

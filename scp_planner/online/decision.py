@@ -9,6 +9,8 @@ import math
 from dataclasses import replace
 from time import perf_counter
 
+import numpy as np
+
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
@@ -17,10 +19,10 @@ from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import evaluate_trip
+from scp_planner.scp.evaluation import evaluate_among
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import FEASIBILITY
+from scp_planner.scp.record import FEASIBILITY, LoopRun
 from scp_planner.settings.online import GiveWay
 from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
@@ -176,38 +178,47 @@ class Decision:
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
         assert now.last is not None, "there is a last trip"
-        arrival = now.last.arrival_time
-        roomy = self._means.roomy(loop.problem)
-        if roomy is not None:
-            found = self._run(now, ScpLoop(roomy, self._means.solver), ahead, loop.problem)
-            if isinstance(found, Vetted) and found.feasible:
-                spent = self._spent + found.arrival - arrival
-                cheap = spent <= ROOM_PRICE * (arrival - now.moment.state.time)
-                if cheap or perf_counter() > now.deadline:
+        arrival, problem = now.last.arrival_time, loop.problem
+        roomy = self._means.roomy(problem)
+        if roomy is not None and _keeps_clear(problem, ahead):
+            run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
+            evaluation = evaluate_among(problem, run.evaluation, NEAR)
+            spent = self._spent + problem.frame.time + evaluation.trajectory.travel_time - arrival
+            cheap = spent <= ROOM_PRICE * (arrival - now.moment.state.time)
+            if evaluation.worst_violation <= FEASIBILITY and (cheap or perf_counter() > now.deadline):
+                found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
+                if isinstance(found, Vetted):
                     self._spent, self._roomy = max(spent, 0.0), found
                     return found
-        found = self._run(now, loop, ahead, loop.problem)
+        found = self._without_room(now, loop, ahead)
         if isinstance(found, Vetted):
             self._spent = max(self._spent + min(found.arrival - arrival, 0.0), 0.0)
         return found
 
-    def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory, problem: Problem) -> Vetted | Refusal:
-        """Improve what is left of the last trip in the problem of a loop; judge what comes of it by another problem.
-
-        Once more where it is refused before it keeps its limits.
-        """
-        most, steps = self._means.online.iterations, 0
-        if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
-            most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+    def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
+        """Improve what is left of the last trip; once more where it is refused before it keeps its limits."""
+        steps = 0
         for last_run in (False, True):
-            run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
-            now.lap("scp")
+            run = self._run(now, loop, ahead)
             evaluation, steps = run.evaluation, steps + len(run.record)
             ahead = evaluation.trajectory
-            if problem is not loop.problem:
-                evaluation = evaluate_trip(problem, ahead, NEAR)
-            found = self._means.vet(now, problem, ahead, evaluation, steps)
-            finished = float(run.evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
-            if last_run or finished or isinstance(found, Vetted) or problem is not loop.problem:
+            found = self._means.vet(now, loop.problem, ahead, evaluation, steps)
+            finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+            if last_run or finished or isinstance(found, Vetted):
                 break
         return found
+
+    def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
+        """Improve what is left of the last trip in the problem of a loop."""
+        most = self._means.online.iterations
+        if now.last is not None and self._means.vetting.is_on(now.moment, now.last.trip):
+            most = max(most // 2, 1)  # there is a plan to fall back on, and the next replans go on
+        run = loop.run(ahead, most, deadline=now.deadline, trust=WARM_TRUST, enough=1)
+        now.lap("scp")
+        return run
+
+
+def _keeps_clear(problem: Problem, trip: Trajectory) -> bool:
+    """Whether a trip keeps clear of zones at the problem's samples: one that does not has no room to give away."""
+    points = trip.kept_at(problem.samples)
+    return bool(problem.zones.distances(points.time, points.path.position, NEAR).min(initial=np.inf) >= 0.0)

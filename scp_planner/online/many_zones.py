@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -44,16 +44,30 @@ class Level:
     confidence: Confidence
     estimated: int
 
-    @property
+    @cached_property
     def alpha(self) -> float:
         """The probability that one obstacle may be outside with, at one time or at any by the level."""
         return alpha_of_one(str(self.confidence.level), self.confidence.probability, self.estimated)
 
-    def scale(self, length: float, terms: int | None) -> float:
-        """Give q for a motion of known noise, by its standardised length and, if it is polynomial, its terms."""
+    def scales(self, count: int, lengths: Callable[[], Array], terms: int | None = None) -> Array:
+        """Give q for so many motions of known noise, (n,).
+
+        Parameters
+        ----------
+        count : int
+            n.
+        lengths : callable
+            Gives their standardised lengths, (n,): what holds at one time does not depend on them.
+        terms : int or None
+            Of motions that are polynomials.
+
+        Returns
+        -------
+        (n,) array
+        """
         if self.confidence.level is ConfidenceLevel.PER_TIME:
-            return _NORMAL.pointwise_scale(self.alpha)
-        return uniform_scale(self.alpha, length, _NORMAL, terms)
+            return np.full(count, _NORMAL.pointwise_scale(self.alpha))
+        return np.array([uniform_scale(self.alpha, float(one), _NORMAL, terms) for one in lengths()])
 
 
 def zones_together(
@@ -105,16 +119,19 @@ def zones_together(
     local = shift @ spread @ shift.transpose(0, 2, 1)
     growth = local.reshape(count, -1) @ _products(terms)
     noise = sigma[:, [0, 0, 1], [0, 1, 1]]
-    half = np.where(last > first, 0.5 * (last - first), 1.0)
-    about = _shift(order, 0.5 * (first + last) - middle, half)
-    lengths = _lengths(
-        about @ spread @ about.transpose(0, 2, 1),
-        (start - 0.5 * (first + last)) / half,
-        (start + HORIZON - 0.5 * (first + last)) / half,
-    )
+
+    def lengths() -> Array:
+        half = np.where(last > first, 0.5 * (last - first), 1.0)
+        about = _shift(order, 0.5 * (first + last) - middle, half)
+        return _lengths(
+            about @ spread @ about.transpose(0, 2, 1),
+            (start - 0.5 * (first + last)) / half,
+            (start + HORIZON - 0.5 * (first + last)) / half,
+        )
+
     covariance = growth[:, :, None] * noise[:, None]
     future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
-    return made_zones(tracks, future, [level.scale(float(one), terms) for one in lengths])
+    return made_zones(tracks, future, level.scales(count, lengths, terms))
 
 
 @dataclass(frozen=True)
@@ -154,7 +171,7 @@ def zones_of_mixtures(
     -------
     list of ThreatZone
     """
-    scales = [level.scale(float(length), None) for length in lengths_of(mixtures)]
+    scales = level.scales(len(tracks), partial(lengths_of, mixtures))
     return made_zones(tracks, future_of(mixtures, start), scales)
 
 
@@ -220,7 +237,7 @@ def times_linear(
 
 
 def made_zones(
-    tracks: Sequence[ObstacleTrack], future: Future, scales: Sequence[float], soon: Future | None = None
+    tracks: Sequence[ObstacleTrack], future: Future, scales: Array, soon: Future | None = None
 ) -> list[ThreatZone]:
     """Zones of covariances that are so many times those of a future, and what is seen next is expected by it.
 
@@ -229,8 +246,7 @@ def made_zones(
     tracks : sequence of ObstacleTrack
     future : Future
         Of each.
-    scales : sequence of float
-        Of each.
+    scales : (K,) array
     soon : Future, optional
         One piece for what is seen next, where the future has several.
 
@@ -243,7 +259,7 @@ def made_zones(
     if first is not None and first.bank is not None:
         slots = [track.estimator.slot for track in tracks if track.estimator is not None]
         first.bank.foretold.put(np.array(slots, dtype=np.intp), start, center, covariance)
-    scaled = np.array(scales)[:, None, None, None] * future.covariances
+    scaled = scales[:, None, None, None] * future.covariances
     breaks = future.breaks[None]
     zones = []
     for k, track in enumerate(tracks):

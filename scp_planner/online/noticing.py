@@ -333,22 +333,30 @@ class Bank:
         begin, swings = self.count[slots] % _RING, 1 + self._walks
         clock, *places = _Places.of(_run(slots), begin).rows(self._looks)
         positions, there = np.stack(places, axis=-1), np.isfinite(clock)
-        for ring in (self._innovations, self._cut, self._evidence):
-            ring[..., swings:, :, slots] = 0.0
+        part, shape = self.swings.of(slots), (self.swings.mean.shape[2], _RING, len(slots))
+        innovation, variance, told = np.zeros((2, *shape)), np.ones(shape), np.zeros((_RING, len(slots)), dtype=bool)
         for row in range(_RING):
             first = there[row] & (~there[row - 1] if row else True)
-            old = np.flatnonzero(there[row] & ~first)
-            some = slots[old]
-            self.swings.begin(slots[first], positions[row, first], self.noise, self._least[slots[first]])
-            if not len(old):
+            if first.any():
+                part.begin(np.flatnonzero(first), positions[row, first], self.noise, self._least[slots[first]])
+            told[row] = old = there[row] & ~first
+            if not old.any():
                 continue
-            evidence, found = self._filter(
-                self.swings, some, clock[row, old] - clock[row - 1, old], positions[row, old]
-            )
-            place, looked_at = (begin[old] + row) % _RING, cut(found)
-            self._innovations[:, swings:, place, some] = found
-            self._cut[:, swings:, place, some] = self._cut[:, swings:, place + _RING, some] = looked_at
-            self._evidence[swings:, (self.count[some] - _RING + row) % EVIDENCE, some] = evidence
+            some = np.flatnonzero(old)
+            states = part if old.all() else part.of(some)
+            states.predict(clock[row, some] - clock[row - 1, some], self._least[slots[some]])
+            innovation[:, :, row, some], variance[:, row, some] = states.update(positions[row, some].T, self.noise)
+            if states is not part:
+                part.put(some, states)
+        self.swings.put(slots, part)
+        found = self._whitened(slots, innovation) / np.sqrt(variance)
+        evidence = np.where(told, -0.5 * (found[0] * found[0] + found[1] * found[1]) - np.log(variance), 0.0)
+        rows = np.arange(_RING)[:, None]
+        place, looked_at = (begin + rows) % _RING, cut(found)
+        self._innovations[:, swings:, place, slots] = found
+        self._cut[:, swings:, place, slots] = self._cut[:, swings:, place + _RING, slots] = looked_at
+        self._evidence[swings:, :, slots] = 0.0
+        self._evidence[swings:, (self.count[slots] - _RING + rows) % EVIDENCE, slots] = evidence
 
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
@@ -460,4 +468,5 @@ class _Places:
         """What is in double rings (..., 2 ring, K) from these places on, (..., ring, n)."""
         if isinstance(self.place, int):
             return rings[..., self.place : self.place + _RING, self.where]
-        return np.asarray(rings[..., self.place + np.arange(_RING)[:, None], self.where])
+        flat = (self.place + np.arange(_RING)[:, None]) * rings.shape[-1] + self.where
+        return rings.reshape(*rings.shape[:-2], -1).take(flat, axis=-1)  # takes a fourth of the time of fancy indices

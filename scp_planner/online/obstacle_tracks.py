@@ -376,9 +376,12 @@ class ObstacleTracks:
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""
         some = [track for track in self.tracks.values() if _learns(track)]
-        known = [track.id for track in some if track.simple and track.settled]
-        noise = np.array([self.tracks[name].known_noise for name in known]).reshape(-1, 2, 2)
-        change = dict(zip(known, (self.manoeuvre**2 / np.linalg.eigvalsh(noise)[:, 0]).tolist(), strict=True))
+        change: dict[str, float] = {}
+        if self.manoeuvre > 0.0:
+            known = [track.id for track in some if track.simple and track.settled]
+            noise = np.array([self.tracks[name].known_noise for name in known]).reshape(-1, 2, 2)
+            allowed = self.manoeuvre**2 / np.linalg.eigvalsh(noise)[:, 0]
+            change = dict(zip(known, allowed.tolist(), strict=True))
         return {
             track.id: Learning(
                 track.model.order, len(track.times), track.times[-1] - track.times[0], change.get(track.id, 0.0)

@@ -39,8 +39,10 @@ LEFT_OUT = 0.1
 SPEAKS = math.log(20.0)
 """Evidence from which on an onset counts: with less there would be too many. For what nothing speaks for yet, zones
 allow as ``manoeuvre`` says."""
-LOOKED_AT = 5.0
-"""Squared trend of the innovations, of which there is more than 6 where anything could speak for a change."""
+LOOKED_AT = 9.0
+"""Squared trend of the innovations from which on changes are put to the test. That an onset is spoken for takes a
+squared signal T with T x / (1 + x) / 2 - log(1 + x) > `SPEAKS`, x what it tells beside what was known of the change: at
+least 11.5. What windows see of it may be a little less."""
 MOST_EVIDENCE = 500.0
 WILD = 8.0
 """Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change."""

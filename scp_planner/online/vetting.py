@@ -9,7 +9,7 @@ would have to be clear of zones that have grown for as long as it takes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -449,13 +449,14 @@ class Vetting:
         return _Ahead(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)
 
     def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:
-        x, y = frame.to_world(position)
-        return math.hypot(now.state.position[0] - x, now.state.position[1] - y) <= self.tracking_error + NOTHING
+        return self._is_near(now, frame.to_world(position))
+
+    def _is_near(self, now: Moment, place: Sequence[float] | Array) -> bool:
+        return math.dist(now.state.position, place) <= self.tracking_error + NOTHING
 
     def is_on(self, now: Moment, trip: Trip) -> bool:
         """Whether the vehicle is where a trip has it."""
-        points, _ = trip.at(now.state.time)
-        return self._is_at(now, trip.frame, points.path.position[0])
+        return self._is_near(now, trip.place_at(now.state.time))
 
 
 @dataclass(frozen=True)

@@ -155,6 +155,13 @@ class Swings:
         return kept
 
 
+def _distinct(values: Array) -> tuple[Array, Index]:
+    """Different values, sorted, and which of them each is."""
+    if len(values) and (values == values[0]).all():  # as in a frame
+        return values[:1], np.zeros(len(values), dtype=np.intp)
+    return np.unique(values, return_inverse=True)
+
+
 def _on_triangles(matrices: Array, rows: Array) -> Array:
     """From the upper triangle of P to that of F P F', for F (..., n, 5): (..., len(rows[0]), 15)."""
     left, right = matrices[..., rows[0], :], matrices[..., rows[1], :]
@@ -191,7 +198,7 @@ class SwingStates(SlotStates):
 
     def predict(self, lag: Array, unit: Array) -> None:
         """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
-        lags, which = np.unique(np.round(lag, _DIGITS), return_inverse=True)
+        lags, which = _distinct(np.round(lag, _DIGITS))
         steps = self.swings.steps(lags)
         moved, triangles = steps.moved, steps.triangles
         some, count = len(lags), len(lag) // max(len(lags), 1)

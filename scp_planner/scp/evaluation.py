@@ -10,7 +10,7 @@ with the minima between samples refined, so that it is a function of the trip an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -166,11 +166,85 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     list of Evaluation
         One for each.
     """
-    zones, count = problem.zones, len(trips)
+    count = len(trips)
     bundle = TripBundle(trips)
     points = bundle.at_each(problem.samples)
+    near_zones = _near_zones(problem, bundle, points, near)
+    sites = bend_sites(problem, bundle, points)
+    gaps = [box_gaps(problem, trip.path) for trip in trips]
+    each = bundle.split_each(points)
+    for trip, its_points in zip(trips, each, strict=True):
+        trip.keep(its_points)
+    optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
+    limits = _limit_violations(problem, bundle, sites, gaps, optional)
+    alone = TripBatch(bundle, points) if count == 1 else None
+    evaluations = []
+    for k, (trip, its_points, its_zones) in enumerate(zip(trips, each, near_zones, strict=True)):
+        evaluations.append(
+            Evaluation(
+                trip,
+                its_points,
+                its_zones.clearance,
+                its_zones.minima,
+                its_zones.minima_zone,
+                its_zones.minima_contacts,
+                sites[k],
+                its_zones.violation,
+                gaps[k],
+                limits[k],
+                optional[k],
+                0.0 if problem.given is None else problem.given.worst(trip),
+                alone,
+            )
+        )
+    return evaluations
+
+
+def evaluate_among(problem: Problem, evaluation: Evaluation, near: float) -> Evaluation:
+    """Evaluate a trip that has been evaluated in a problem that differs from this one in its zones alone.
+
+    Parameters
+    ----------
+    problem : Problem
+    evaluation : Evaluation
+        In the other problem.
+    near : float
+        Clearances below this are looked at closely, m.
+
+    Returns
+    -------
+    Evaluation
+        What `evaluate_trip` would return.
+    """
+    bundle = TripBundle([evaluation.trajectory])
+    (found,) = _near_zones(problem, bundle, evaluation.points, near)
+    return replace(
+        evaluation,
+        clearance=found.clearance,
+        minima=found.minima,
+        minima_zone=found.minima_zone,
+        minima_contacts=found.minima_contacts,
+        zone_violation=found.violation,
+        batch=TripBatch(bundle, evaluation.points),
+    )
+
+
+@dataclass(frozen=True)
+class _NearZones:
+    """What an evaluation says of zones: see there."""
+
+    clearance: Array
+    minima: TripPoints
+    minima_zone: Index
+    minima_contacts: ZoneContacts
+    violation: Array
+
+
+def _near_zones(problem: Problem, bundle: TripBundle, points: TripPoints, near: float) -> list[_NearZones]:
+    """How trips come near to zones, one for each, given their points at the problem's samples."""
+    zones = problem.zones
     clearance = zones.distances(points.time, points.path.position, near)
-    clearance = clearance.reshape(count, len(problem.samples.sigma), zones.size)
+    clearance = clearance.reshape(bundle.count, len(problem.samples.sigma), zones.size)
     equidistant = clearance[:, : problem.grid]
     owner, sample, zone = local_minima(equidistant, near)
     if zones.whole is not None:
@@ -183,36 +257,13 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     minima = bundle.at(owner, sigma)
     contacts = zones.contacts(zone, minima.time, minima.path.position)
     violation = _entries(clearance, owner, zone, contacts, zones.whole)
-    sites = bend_sites(problem, bundle, points)
-    gaps = [box_gaps(problem, trip.path) for trip in trips]
-    each = bundle.split_each(points)
-    for trip, its_points in zip(trips, each, strict=True):
-        trip.keep(its_points)
-    optional = [tuple(limit.excess(trip) for limit in problem.optional) for trip in trips]
-    limits = _limit_violations(problem, bundle, sites, gaps, optional)
     bounds = bundle.bounds(owner)
-    alone = TripBatch(bundle, points) if count == 1 else None
-    evaluations = []
-    for k, (trip, its_points, its_minima) in enumerate(zip(trips, each, bundle.split(minima, owner), strict=True)):
+    found = []
+    for k, its_minima in enumerate(bundle.split(minima, owner)):
         mine = slice(bounds[k], bounds[k + 1])
-        evaluations.append(
-            Evaluation(
-                trip,
-                its_points,
-                clearance[k],
-                its_minima,
-                zone[mine],
-                contacts if count == 1 else contacts.take(mine),
-                sites[k],
-                violation[k],
-                gaps[k],
-                limits[k],
-                optional[k],
-                0.0 if problem.given is None else problem.given.worst(trip),
-                alone,
-            )
-        )
-    return evaluations
+        its_contacts = contacts if bundle.count == 1 else contacts.take(mine)
+        found.append(_NearZones(clearance[k], its_minima, zone[mine], its_contacts, violation[k]))
+    return found
 
 
 def _entries(clearance: Array, owner: Index, zone: Index, contacts: ZoneContacts, whole: Index | None) -> Array:

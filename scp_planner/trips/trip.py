@@ -88,6 +88,15 @@ class Trip:
         frame = PlanningFrame(units.world(self.frame.origin), self.frame.heading, units.absolute(self.frame.time))
         return Trip(frame, self.trajectory.in_units(units.length, units.time))
 
+    def place_at(self, time: float) -> tuple[float, float]:
+        """Where the vehicle is at an absolute time, s, clamped to the trip: (x, y) in the world, m."""
+        trajectory = self.trajectory
+        sigma = min(max((time - self.frame.time) / trajectory.travel_time, 0.0), 1.0)
+        distance = trajectory.drive_at(np.array([sigma])).distance
+        points = trajectory.path.points(trajectory.path.exact.parameter_at(distance))
+        ((x, y),) = self.frame.to_world(points.position).tolist()
+        return x, y
+
     def at(self, t: ArrayLike) -> tuple[TripPoints, tuple[int, ...]]:
         """Return the trip at absolute times, clamped to the trip, and the shape of ``t``."""
         times = np.asarray(t, dtype=float)

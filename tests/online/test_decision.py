@@ -11,6 +11,10 @@ from scenes import disc, scene
 from scp_planner.online import decision
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
+from scp_planner.problem.build import build_problem
+from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
@@ -58,3 +62,13 @@ def test_no_room_is_kept_from_who_is_known_exactly(monkeypatch: pytest.MonkeyPat
     price = decision.ROOM_PRICE
     (hurried, near), (plan, away) = (driven(disc("a", PLACE), each, monkeypatch) for each in (-1.0, price))
     assert away == near and plan.arrival_time == hurried.arrival_time
+
+
+def test_no_room_is_looked_for_on_a_trip_that_does_not_keep_clear() -> None:
+    scenario = scene(disc("a", PLACE), start={"speed": 3.0})
+    problem = build_problem(scenario, zones(scenario), Settings())
+    space = problem.space
+    through = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
+    aside = np.full(space.path_size, 2.0)
+    assert not decision._keeps_clear(problem, through)
+    assert decision._keeps_clear(problem, Trajectory.of(space, aside, np.zeros(space.acceleration_size)))

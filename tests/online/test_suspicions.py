@@ -13,6 +13,7 @@ from scp_planner.online import sensor_frames
 from scp_planner.online.mixtures import Mixture
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.suspicions import (
+    LOOKED_AT,
     ONSETS,
     SPEAKS,
     Changes,
@@ -196,3 +197,9 @@ def test_an_alarm_among_the_first_looks_leaves_zones(count: int) -> None:
     (zone,) = tracks.zones(STEP * count)
     assert tracks.tracks["a"].alarmed
     assert zone.center(STEP * count) == pytest.approx((0.1 * count, 0.0), abs=3.0 * NOISE)
+
+
+def test_what_is_not_looked_at_could_not_speak_for_a_change() -> None:
+    told = np.geomspace(1e-3, 1e6, 2000)  # what looks tell of a change, beside what was known of it
+    least = 2.0 * (SPEAKS + np.log1p(told)) * (1.0 + told) / told
+    assert LOOKED_AT < 0.8 * least.min()

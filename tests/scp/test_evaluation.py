@@ -8,7 +8,7 @@ from scenes import disc, scene
 from slopes import problem_and_trip
 
 from scp_planner.problem.build import build_problem
-from scp_planner.scp.evaluation import evaluate_trip
+from scp_planner.scp.evaluation import evaluate_among, evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.merit import Limit, Penalties
 from scp_planner.settings.planning import Settings
@@ -55,6 +55,20 @@ def test_zones_smaller_than_the_way_between_samples_are_entered_as_deep_as_they_
     # Both drive straight on: seen from the crosser, the vehicle passes by on a line. Zones are rounded a little.
     missed = np.abs(early) * speeds * 3.0 / np.hypot(speeds, 3.0)
     assert found == pytest.approx(problem.zones.radius - missed, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_trip_among_other_zones_is_evaluated_as_if_for_the_first_time(seed: int) -> None:
+    problem, trip = problem_and_trip(1, seed=seed)
+    larger = problem.among(problem.zones.inflated(np.linspace(0.1, 0.6, problem.zones.size)))
+    expected, before = evaluate_trip(larger, trip, 1.0), evaluate_trip(problem, trip, 1.0)
+    found = evaluate_among(larger, before, 1.0)
+    assert before.zone_violation.sum() < expected.zone_violation.sum()
+    for name in ("clearance", "minima_zone", "zone_violation", "limit_violation", "box_gaps"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+    assert np.array_equal(found.minima.distance, expected.minima.distance)
+    assert np.array_equal(found.minima_contacts.distance, expected.minima_contacts.distance)
+    assert found.worst_violation == expected.worst_violation
 
 
 def test_walls_that_overlap_are_entered_once() -> None:
