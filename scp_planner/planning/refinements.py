@@ -113,7 +113,12 @@ def refined(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
     """Go on from the best trip with better guides and finer splines, while that makes it much faster or certified."""
     done = runs.task.tally.iterations
     found = Found(runs, best, done + max(WORK * done, LEAST_WORK))
-    return with_finer_spans(with_finer_paths(over_better_guides(found))).best
+    found, much = with_finer_paths(over_better_guides(found), 1)
+    # Paths with ever more spans would swerve for what a drive with too few of them loses: first as many as it takes.
+    found = with_finer_spans(found)
+    if much:
+        found, _ = with_finer_paths(found, FINER_PATHS - 1)
+    return found.best
 
 
 def over_better_guides(found: Found) -> Found:
@@ -133,9 +138,14 @@ def over_better_guides(found: Found) -> Found:
     return found
 
 
-def with_finer_paths(found: Found) -> Found:
-    """Where the path bends within its spans, or fails by little, take shorter ones while that gains much."""
-    for _ in range(FINER_PATHS):
+def with_finer_paths(found: Found, most: int = FINER_PATHS) -> tuple[Found, bool]:
+    """Where the path bends within its spans, or fails by little, take shorter ones while that gains much.
+
+    At most so many times; tells as well whether it gained much to the last.
+    """
+    much = False
+    for _ in range(most):
+        much = False
         task, space = found.runs.task, found.best.trajectory.space
         spans = 2 * len(space.path.widths)
         if spans > MOST_PATH_SPANS or found.exhausted or found.hopeless or not _may_gain_by_spans(found):
@@ -152,7 +162,7 @@ def with_finer_paths(found: Found) -> Found:
         found, much = found.after(again, attempt, WORTH_FINER_PATHS)
         if not much:
             break
-    return found
+    return found, much
 
 
 def _may_gain_by_spans(found: Found) -> bool:

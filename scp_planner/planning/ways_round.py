@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 OFF = 0.5  # largest violation of a run over another guide, after which a patient one is tried
 TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
-ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate
+ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate, where none did by more
 FAR_FROM_BOUND = 1.1  # times the lower bound: trips above that are compared with bows
 FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
 FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
@@ -38,12 +38,14 @@ FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk
 class Branch:
     """Starts, given how smooth, with the estimate of their travel time, and what the trip from one touched.
 
-    Exhausted: a run from the start closest to the way has ended for another reason than that there may be other ways.
+    Missed: by how much that trip was faster than the estimate, s, where that is one to go by. Exhausted: a run from the
+    start closest to the way has ended for another reason than that there may be other ways.
     """
 
     estimate: float
     start: Callable[[float], Trajectory]
     touched: tuple[tuple[int, int], ...] = ()
+    missed: float = 0.0
     exhausted: bool = False
 
 
@@ -130,6 +132,8 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
                 attempt = again if again.better_than(attempt) else attempt
         if not self.out_of_time:
             start.touched = _touched(self.problem, attempt.run)
+        if attempt.holds or _hardly_infeasible(attempt):
+            start.missed = start.estimate - attempt.travel_time
         if attempt.travel_time < self._known < np.inf and not attempt.run.feasible:
             self._near = attempt if self._near is None or attempt.wrongs < self._near.wrongs else self._near
         if not (attempt.run.feasible or self.certified or attempt.holds):
@@ -178,10 +182,10 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """How many ways of one grid are tried at most."""
         return max(1, round(self.settings.max_runs * self.settings.effort))
 
-    def _within(self, search: WaySearch) -> float:
-        """Estimates above this, s, are of ways that hardly lead to a faster trip."""
+    def _within(self, search: WaySearch, missed: float) -> float:
+        """Estimates above this, s, are of ways that hardly lead to a faster trip, as one missed by so much, s."""
         error = ESTIMATE_ERROR * search.grid.delay_step * (1.0 + log2(max(self.settings.effort, 1.0)))
-        return self._cutoff(self.incumbent if self.certified else None) + error
+        return self._cutoff(self.incumbent if self.certified else None) + max(error, missed)
 
     def _branches(self) -> Iterator[Branch]:
         """Ways round with starts for the loop."""
@@ -211,18 +215,19 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
 
     def _branches_on(self, search: WaySearch) -> Iterator[Branch]:
         """Ways round on one grid."""
-        effort, timed = self.settings.effort, self.tally.timed
+        effort, timed, missed = self.settings.effort, self.tally.timed, 0.0
         with timed("search"):
-            tree = WayTree(search, max(1, round(self.settings.searches * effort)), self._within(search))
+            tree = WayTree(search, max(1, round(self.settings.searches * effort)), self._within(search, missed))
             way = tree.next()
         for left in range(self._most_runs, 0, -1):
-            if way is None or way.travel_time > self._within(search):
+            if way is None or way.travel_time > self._within(search, missed):
                 return
             branch = Branch(way.travel_time, partial(trip_along, self.problem, way))
             yield branch
+            missed = max(missed, branch.missed)
             if left > 1:
                 with timed("search"):
-                    tree.branch(branch.touched, self._within(search))
+                    tree.branch(branch.touched, self._within(search, missed))
                     way = tree.next()
 
 

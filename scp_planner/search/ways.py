@@ -37,7 +37,7 @@ class Way:
     Attributes
     ----------
     travel_time : float
-        Estimate, s.
+        Estimate, s: the last of the times, but for what the guide's bends make longer outside and shorter inside.
     stations, offsets, times : (n,) arrays
         m, m and s.
     sides : tuple of (zone, +1 or -1)
@@ -182,7 +182,7 @@ class WaySearch:
         first, all_delays = float(self.grid.fastest[-1]), DELAYS * self.grid.delay_step
         if within == np.inf:
             return [first + window * all_delays for window in WINDOWS]
-        last = min(within, first + all_delays)
+        last = min(within + self._longest_bends, first + all_delays)
         # Other ways are hardly slower than the fastest
         likely = self._fastest + LIKELY * self.grid.delay_step
         return [likely, last] if likely - first < QUICKER * (last - first) else [last]
@@ -198,9 +198,39 @@ class WaySearch:
         arrival, by_the_grid = float(times[-1]), float(grid.fastest[-1]) + grid.delay_step * delay
         apart = arrival - by_the_grid > LIKELY * grid.delay_step
         self._fastest = min(self._fastest, by_the_grid if apart else arrival)
-        if arrival > within:
+        estimate = arrival + self._in_bends(offsets, legs)
+        if estimate > within:
             return None
-        return Way(arrival, grid.stations, offsets, times, self._sides(offsets, times))
+        return Way(estimate, grid.stations, offsets, times, self._sides(offsets, times))
+
+    @cached_property
+    def _turns(self) -> Array:
+        """By how much the guide turns from one station to the next, (n,) rad."""
+        frame = self.cells.lines.frame
+        if frame is None:
+            return np.zeros(self.grid.columns)
+        before, after = frame.tangent[:-EACH_STATION:EACH_STATION], frame.tangent[EACH_STATION::EACH_STATION]
+        across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        turns: Array = np.arctan2(across, (before * after).sum(axis=-1))
+        return turns
+
+    @cached_property
+    def _longest_bends(self) -> float:
+        """By how much a way may take less than its delays tell, s: inside of all bends, as far as the grid goes."""
+        grid = self.grid
+        return float(np.abs(self._turns).sum() * grid.offsets[-1] / grid.speeds[0])
+
+    def _in_bends(self, offsets: Array, legs: Array) -> float:
+        """By how much legs take longer than along a straight guide, s; negative for those inside of its bends.
+
+        Beside a guide that turns by an angle, at an offset, what is driven along it is less by their product.
+        """
+        if self.cells.lines.frame is None:
+            return 0.0
+        step, aside = self.grid.step, np.diff(offsets)
+        along = np.maximum(step - self._turns * 0.5 * (offsets[1:] + offsets[:-1]), 0.0)
+        longer = np.hypot(along, aside) / np.hypot(step, aside) - 1.0
+        return float((legs * longer).sum())
 
     @cached_property
     def _earliest(self) -> Array:

@@ -50,7 +50,7 @@ def test_a_trip_over_twice_as_many_spans_is_the_very_same_trip(among: Found) -> 
 def test_a_drone_gains_by_shorter_spans_and_tells_beforehand(among: Found) -> None:
     assert among.best.holds
     assert refinements._may_gain_by_spans(among)
-    finer = with_finer_paths(among)
+    finer, _ = with_finer_paths(among)
     assert finer.best.holds
     assert finer.best.travel_time < (1.0 - refinements.NOTABLE) * among.best.travel_time
     assert len(finer.best.trajectory.space.path.widths) >= 2 * len(among.best.trajectory.space.path.widths)
@@ -61,6 +61,23 @@ def test_where_the_bound_is_near_nothing_gets_finer() -> None:
     tried = found.runs.task.tally.iterations
     assert refined(found.runs, found.best) is found.best
     assert found.runs.task.tally.iterations == tried
+
+
+def test_the_drive_gets_its_spans_before_the_path_gets_more_than_twice_as_many(
+    among: Found, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a path with ever more spans swerves for what a drive with too few of them loses."""
+    spans: list[int] = []
+
+    def driven(found: Found) -> Found:
+        spans.append(len(found.best.trajectory.space.path.widths))
+        return found
+
+    monkeypatch.setattr(refinements, "with_finer_spans", driven)
+    before = len(among.best.trajectory.space.path.widths)
+    best = refined(among.runs, among.best)
+    assert spans == [2 * before]
+    assert best.travel_time <= with_finer_paths(among)[0].best.travel_time * (1.0 + 1e-9)
 
 
 def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: Found) -> None:
@@ -75,7 +92,7 @@ def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: F
 def test_work_on_a_better_trip_is_bounded(among: Found) -> None:
     done = replace(among, most=among.runs.task.tally.iterations - 1)
     assert done.exhausted
-    assert with_finer_paths(done) is done
+    assert with_finer_paths(done)[0] is done
 
 
 def test_more_spans_of_the_drive_begin_with_a_trip_that_arrives() -> None:

@@ -55,6 +55,32 @@ def test_estimates_are_near_what_the_loop_makes_of_ways() -> None:
     assert way.travel_time == pytest.approx(result.travel_time, rel=0.02)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_estimates_know_the_inside_of_a_bend_from_the_outside(side: float) -> None:
+    """At top speed all the way it takes the length of the line through the way's places in the plane."""
+    in_the_way = disc("at the bend", (10.0, 0.5 + side), radius=1.5)
+    bent = scene(
+        in_the_way,
+        start={"speed": 3.0, "heading": None},
+        goal={"position": [10.0, 12.0]},
+        guide=[[0.0, 0.0], [10.0, 0.0], [10.0, 12.0]],
+        vehicle={"max_lateral_acceleration": None},
+    )
+    problem = problem_of(bent)
+    way = WaySearch(problem).best()
+    assert way is not None
+    fine = np.linspace(0.0, problem.space.length, 4001)
+    frame = problem.space.guide.frame(fine)
+    places = frame.position + np.interp(fine, way.stations, way.offsets)[:, None] * frame.normal
+    driven = float(np.hypot(*np.diff(places, axis=0).T).sum())
+    assert way.travel_time == pytest.approx(driven / 3.0, rel=3e-3)
+    by_the_clock = float(way.times[-1])
+    assert abs(by_the_clock - driven / 3.0) > 0.02 * by_the_clock
+    slower = WaySearch(problem).best((), 1.001 * way.travel_time)
+    assert slower is not None and slower.travel_time == way.travel_time
+    assert WaySearch(problem).best((), 0.9 * way.travel_time) is None
+
+
 def test_closed_sides_are_not_passed() -> None:
     problem = problem_of(scene(*CROSSERS))
     search = WaySearch(problem)

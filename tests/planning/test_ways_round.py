@@ -1,0 +1,49 @@
+"""Which ways round are tried."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import disc, scene
+
+from scp_planner import zones
+from scp_planner.planning import ways_round
+from scp_planner.planning.runs import CheckedRuns, ScpAttempt, Task
+from scp_planner.planning.ways_round import Branch, WaysRound
+from scp_planner.settings.planning import Settings
+
+STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.8), disc("last", (14.0, 0.3)))
+
+
+class Watched(WaysRound):
+    """Keeps what was tried, and may forget by how much estimates missed."""
+
+    def __init__(self, forgets: bool = False) -> None:
+        super().__init__(CheckedRuns(Task(STANDING, zones(STANDING), Settings(), np.inf)))
+        self.forgets = forgets
+        self.branches: list[Branch] = []
+        self.attempts: list[ScpAttempt] = []
+
+    def tried(self, start: Branch) -> ScpAttempt:
+        attempt = super().tried(start)
+        self.branches.append(start)
+        self.attempts.append(attempt)
+        if self.forgets:
+            start.missed = 0.0
+        return attempt
+
+
+def test_a_way_may_turn_out_better_than_its_estimate_by_as_much_as_another_did(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ways_round, "ESTIMATE_ERROR", 0.0)
+    search, forgetful = Watched(), Watched(forgets=True)
+    best, without = search.best(), forgetful.best()
+    assert len(search.branches) > len(forgetful.branches)
+    assert best.holds and without.holds
+    assert best.travel_time < without.travel_time
+    first, attempt = search.branches[0], search.attempts[0]
+    assert attempt.holds
+    assert first.missed == first.estimate - attempt.travel_time > 0.0
+    # The second one is estimated to be slower than what the first led to, and is not.
+    assert attempt.travel_time < search.branches[1].estimate <= attempt.travel_time + first.missed
