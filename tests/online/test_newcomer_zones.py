@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scp_planner.estimation.least_squares import MotionPrior
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online import newcomer_zones, obstacle_tracks
 from scp_planner.online.obstacle_tracks import ObstacleTracks
@@ -81,7 +82,7 @@ def test_motions_that_are_not_determined_are_left_to_others() -> None:
     tracks = crowd(2, "joint", 6)
     some = list(tracks.tracks.values())
     noise = np.array([track.known_noise for track in some])
-    vague = newcomer_zones.MotionPrior(velocity_deviation=1.0)
+    vague = MotionPrior(velocity_deviation=1.0)
     enough = [len(track.times) >= 2 for track in some]
     primed = newcomer_zones.Primed.of(tracks._roots(some), noise, vague)
     assert primed.some.tolist() == np.flatnonzero(enough).tolist()
