@@ -24,6 +24,7 @@ WALLS = "walls"  # and that of the walls of a scenario
 WALL = 3.0  # units of length, least thickness
 FLAT = 1e-9  # relative to the extent: thinner pieces are none
 SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, and an edge between them has no direction
+MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
 Polygon = Sequence[planar.Point]
@@ -51,9 +52,9 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     same = SAME * max(right - left, high - low)
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
     boxes = np.array([pieces[0].box])
-    for ring in rings:
-        apart, new = np.ones(len(pieces), dtype=bool), []
-        for k in np.flatnonzero(_meet(boxes, _Piece.of(ring).box)).tolist():
+    for polygon in rings:
+        apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, math.sqrt(flat))
+        for k in np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist():
             parts = _beyond(pieces[k].polygon, ring, flat, len(pieces))
             if parts is not None:
                 apart[k] = False
@@ -121,10 +122,13 @@ def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -
     return covered < 1.0 - FLAT
 
 
-def _beyond(piece: Polygon, ring: Polygon, flat: float, count: int) -> list[Polygon] | None:
+def _beyond(piece: Polygon, ring: _Ring, flat: float, count: int) -> list[Polygon] | None:
     """The parts of a convex polygon that lie beyond each edge of another; None if they do not overlap."""
+    cut = ring.cut_by(piece)
+    if cut is None:
+        return None
     left, parts = piece, []
-    for a, b in planar.edges(ring):
+    for a, b in cut:
         part = _clipped(left if count > MOST_PIECES else piece, b, a)
         if len(part) >= 3 and planar.area(part) > flat:
             parts.append(part)
@@ -132,6 +136,32 @@ def _beyond(piece: Polygon, ring: Polygon, flat: float, count: int) -> list[Poly
         if len(left) < 3 or planar.area(left) <= flat:
             return None
     return parts
+
+
+class _Ring:
+    """A convex polygon, anticlockwise, that cuts others.
+
+    Parameters
+    ----------
+    polygon : polygon
+    near : float
+        m; what is farther from a line is on its side, whatever the rounding.
+    """
+
+    def __init__(self, polygon: Polygon, near: float) -> None:
+        self.edges = planar.edges(polygon)
+        ends = np.array(self.edges)
+        along = ends[:, 1] - ends[:, 0]
+        self._normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+        self._offsets = np.einsum("ki,ki->k", self._normals, ends[:, 0])
+        self._near = near
+
+    def cut_by(self, piece: Polygon) -> list[tuple[planar.Point, planar.Point]] | None:
+        """The edges that a convex polygon is not clearly on the inner side of; None if it is beyond one of them."""
+        sides = self._normals @ np.array(piece).T - self._offsets[:, None]
+        if np.any(sides.max(axis=1) < -self._near):
+            return None
+        return [self.edges[k] for k in np.flatnonzero(sides.min(axis=1) <= self._near).tolist()]
 
 
 def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
@@ -181,15 +211,6 @@ class _Piece:
         xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
         return cls(polygon, planar.area(polygon), min(xs), max(xs), min(ys), max(ys))
 
-    def lies_in(self, other: _Piece, flat: float) -> bool:
-        """Whether the polygon does not reach out of another one, but by rounding."""
-        near = math.sqrt(flat)
-        if self.left < other.left - near or self.right > other.right + near:
-            return False
-        if self.low < other.low - near or self.high > other.high + near:
-            return False
-        return _lies_in(self.polygon, other.polygon, flat)
-
 
 def _meet(boxes: Array, box: tuple[float, ...]) -> Mask:
     """Which of some boxes have a point in common with another one."""
@@ -204,10 +225,14 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float)
     """
     kept: list[_Piece] = []
     near = math.sqrt(flat)
+    # Boxes first, of all at once: most pieces are elsewhere.
+    kept_boxes = np.empty((len(new), 4))
     for piece in sorted(new, key=lambda one: one.area, reverse=True):
-        # Boxes first, of all at once: most pieces are elsewhere.
-        around = np.flatnonzero((np.array(piece.box) - boxes <= near).all(axis=1)).tolist()
-        if not any(piece.lies_in(other, flat) for other in (*kept, *(pieces[k] for k in around))):
+        box = np.array(piece.box)
+        others = [kept[k] for k in np.flatnonzero((box - kept_boxes[: len(kept)] <= near).all(axis=1)).tolist()]
+        others += [pieces[k] for k in np.flatnonzero((box - boxes <= near).all(axis=1)).tolist()]
+        if not any(_lies_in(piece.polygon, other.polygon, flat) for other in others):
+            kept_boxes[len(kept)] = box
             kept.append(piece)
     return kept
 

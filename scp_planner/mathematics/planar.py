@@ -6,7 +6,7 @@ Points are pairs of floats in metres.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 Point = tuple[float, float]
@@ -39,19 +39,38 @@ def centroid(polygon: Sequence[Point]) -> Point:
 
 
 def first_crossing(polygon: Sequence[Point]) -> tuple[int, int] | None:
-    """Find two edges that touch but are no neighbours, or that fold back; edge i leaves vertex i."""
+    """Find two edges that touch but are no neighbours, or that fold back; edge i leaves vertex i.
+
+    Of several such pairs the first one. Only edges whose boxes overlap are compared, so the work hardly grows faster
+    than the number of vertices.
+    """
     sides = edges(polygon)
     count = len(sides)
-    for i, (a, b) in enumerate(sides):
-        for j in range(i + 1, count):
-            c, d = sides[j]
-            if j == i + 1 or (i == 0 and j == count - 1):
-                shared, before, after = (b, a, d) if j == i + 1 else (a, b, c)
-                if _turn(before, shared, after) == 0 and _dot(shared, before, after) > 0:
-                    return i, j
-            elif _touch(a, b, c, d):
-                return i, j
-    return None
+    found: list[tuple[int, int]] = []
+    for j, (shared, after) in enumerate(sides):
+        before = sides[j - 1][0]
+        first, last = (before, after) if j else (after, before)
+        if _turn(first, shared, last) == 0 and _dot(shared, first, last) > 0:
+            found.append((j - 1, j) if j else (0, count - 1))
+    for i, j in _near(sides):
+        if j - i not in (1, count - 1) and _touch(*sides[i], *sides[j]):
+            found.append((i, j))
+    return min(found, default=None)
+
+
+def _near(segments: Sequence[tuple[Point, Point]]) -> Iterator[tuple[int, int]]:
+    """Yield the pairs i < j of segments whose boxes along the axes overlap."""
+    boxes = []
+    for number, ((ax, ay), (bx, by)) in enumerate(segments):
+        boxes.append((min(ax, bx), max(ax, bx), min(ay, by), max(ay, by), number))
+    boxes.sort()
+    for place, (_, right, low, high, i) in enumerate(boxes):
+        for k in range(place + 1, len(boxes)):
+            left, _, lower, upper, j = boxes[k]
+            if left > right:
+                break
+            if lower <= high and low <= upper:
+                yield (i, j) if i < j else (j, i)
 
 
 def distance_to_polygon(point: Point, polygon: Sequence[Point]) -> float:

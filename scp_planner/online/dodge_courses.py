@@ -280,6 +280,10 @@ class Courses:
         turn = np.concatenate([TURNS, -TURNS[1:-1]])
         return cls(np.full(len(turn), heading), turn, bend)
 
+    def every(self, stride: int) -> Courses:
+        """Every so manieth of them, from the first one on."""
+        return Courses(self.base[::stride], self.turn[::stride], self.bend)
+
     @cached_property
     def _turning(self) -> Array:
         """Points of turns of length 1, (K, TABLE, 2) m, in the direction in which they begin."""

@@ -7,6 +7,7 @@ is tried first, never what is safe: that is up to the certificate.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -38,6 +39,10 @@ PATH_PIECES = (4, 8, 16)
 """Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn."""
 EXACT_WITHIN = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
+TOGETHER = 60_000
+"""Samples of dodges, times zones, whose distances are computed together."""
+HURRIED = 1_000_000
+"""Samples of dodges, times zones, that are looked at where there is no time left."""
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
 _PATH_DEGREE = 3
@@ -124,6 +129,10 @@ class Family:
     def size(self) -> int:
         """How many dodges there are."""
         return self.length.size
+
+    def every(self, stride: int) -> Family:
+        """The same with every so manieth course, from the first one on."""
+        return Family(self.courses.every(stride), self.profiles, self.lead[::stride], self.length[::stride])
 
     def driven(self, times: Array) -> tuple[Array, Array]:
         """Places (K P, J, 2) m and headings (K P, J) rad at times (J,) s from now."""
@@ -252,10 +261,25 @@ class Dodges:
         else:
             ways = (heading, heading + np.pi) if both_ways else (heading,)
             families = tuple(Family.of(Courses.turning(each, bend), profiles, limits, radius, 0.0) for each in ways)
-        times = np.linspace(0.0, float((profiles.stands + wait).max()), TIMES_LOOKED_AT)
+        return cls.sampled(families, wait, np.linspace(0.0, float((profiles.stands + wait).max()), TIMES_LOOKED_AT))
+
+    @classmethod
+    def sampled(cls, families: tuple[Family, ...], wait: float, times: Array) -> Dodges:
+        """Return all dodges of families at times (J,), s from now."""
         driven = [family.driven(times) for family in families]
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
         return cls(families, wait, times, position, headings)
+
+    def hurried(self, zones: int) -> Dodges:
+        """So few of them that a look at so many zones takes next to no time, where there are too many.
+
+        Their directions are as far apart as before, in proportion, and each has all speeds; at least one is left.
+        """
+        most = max(HURRIED // max(zones * len(self.times), 1), 1)
+        stride = math.ceil(len(self.position) / most)
+        if stride == 1:
+            return self
+        return Dodges.sampled(tuple(family.every(stride) for family in self.families), self.wait, self.times)
 
     @cached_property
     def until(self) -> Array:
@@ -309,11 +333,21 @@ class Dodges:
     def _from_rounds(self, batch: ZoneBatch, place: Array) -> Array:
         """Distances to zones without outlines, (L, C, J) m, in the direction of their centres: never too large.
 
-        Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow.
+        Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow; and so would be those over
+        thousands, whose intermediate results leave the processor's cache.
         """
+        distance = np.empty((batch.size, *place.shape[:-1]))
+        together = max(TOGETHER // place[..., 0].size, 1)
+        for first in range(0, batch.size, together):
+            some = np.arange(first, min(first + together, batch.size))
+            self._put_distances(batch.subset(some) if len(some) < batch.size else batch, place, distance[some[0] :])
+        return distance
+
+    def _put_distances(self, batch: ZoneBatch, place: Array, out: Array) -> None:
+        """Put the distances to some zones, (l, C, J) m, at the beginning of an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
         offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
-        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2)
+        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out[: batch.size])
         distance -= batch.radius[:, None, None]
         if batch.covariances is not None:
             offset = offset[:, batch.uncertain] if len(batch.uncertain) < batch.size else offset
@@ -322,7 +356,6 @@ class Dodges:
                 some = slice(first, first + family.size)
                 distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times)
                 first += family.size
-        return distance
 
     def _within_reach(self, batch: ZoneBatch, longest: float) -> Index:
         """The zones that any dodge may come near to."""

@@ -291,6 +291,8 @@ class Evasion:
         """What is seen in a moment, which is looked at once."""
         if self._view is None or self._view.moment is not now.moment:
             dodges, begun = self._dodges(now.moment), self._begun(now)
+            if now.late:
+                dodges = dodges.hurried(now.moment.batch.size)
             going_on = None if begun is None else self._look_on(now.moment, begun, dodges.times)
             self._view = _SeenDodges(now.moment, dodges, self._look(now.moment, dodges), begun, going_on)
             now.lap("evasion")

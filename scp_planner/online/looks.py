@@ -16,6 +16,7 @@ from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
+from scp_planner.search.grid import Fineness
 from scp_planner.trips.trip import Trip
 
 VIOLATION_COST = 5.0
@@ -36,6 +37,10 @@ FEWEST_LOOK_STEPS = 2
 """Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way."""
 SPARED = 1
 """Steps fewer of a look are taken in a replan while there is a plan to drive."""
+GRIDS = (Fineness(), Fineness(stations=0.45), Fineness(stations=0.225))
+"""Of the search for ways; from one that was cut off, the next look goes on to the next..."""
+IN_GOOD_TIME = 1.0 / 3.0
+"""...and back to a finer one after a search that has found a way in less than this share of the time that it had."""
 HOPELESS = 0.05
 """Relative excess over a limit, or units of length outside of the workspace, from which on no way is begun."""
 
@@ -56,6 +61,8 @@ class Look:
         What has come of the one that is being tried...
     steps : int
         ...after so many steps of the loop.
+    begun : bool
+        Whether a start has been asked for.
     """
 
     runs: int
@@ -63,11 +70,12 @@ class Look:
     starts: Iterator[Trip] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
     steps: int = 0
+    begun: bool = False
 
     def begin_next(self) -> bool:
         """Go on to the next start, if there is one."""
         self.trip = next(self.starts, None) if self.runs > 0 else None
-        self.runs, self.steps = self.runs - 1, 0
+        self.runs, self.steps, self.begun = self.runs - 1, 0, True
         return self.trip is not None
 
 
@@ -84,6 +92,8 @@ class Looks:
         self._look_time = FIRST_LOOK_TIME
         self._look: Look | None = None
         self._looked = 0
+        self._deadline = math.inf  # of the replan that is under way
+        self._grid = 0  # which of `GRIDS` the next search is on
 
     def is_due(self, now: Replan, best: Vetted | None) -> bool:
         """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
@@ -92,7 +102,7 @@ class Looks:
         every = self._means.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
         if best is not None and self._look is None and now.cycle - self._looked < every:
             return False
-        # The search for ways cannot be broken off.
+        # A search for ways that is broken off has found nothing.
         in_time = perf_counter() + self._look_time < now.deadline
         if not in_time:
             self._look_time *= LOOK_TIME_DECAY
@@ -101,14 +111,14 @@ class Looks:
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
         began, problem, first = perf_counter(), loop.problem, now.last is None
-        cutoff = math.inf
+        cutoff, self._deadline = math.inf, now.deadline
         if best is not None:
             tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
             cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOK_RUNS
             self._look = look = Look(runs, cutoff)
-            look.starts = self._means.starts(problem, lambda: look.cutoff)
+            look.starts = self._means.starts(problem, lambda: look.cutoff, lambda: self._deadline, GRIDS[self._grid])
         self._looked = now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
@@ -163,8 +173,13 @@ class Looks:
 
     def _begins(self, now: Replan, look: Look) -> bool:
         """Turn to the next way; whether to go on with it at once: the search is work enough for most replans."""
+        began, any_way = perf_counter(), look.begun
         more = look.begin_next()
         now.lap("search")
+        if now.late:
+            self._grid = min(self._grid + 1, len(GRIDS) - 1)
+        elif not any_way and now.clock - began < IN_GOOD_TIME * (now.deadline - began):
+            self._grid = max(self._grid - 1, 0)
         if not more:
             self._look = None
         return more and now.last is None

@@ -197,7 +197,7 @@ def lengths_of(mixtures: Mixture) -> Array:
         axis=1,
     )
     rate = np.stack([p[:, 1, :, 1], 2.0 * even(p[:, 1, :, 2]) + swerve, p[:, 2, :, 2], jerk / 3.0], axis=1)
-    return _lengths_of_mixtures(mixtures.errors, cross, rate)
+    return lengths_of_polynomials(mixtures.errors, cross, rate)
 
 
 def times_linear(
@@ -299,11 +299,12 @@ def _padded(values: Array, width: int) -> Array:
     return padded
 
 
-def _lengths_of_mixtures(error: Array, cross: Array, rate: Array) -> Array:
+def lengths_of_polynomials(error: Array, cross: Array, rate: Array) -> Array:
     """Standardised lengths over `HORIZON` of K motions, (K,).
 
-    From the covariances of the error (K, 6, 2, 2), of it with its rate (K, 5, 2, 2), and of its rate (K, 4, 2, 2),
-    polynomials of time. Errors turn in the time in which the velocity blurs the position, then ever more slowly.
+    From the covariances of the error (K, P, 2, 2), of it with its rate (K, Q, 2, 2), and of its rate (K, R, 2, 2),
+    polynomials of time of at most six terms. Errors turn in the time in which the velocity blurs the position, then
+    ever more slowly.
     """
     nodes, weights = _quadrature()
     scale = np.sqrt(np.trace(error[:, 0], axis1=1, axis2=2) / np.trace(rate[:, 0], axis1=1, axis2=2))

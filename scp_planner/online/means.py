@@ -24,6 +24,7 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
+from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import WaySearch, ways
 from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import SceneSettings
@@ -75,6 +76,11 @@ class Replan:
     cycle: int
     timings: dict[str, float] = field(default_factory=dict)
     clock: float = 0.0
+
+    @property
+    def late(self) -> bool:
+        """Whether the deadline has passed."""
+        return perf_counter() > self.deadline
 
     def lap(self, stage: str) -> None:
         """Count the time since the last lap to a stage."""
@@ -186,16 +192,20 @@ class Means:
         now.lap("certificate")
         return vetted
 
-    def starts(self, problem: Problem, cutoff: Callable[[], float]) -> Iterator[Trip]:
+    def starts(
+        self, problem: Problem, cutoff: Callable[[], float], deadline: Callable[[], float], fineness: Fineness
+    ) -> Iterator[Trip]:
         """Give trips along the ways to the goal that may be faster than a cutoff, s, as it is when each is asked for.
 
-        Bows where there is none.
+        Bows where there is none. The search ends at a deadline, on the computer's clock, as it is when each is asked
+        for; what it has not found by then is not there.
         """
         any_way = False
-        search = WaySearch(problem)
+        search = WaySearch(problem, fineness=fineness, deadline=deadline())
         for way in ways(search, self.settings.searches, lambda: cutoff() + LOOK_GAIN_TIME):
             any_way = True
             yield Trip(problem.frame, trip_along(problem, way))
+            search.go_on_until(deadline())
         if not any_way and not math.isfinite(cutoff()):
             for bow in bows(problem):
                 yield Trip(problem.frame, bow)

@@ -29,6 +29,7 @@ from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Level, zones_together
 from scp_planner.online.mixtures import FilterModels
+from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
@@ -40,6 +41,7 @@ from scp_planner.online.track import (
     ProcessTrack,
     Seen,
     TrackEstimator,
+    prior_of,
 )
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Confidence, Model, Observations, Obstacle, Prior
@@ -275,7 +277,7 @@ class ObstacleTracks:
         estimated = sum(track.uncertain for track in tracks)
         level = Level(self.confidence, estimated)
         headings = self._bounds_headings(tracks)
-        made = self._together(tracks, start, level, headings)
+        made = self._together(tracks, start, level, headings) | self._of_newcomers(tracks, start, level, headings)
         alone = (track for track in tracks if track.fixed is None and track.id not in made)
         estimates = {track.id: self._estimate(track) for track in alone}
         foretell(estimates.values(), start, HORIZON)
@@ -325,6 +327,22 @@ class ObstacleTracks:
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
             for track, zone in zip(some, Alarmed(some, self._banks[order], deviation).zones(start, level), strict=True):
                 track.zone = made[track.id] = zone
+        return made
+
+    def _of_newcomers(
+        self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
+    ) -> dict[str, ThreatZone]:
+        """Zones of those newcomers that can be made together."""
+        groups: dict[int, list[ObstacleTrack]] = {}
+        for track in tracks:
+            observed = track.fixed is None and track.estimator is not None and not track.alarmed
+            turns = headings and track.body.turning is not None
+            # of order 0 no prior tells anything
+            if observed and track.simple and not (track.settled or turns) and track.model.order > 0:
+                groups.setdefault(track.model.order, []).append(track)
+        made: dict[str, ThreatZone] = {}
+        for order, some in sorted(groups.items()):
+            made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)
         return made
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:

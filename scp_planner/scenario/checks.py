@@ -189,8 +189,13 @@ def guide_moves_on(scenario: Any) -> Iterator[Objection]:
 
 
 def corridor_is_of_convex_polygons(scenario: Any) -> Iterator[Objection]:
-    """Each polygon of the corridor is simple and convex."""
-    yield from _not_convex("corridor", scenario.corridor or ())
+    """Each polygon of the corridor is simple and convex, and has not too many corners for what lies outside."""
+    polygons = scenario.corridor or ()
+    yield from _not_convex("corridor", polygons)
+    for i, polygon in enumerate(polygons):
+        if len(polygon) > corridor.MOST_CORNERS:
+            text = f"must have at most {corridor.MOST_CORNERS} corners, not {len(polygon)}: leave some of them out"
+            yield Objection(("corridor", i), polygon, text)
 
 
 def _not_convex(key: str, polygons: Any) -> Iterator[Objection]:
@@ -207,7 +212,7 @@ def _not_convex(key: str, polygons: Any) -> Iterator[Objection]:
 def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Objection]:
     """From a polygon that holds the start one can get to one that holds the goal by those that overlap."""
     polygons = scenario.corridor
-    if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
+    if polygons is None or any(_is_no_cell(polygon) for polygon in polygons):
         return
     start, goal = scenario.start.position, scenario.goal.position
     reached = {i for i, polygon in enumerate(polygons) if planar.distance_to_polygon(start, polygon) == 0.0}
@@ -228,7 +233,7 @@ def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Objection]:
 def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
     """The vehicle's disc at start and goal lies in the corridor; at the goal anywhere within its radius."""
     polygons = scenario.corridor
-    if polygons is None or any(_is_no_convex(polygon) for polygon in polygons):
+    if polygons is None or any(_is_no_cell(polygon) for polygon in polygons):
         return
     walls, radius = corridor.outside(polygons), scenario.vehicle.radius
     for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
@@ -372,8 +377,12 @@ def polygon_is_simple(shape: Any) -> Iterator[Objection]:
     yield from _polygon_faults(shape.polygon)
 
 
-def _is_no_convex(polygon: Any) -> bool:
-    return any(True for _ in _polygon_faults(polygon)) or not planar.is_convex(polygon)
+def _is_no_cell(polygon: Any) -> bool:
+    return (
+        len(polygon) > corridor.MOST_CORNERS
+        or any(True for _ in _polygon_faults(polygon))
+        or not planar.is_convex(polygon)
+    )
 
 
 def _polygon_faults(vertices: Any) -> Iterator[Objection]:

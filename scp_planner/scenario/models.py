@@ -375,8 +375,8 @@ class Scenario(Part):
     bounds: Bounds | None = Field(default=None, description="box that the vehicle's disc stays inside; null: none")
     corridor: Annotated[Row[Polygon], Field(min_length=1)] | None = Field(
         default=None,
-        description="convex polygons [[[x, y], ...], ...] that overlap; the vehicle's disc stays inside their union;"
-        " null: none",
+        description="convex polygons [[[x, y], ...], ...] of at most 100 corners that overlap; the vehicle's disc stays"
+        " inside their union; null: none",
     )
     walls: Row[Polygon] = Field(
         default=(),

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         Vehicle,
     )
     from scp_planner.scenario.motions import Futures, GivenMotion, Motion
-    from scp_planner.scenario.shapes import Shape
+    from scp_planner.scenario.shapes import PolygonShape, Shape
     from scp_planner.scenario.validation import Part
 
 AnyPart = TypeVar("AnyPart", bound="Part")
@@ -136,6 +136,9 @@ class NaturalUnits(Units):
 
     def shape(self, shape: Shape) -> Shape:
         """Return a shape in these units."""
+        if "polygon" in _names(shape):  # it may have thousands of corners: no call for each
+            length, corners = self.length, cast("PolygonShape", shape).polygon
+            return changed(shape, polygon=tuple([(x / length, y / length) for x, y in corners]))
         return changed(shape, **{key: over(getattr(shape, key), self.length) for key in _SHAPE_SIZES & _names(shape)})
 
     def model(self, model: Model) -> Model:
@@ -228,7 +231,10 @@ class NaturalUnits(Units):
     def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None: ...
 
     def _line(self, line: Sequence[Point] | None) -> tuple[Point, ...] | None:
-        return None if line is None else tuple(map(self.place, line))
+        if line is None:
+            return None
+        (x0, y0), length = self.origin, self.length
+        return tuple([((x - x0) / length, (y - y0) / length) for x, y in line])  # no call for each point
 
     def motion(self, motion: GivenMotion) -> GivenMotion:
         """Return what is given of a motion in these units."""
@@ -288,7 +294,7 @@ def _within_reach(scenario: Scenario, trip: float) -> float:
     return sqrt((2.0 * a * d * trip + d * start**2 + a * end**2) / (a + d))
 
 
-_SHAPE_SIZES = frozenset({"disc", "rectangle", "polygon", "ellipse"})
+_SHAPE_SIZES = frozenset({"disc", "rectangle", "ellipse"})
 
 
 def changed(part: AnyPart, **values: Any) -> AnyPart:

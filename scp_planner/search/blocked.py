@@ -296,9 +296,13 @@ class Cells:
     def _fill(blocked: Mask, cuts: Cuts, first: Index, length: Index) -> None:
         """Mark from the first cell of each cut on so many."""
         lines, size, delays = blocked.shape
-        depth = np.zeros((lines, size + 1, delays), dtype=np.int32)
-        np.add.at(depth, (cuts.line, np.minimum(first, size), cuts.delay), 1)
-        np.add.at(depth, (cuts.line, np.minimum(first + length, size), cuts.delay), -1)
+        cells = lines * (size + 1) * delays
+        begins, ends = (
+            # Counted, as `np.add.at` takes ten times as long
+            np.bincount((cuts.line * (size + 1) + np.minimum(place, size)) * delays + cuts.delay, minlength=cells)
+            for place in (first, first + length)
+        )
+        depth = (begins - ends).reshape(lines, size + 1, delays)
         blocked |= np.cumsum(depth, axis=1, out=depth)[:, :size] > 0
 
     def _outside(self) -> Mask:

@@ -95,6 +95,10 @@ class WaySearch:
         self._fastest = np.inf  # arrival of the ways that were found, s
         self.ends = WayEnds(self._slopes(0), self._slopes(-1), self._goal())
 
+    def go_on_until(self, deadline: float) -> None:
+        """Set another deadline; a search that has been cut off has ended."""
+        self.deadline = self.cells.deadline = deadline
+
     def _slopes(self, end: int) -> slice:
         """Slopes that the heading at an end allows."""
         ends, space, grid = self.problem.ends, self.problem.space, self.grid

@@ -139,3 +139,34 @@ def test_vertices_that_rounding_joins_become_one() -> None:
     assert np.all(np.isfinite(sliver.normals))
     tiny = Outline.polygon([[0.0, 0.0], [1e-12, 0.0], [0.0, 1e-12]]).rounded(9)
     assert np.all(np.isfinite(tiny.normals))
+
+
+def round_cells(count: int, corners: int) -> list[Ring]:
+    """Cells in a row, each overlapping the next, with so many corners."""
+    angles = np.linspace(0.0, 2.0 * np.pi, corners + 1)[:-1] + 0.01
+    ring = np.stack([3.5 * np.cos(angles), 4.0 * np.sin(angles)], axis=1)
+    return [(ring + np.array([5.0 * number, 0.0])).tolist() for number in range(count)]
+
+
+def test_polygons_of_many_corners_are_cut_only_by_edges_that_cross_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    cuts: list[int] = []
+    clipped = corridor._clipped
+
+    def counted(polygon: corridor.Polygon, a: planar.Point, b: planar.Point) -> corridor.Polygon:
+        cuts.append(len(polygon))
+        return clipped(polygon, a, b)
+
+    monkeypatch.setattr(corridor, "_clipped", counted)
+    cells = [[(x, y) for x, y in cell] for cell in round_cells(3, 60)]
+    walls = corridor.outside(cells, wall=2.0)
+    assert len(cuts) < 2 * 60 * (1 + 60 + 60) / 2, "by far not each piece by each edge"
+    inside = unary_union([Polygon(cell) for cell in cells])
+    low_x, low_y, high_x, high_y = inside.bounds
+    around = box(low_x - 2.0, low_y - 2.0, high_x + 2.0, high_y + 2.0)
+    assert unary_union([Polygon(wall) for wall in walls]).symmetric_difference(around - inside).area < 1e-6
+
+
+def test_polygons_of_too_many_corners_are_refused_at_once() -> None:
+    assert scene(corridor=round_cells(5, corridor.MOST_CORNERS)[:1] + round_cells(5, 8)[1:]).corridor is not None
+    with pytest.raises(sp.ScenarioError, match=r"corridor\[2\].* must have at most 100 corners, not 500"):
+        scene(corridor=[*round_cells(2, 8), *round_cells(5, 500)[2:3], *round_cells(5, 8)[3:]])

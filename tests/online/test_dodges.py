@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scenes import disc, scene
 
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, Bend, Profiles
-from scp_planner.online.dodges import Dodges
+from scp_planner.online.dodges import HURRIED, Dodges
 from scp_planner.online.evasion import _Driven, _until
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
@@ -120,3 +122,47 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     assert np.all(room.least <= nearest + 1e-9)
     whose = np.array([room.nearest(*at) for at in np.argwhere(near).tolist()])
     assert np.all(whose == exact.argmin(axis=1)[near])
+
+
+def crowd(count: int) -> list[dict[str, Any]]:
+    places = np.random.default_rng(0).uniform(-6.0, 6.0, (count, 2)).tolist()
+    return [disc(f"d{number}", (x, y), (0.1, -0.2)) for number, (x, y) in enumerate(places)]
+
+
+def test_distances_to_many_zones_are_computed_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scene(*crowd(40), start={"position": [-9.0, 0.0]})
+    frame, vehicle = PlanningFrame((0.0, 0.0), 0.3, 0.0), scenario.vehicle
+    dodges = dodges_of(None, 0.5, 0.0, vehicle.radius)
+    batch = ZoneBatch.of(tuple(ZonesOf(scenario)), frame, vehicle.radius)
+    whole = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
+    monkeypatch.setattr("scp_planner.online.dodges.TOGETHER", 7 * dodges.heading.size)
+    counts: list[int] = []
+    put = Dodges._put_distances
+
+    def counted(self: Dodges, batch: ZoneBatch, place: Any, out: Any) -> None:
+        counts.append(batch.size)
+        put(self, batch, place, out)
+
+    monkeypatch.setattr(Dodges, "_put_distances", counted)
+    parts = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
+    assert len(counts) > 1 and max(counts) <= 7 and sum(counts) == len(whole.zones)
+    assert np.array_equal(parts.each, whole.each)
+
+
+@pytest.mark.parametrize("heading", [None, 0.7])
+def test_who_is_late_looks_at_few_dodges_among_many_zones(heading: float | None) -> None:
+    dodges = dodges_of(heading, 1.2, 0.2, 0.3)
+    assert dodges.hurried(3) is dodges, "among few zones all of them take no time"
+    before = len(dodges.position)
+    for zones in (500, 2000, 10**6):
+        fewer = dodges.hurried(zones)
+        speeds = sum(len(family.profiles.stands) for family in fewer.families)
+        most = max(HURRIED // (zones * len(dodges.times)), 1)
+        assert len(fewer.position) <= min(most + speeds, before) and len(fewer.position) < len(dodges.position)
+        before = len(fewer.position)
+        assert len(fewer.until) == len(fewer.position) == len(fewer.heading)
+        first = fewer.trip(0, PlanningFrame((0.0, 0.0), 0.0, 0.0))
+        assert (
+            first.trajectory.travel_time == dodges.trip(0, PlanningFrame((0.0, 0.0), 0.0, 0.0)).trajectory.travel_time
+        )
+        assert fewer.position[0] == pytest.approx(dodges.position[0], abs=1e-12)

@@ -1,0 +1,122 @@
+"""Replans that run out of time: each stage ends, and what is answered is honest."""
+
+from __future__ import annotations
+
+import math
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import pytest
+from clock import FakeClock
+from scenes import disc, scene
+
+from scp_planner.online import dodges
+from scp_planner.online.dodges import Dodges
+from scp_planner.online.looks import GRIDS
+from scp_planner.online.means import Replan
+from scp_planner.online.plan import AWAY, Outcome
+from scp_planner.online.planner import Planner
+from scp_planner.search.ways import WaySearch
+
+COUNT = 120
+
+
+class SetClock(FakeClock):
+    """One that shows what it is set to."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def surprised() -> Planner:
+    """A planner on its way, into whose view comes a crowd."""
+    planner = Planner(scene(goal={"position": [60.0, 0.0]}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    places = np.random.default_rng(0).uniform([4.0, -8.0], [30.0, 8.0], (COUNT, 2))
+    for number, place in enumerate(places):
+        planner.add_obstacle(f"n{number}", {"disc": 0.4}, covariance=[[0.0025, 0.0], [0.0, 0.0025]])
+        planner.observe(f"n{number}", 0.1, place)
+    return planner
+
+
+def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    looked: list[int] = []
+    rounds = Dodges._from_rounds
+
+    def counted(self: Dodges, batch: Any, place: Any) -> Any:
+        found = rounds(self, batch, place)
+        looked.append(found.size)
+        return found
+
+    monkeypatch.setattr(Dodges, "_from_rounds", counted)
+    planner = surprised()
+    assert not looked
+    in_time = planner.replan(0.1, (0.1, 0.0), 0.0, 1.0)
+    at_leisure = max(looked)
+    looked.clear()
+    planner = surprised()
+    FakeClock(1.0).rule(monkeypatch)
+    late = planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5)
+    assert late.outcome in AWAY and in_time.outcome in AWAY
+    assert looked and max(looked) < 0.2 * at_leisure
+    assert late.certified or late.reason
+
+
+def test_a_search_for_ways_ends_with_the_time_and_is_coarser_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock jumps past the deadline while the search looks at the first obstacles."""
+    clock = SetClock()
+    clock.rule(monkeypatch)
+    searches: list[WaySearch] = []
+    init = WaySearch.__init__
+
+    def made(self: WaySearch, *arguments: Any, **options: Any) -> None:
+        init(self, *arguments, **options)
+        searches.append(self)
+        clock.now += 1.0
+
+    monkeypatch.setattr(WaySearch, "__init__", made)
+    planner = Planner(
+        scene(*[disc(f"d{k}", (8.0 + k, 0.4 * (-1) ** k)) for k in range(6)], goal={"position": [60.0, 0.0]})
+    )
+    late = planner.replan(0.0, (0.0, 0.0), 0.0, 0.0, deadline=0.5)
+    assert len(searches) == 1 and searches[0].deadline < clock.now
+    assert not searches[0].cells.cut_off or searches[0].cells.out_of_time
+    assert late.reason and not late.arrived
+    planner.replan(0.1, (0.0, 0.0), 0.0, 0.0, deadline=0.5)
+    assert len(searches) == 2
+    assert len(searches[1].grid.lines) < len(searches[0].grid.lines), "the next one is coarser"
+    monkeypatch.setattr(WaySearch, "__init__", init)
+    plans = [planner.replan(0.1 * k, (0.0, 0.0), 0.0, 0.0, deadline=0.5) for k in range(2, 20)]
+    assert any(plan.outcome is Outcome.IMPROVED for plan in plans), "until there is time"
+
+
+def test_a_search_that_goes_on_at_the_next_replan_has_its_time() -> None:
+    """Ways are found one by one, each by the deadline of the replan that asks for it."""
+    asked: list[float] = []
+    found = WaySearch.go_on_until
+    deadlines = iter([10.0, 20.0, 30.0])
+    planner = Planner(scene(*[disc(f"d{k}", (8.0 + 3.0 * k, 0.4 * (-1) ** k)) for k in range(4)]))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
+    assert plan.certified
+    means = planner._means
+    with pytest.MonkeyPatch.context() as patched:
+
+        def noted(self: WaySearch, deadline: float) -> None:
+            asked.append(deadline)
+            found(self, math.inf)
+
+        patched.setattr(WaySearch, "go_on_until", noted)
+        problem = _problem(planner)
+        starts = means.starts(problem, lambda: math.inf, lambda: next(deadlines) + 1e9, GRIDS[0])
+        assert len(list(islice(starts, 2))) == 2
+    assert asked == [20.0 + 1e9]
+
+
+def _problem(planner: Planner) -> Any:
+    assert planner._state is not None
+    moment = planner._means.moment(planner._state)
+    return planner._means.problem(Replan(moment, 0.0, math.inf, None, 0))
