@@ -22,6 +22,7 @@ from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
 
 SAMPLE_STRIDE = 3  # every third sample near a zone is a row, besides the minima of clearance
+ABREAST = 0.5  # times what is near: so far from what stands samples are rows; it meets others before it meets these
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,11 @@ def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
     """Places near zones that become rows: minima of clearance, then some of the samples."""
     zones = problem.zones
-    owner, sample, zone = np.nonzero(stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases]) < near)
+    below = np.full(zones.size, near)
+    if zones.ground is not None:
+        below[zones.ground.zones] = ABREAST * near
+    clearance = stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases])
+    owner, sample, zone = np.nonzero(clearance < below)
     sample *= SAMPLE_STRIDE
     table = problem.samples
     points = samples.part(sample + len(table.sigma) * owner, table.take(sample))
