@@ -18,11 +18,11 @@ from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import goal_speed_rows
 from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.nearness import nearness_of_samples
 from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
 
 SAMPLE_STRIDE = 3  # every third sample near a zone is a row, besides the minima of clearance
-ABREAST = 0.5  # times what is near: so far from what stands samples are rows; it meets others before it meets these
 
 
 @dataclass(frozen=True)
@@ -119,9 +119,7 @@ def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
     """Places near zones that become rows: minima of clearance, then some of the samples."""
     zones = problem.zones
-    below = np.full(zones.size, near)
-    if zones.ground is not None:
-        below[zones.ground.zones] = ABREAST * near
+    below = nearness_of_samples(zones, near)
     clearance = stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases])
     owner, sample, zone = np.nonzero(clearance < below)
     sample *= SAMPLE_STRIDE
