@@ -8,8 +8,9 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import local_minima, refine_minima, settle_minima
+from scp_planner.scp.evaluation import local_minima, refine_minima
 from scp_planner.scp.merit import LIMIT_NAMES, Limit, Penalties
+from scp_planner.scp.settling import settle_minima
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory

@@ -12,6 +12,7 @@ from scp_planner.certificate.verdict import (
     END_TOLERANCE,
     GOAL_SPEED_TOLERANCE,
     LATEST,
+    OFF_STEP,
     Violation,
     off_a_step,
 )
@@ -98,7 +99,7 @@ def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterato
     found = [*_place(scenario, last), *_heading_and_speed(scenario, last)]
     if goal.arrival_step is not None:
         missed = abs(remainder(time - began, goal.arrival_step))
-        found.append(Violation("arrival off the step", missed, off_a_step(goal.arrival_step), time))
+        found.append(Violation(OFF_STEP, missed, off_a_step(goal.arrival_step), time))
     if goal.latest_arrival is not None:
         found.append(Violation(LATEST, time, goal.latest_arrival + ARRIVAL_TOLERANCE, time))
     yield from (one for one in found if not one.value <= one.allowed + END_TOLERANCE)

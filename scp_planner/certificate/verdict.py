@@ -73,6 +73,7 @@ ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arriva
 STEP_TOLERANCE = 0.01  # of the step that the arrival is on, and no more than that of all arrivals
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
+OFF_STEP = "arrival off the step"
 BEYOND_ZONES = "arrival beyond what is known of observed obstacles"
 INSTANTS = (EARLIEST, LATEST, BEYOND_ZONES)  # what is said of these are times, not durations
 UNITS = {
@@ -83,7 +84,7 @@ UNITS = {
     "distance from the start": "m",
     "distance from the goal": "m",
     "distance from the goal region": "m",
-    "arrival off the step": "s",
+    OFF_STEP: "s",
     "goal speed": "m/s",
     "total_acceleration": "m/s2",
     "power": "m2/s3",

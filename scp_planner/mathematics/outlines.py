@@ -1,4 +1,4 @@
-"""Convex outlines, polygons and ellipses, by support functions; concave polygons as unions of convex ones.
+"""Convex outlines, polygons and ellipses, by support functions.
 
 The Minkowski sum of an outline K, an uncertainty ellipse {z : z' C^-1 z <= 1} and a disc of radius R has the support
 h(nu) = h_K(nu) + sqrt(nu' C nu) + R, and the signed distance of a point d to it is the largest of nu . d - h(nu)
@@ -9,14 +9,15 @@ v is the support point of that nu. Any nu gives a lower bound.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, far_ellipse_contact, support
+from scp_planner.mathematics.frames import covariance_turned_back
 
 STRAIGHT = 1e-12  # relative: a vertex that turns less than this is none
 TOUCHING = 1e-12  # relative to the outline: nearer to a vertex than this, the normal of an edge is taken
@@ -137,61 +138,85 @@ class Outlines:
     Parameters
     ----------
     outlines : sequence of Outline
+
+    Attributes
+    ----------
+    turning : (n,) array of bool
+        Whether each turns with its motion.
+    counts : (n,) array of int
+        How many vertices each has; none an ellipse.
+    matrices : (n, 3) array
+        (xx, xy, yy) of the ellipses, m^2; 0 of polygons.
+    corners : (V, 2) array
+        Vertices of all polygons, one after the other, m.
     """
 
     def __init__(self, outlines: Sequence[Outline]) -> None:
-        self.size = len(outlines)
-        self.outlines = tuple(outlines)
+        corners = [outline.vertices for outline in outlines if outline.vertices is not None]
         self.turning = np.array([outline.turning for outline in outlines], dtype=bool)
         self.counts = np.array([0 if o.vertices is None else len(o.vertices) for o in outlines], dtype=np.intp)
         self.matrices = np.array([np.zeros(3) if o.matrix is None else o.matrix for o in outlines]).reshape(-1, 3)
+        self.corners = np.concatenate(corners) if corners else np.zeros((0, 2))
+
+    @classmethod
+    def _of(cls, turning: Mask, counts: Index, matrices: Array, corners: Array) -> Outlines:
+        """Outlines by what they are kept as: one by one they are made where somebody asks for that."""
+        made = cls(())
+        made.turning, made.counts, made.matrices, made.corners = turning, counts, matrices, corners
+        return made
+
+    @property
+    def size(self) -> int:
+        """How many there are."""
+        return len(self.counts)
+
+    @cached_property
+    def outlines(self) -> tuple[Outline, ...]:
+        """Each by itself."""
+        ends = np.cumsum(self.counts).tolist()
+        return tuple(
+            Outline(self.corners[end - count : end], None, turning) if count else Outline(None, matrix, turning)
+            for end, count, matrix, turning in zip(
+                ends, self.counts.tolist(), self.matrices, self.turning.tolist(), strict=True
+            )
+        )
 
     def take(self, index: Index) -> Outlines:
         """Return some of the outlines."""
-        return Outlines([self.outlines[i] for i in index])
+        _, corner, _ = self.ragged(index)
+        return self._of(self.turning[index], self.counts[index], self.matrices[index], self.corners[corner])
 
     @cached_property
     def reach(self) -> Array:
         """Radius of the disc about the origin that covers each outline, (n,) m."""
-        reach = np.array([0.0 if outline.vertices is not None else outline.reach for outline in self.outlines])
+        xx, xy, yy = self.matrices.T
+        reach: Array = np.sqrt(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy))
         rows = np.flatnonzero(self.counts)
         if len(rows):
-            reach[rows] = np.maximum.reduceat(np.hypot(*self._corners.T), self._first[rows])
+            reach[rows] = np.maximum.reduceat(np.hypot(*self.corners.T), self._first[rows])
         return reach
-
-    @cached_property
-    def _corners(self) -> Array:
-        """Vertices of all polygons, one after the other, (V, 2) m."""
-        corners = [outline.vertices for outline in self.outlines if outline.vertices is not None]
-        return np.concatenate(corners) if corners else np.zeros((0, 2))
 
     @cached_property
     def edges(self) -> Edges:
         """All edges of the polygons."""
-        return Edges.of(self._corners, self.counts[self.counts > 0])
+        return Edges.of(self.corners, self.counts[self.counts > 0])
 
     def turned(self, heading: float) -> Outlines:
-        """Return the outlines after a turn about their origins by an angle in rad."""
-        return self._with(self._corners @ _rotation(heading).T, lambda outline: outline.moved(np.zeros(2), heading))
+        """Return the outlines after a turn about their origins by an angle in rad; turning ones stay as they are."""
+        backwards = np.array([[np.cos(heading), -np.sin(heading)]])
+        matrices = np.where(self.turning[:, None], self.matrices, covariance_turned_back(self.matrices, backwards))
+        stays = np.repeat(self.turning, self.counts)[:, None]
+        corners = np.where(stays, self.corners, self.corners @ _rotation(heading).T)
+        return self._of(self.turning, self.counts, matrices, corners)
 
     def rounded(self, decimals: int) -> Outlines:
         """Return the outlines rounded, each as by itself."""
-        corners = np.round(self._corners, decimals)
+        corners = np.round(self.corners, decimals)
         edges = self.edges
         apart = np.any(corners != corners[edges.before], axis=1)
         if not apart.all():
             return Outlines([outline.rounded(decimals) for outline in self.outlines])
-        return self._with(corners, lambda outline: outline.rounded(decimals))
-
-    def _with(self, corners: Array, moved: Callable[[Outline], Outline]) -> Outlines:
-        """The outlines with other vertices, (V, 2) m; those that are none or that turn as they become otherwise."""
-        parts = iter(np.split(corners, np.cumsum(self.counts[self.counts > 0])[:-1]))
-        found = []
-        for outline, count in zip(self.outlines, self.counts.tolist(), strict=True):
-            vertices = next(parts) if count else None
-            plain = vertices is not None and not outline.turning
-            found.append(Outline(vertices=vertices) if plain else moved(outline))
-        return Outlines(found)
+        return self._of(self.turning, self.counts, np.round(self.matrices, decimals), corners)
 
     @cached_property
     def _first(self) -> Index:
@@ -408,77 +433,3 @@ def _last(values: Array) -> Array:
 def _area(vertices: Array) -> float:
     x, y = (vertices - vertices[0]).T
     return 0.5 * float(np.sum(x * _next(y) - _next(x) * y))
-
-
-@lru_cache(maxsize=256)
-def convex_pieces(polygon: tuple[tuple[float, float], ...]) -> tuple[Outline, ...]:
-    """Split a simple polygon into convex pieces: ears are cut off, then pieces joined while they stay convex.
-
-    Joining in this way leaves at most four times as few pieces as possible (Hertel and Mehlhorn, 1983).
-
-    Parameters
-    ----------
-    polygon : tuple of (x, y)
-        Vertices in either direction, m.
-
-    Returns
-    -------
-    tuple of Outline
-    """
-    vertices = _tidy(np.array(polygon))
-    if _convex(vertices, list(range(len(vertices)))):
-        return (Outline(vertices=vertices),)
-    pieces = _joined(vertices, _ears(vertices))
-    return tuple(Outline.polygon(vertices[piece]) for piece in pieces)
-
-
-def _cross(a: Array, b: Array, c: Array) -> Array:
-    """Twice the signed area of the triangles a b c."""
-    area: Array = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
-    return area
-
-
-def _convex(vertices: Array, ring: list[int]) -> bool:
-    corner = vertices[ring]
-    return bool(np.all(_cross(np.roll(corner, 1, axis=0), corner, np.roll(corner, -1, axis=0)) >= 0.0))
-
-
-def _ears(vertices: Array) -> list[list[int]]:
-    """Triangles that make up a simple polygon, as indices."""
-    ring, triangles = list(range(len(vertices))), []
-    while len(ring) > 3:
-        corner = vertices[ring]
-        turn = _cross(np.roll(corner, 1, axis=0), corner, np.roll(corner, -1, axis=0))
-        for place in np.argsort(-turn, kind="stable"):
-            three = [ring[place - 1], ring[place], ring[(place + 1) % len(ring)]]
-            a, b, c = vertices[three]
-            others = vertices[[k for k in ring if k not in three]]
-            inside = (_cross(a, b, others) >= 0.0) & (_cross(b, c, others) >= 0.0) & (_cross(c, a, others) >= 0.0)
-            if not inside.any():
-                break
-        if turn[place] > 0.0:
-            triangles.append(three)
-        ring.pop(int(place))
-    return [*triangles, ring]
-
-
-def _joined(vertices: Array, pieces: list[list[int]]) -> list[list[int]]:
-    """Join pieces over their common edges while what comes out is convex."""
-    pieces = [list(piece) for piece in pieces]
-    edges = {(p[k - 1], p[k]): number for number, p in enumerate(pieces) for k in range(len(p))}
-    for (start, end), _ in list(edges.items()):
-        one, other = edges.get((start, end)), edges.get((end, start))
-        if one is None or other is None or one == other:
-            continue
-        first, second = pieces[one], pieces[other]
-        i, j = first.index(end), second.index(start)
-        # first from end round to start, then second from start round to end, without the common edge
-        ring = first[i:] + first[:i] + (second[j:] + second[:j])[1:-1]
-        if not _convex(vertices, ring):
-            continue
-        pieces[one], pieces[other] = ring, []
-        for edge, number in edges.items():
-            if number == other:
-                edges[edge] = one
-        del edges[(start, end)], edges[(end, start)]
-    return [piece for piece in pieces if piece]

@@ -8,10 +8,13 @@ from math import inf
 from os import PathLike
 from time import perf_counter
 
+from scp_planner.certificate.check import certify
+from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.planning.offline import plan
 from scp_planner.planning.plan import Plan
-from scp_planner.scenario.commonroad import read_commonroad, scenario_of
+from scp_planner.scenario.commonroad import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.scenario.commonroad_goals import GoalAim, GoalState
+from scp_planner.scenario.commonroad_models import FEWEST_DISCS, VehicleModel, car_named, default_car
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -62,7 +65,8 @@ def plan_commonroad(
     """Plan a problem of a CommonRoad file for one of the benchmark's models.
 
     Of several goal states the one that is reached first counts. A region that cannot be reached where the road first
-    comes into it is tried farther in. A goal of time alone is a place on the lane that can be reached in time.
+    comes into it is tried farther in. A goal of time alone is a place on the lane that can be reached in time. Where
+    nothing but what the car touches is wrong with a trip, more discs cover the car.
 
     Parameters
     ----------
@@ -84,19 +88,17 @@ def plan_commonroad(
     ScenarioError, ValueError, ImportError, OSError
         As `load_commonroad`.
     """
-    file = read_commonroad(path, problem)
-    deadline = inf if time_limit is None else perf_counter() + time_limit
+    job = _Job(
+        read_commonroad(path, problem), model, car, settings, inf if time_limit is None else perf_counter() + time_limit
+    )
     best: CommonRoadPlan | None = None
-    for number, state in enumerate(file.goal_states()):
+    for number, state in enumerate(job.file.goal_states()):
         for trial in _trials(number, state):
-            left = SHARE * (deadline - perf_counter())
-            if best is not None and left <= 0.0:
+            if best is not None and job.left <= 0.0:
                 break
-            scenario = scenario_of(file, model=model, car=car, aim=trial.aim)
-            own = settings or road_settings(scenario)
-            if trial.quick:
-                own = replace(own, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
-            made = CommonRoadPlan(scenario, plan(scenario, own, time_limit=None if left == inf else left))
+            made = job.planned(trial)
+            if not trial.quick:
+                made = _closer(job, trial, made)
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:
                 break
@@ -105,11 +107,60 @@ def plan_commonroad(
 
 
 @dataclass(frozen=True)
+class _Job:
+    """What is to be planned, and the value of `perf_counter` until which."""
+
+    file: CommonRoadFile
+    model: str
+    car: str | None
+    settings: Settings | None
+    deadline: float
+
+    @property
+    def left(self) -> float:
+        """Of the time, for one trial, s."""
+        return SHARE * (self.deadline - perf_counter())
+
+    def planned(self, trial: _Trial) -> CommonRoadPlan:
+        """Plan what is tried."""
+        left = self.left
+        scenario = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
+        settings = self.settings or road_settings(scenario)
+        if trial.quick:
+            settings = replace(settings, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
+        return CommonRoadPlan(scenario, plan(scenario, settings, time_limit=None if left == inf else left))
+
+
+def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
+    """Cover a car that gets nowhere for what it touches by more discs, which stick out of it less."""
+    for discs in MORE_DISCS:
+        if not _touches_alone(job, made) or job.left <= 0.0:
+            break
+        if discs > len(made.scenario.vehicle.discs):
+            again = job.planned(replace(trial, discs=discs))
+            made = again if _better(again.plan, made.plan) else made
+    return made
+
+
+def _touches_alone(job: _Job, made: CommonRoadPlan) -> bool:
+    """Whether nothing is wrong with a trip but when it arrives and what it touches, with what sticks out of the car."""
+    if made.plan.certified:
+        return False
+    model = VehicleModel(job.model)
+    out = made.scenario.vehicle.radius - 0.5 * car_named(job.car or default_car(model), model).width
+    violations = certify(made.scenario, made.plan).violations
+    touches = [-violation.value for violation in violations if violation.what == "clearance"]
+    others = {violation.what for violation in violations} - {"clearance", LATEST, OFF_STEP}
+    return not others and 0.0 < max(touches, default=0.0) < out
+
+
+@dataclass(frozen=True)
 class _Trial:
     """What is planned for, and whether it is only looked at."""
 
     aim: GoalAim
     quick: bool
+    discs: int = FEWEST_DISCS
 
 
 def _trials(number: int, state: GoalState) -> Iterator[_Trial]:

@@ -109,7 +109,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         if len(zones.standing) == 0:
             return False
         goal = self.problem.frame.to_frame(np.array([task.scenario.goal.position]))
-        near = zones.subset(zones.standing).distances(np.zeros(1), goal)
+        near = zones.distances(np.zeros(1), goal)[:, zones.standing]
         return bool(np.any(near < 0.0)) and goal_is_covered_for_good(task.scenario, task.threat_zones)
 
     def tried(self, start: Branch) -> ScpAttempt:

@@ -46,7 +46,15 @@ from scp_planner.scenario.commonroad_lines import (
     rectangle,
     turned_too_far,
 )
-from scp_planner.scenario.commonroad_models import VehicleModel, car_named, centre_of, default_car, vehicle_of
+from scp_planner.scenario.commonroad_models import (
+    FEWEST_DISCS,
+    VehicleModel,
+    car_named,
+    centre_of,
+    default_car,
+    swerving,
+    vehicle_of,
+)
 from scp_planner.scenario.commonroad_obstacles import obstacles_of
 from scp_planner.scenario.commonroad_roads import (
     GUIDE_STEP,
@@ -89,12 +97,6 @@ BLEND = 1.5
 
 BEYOND = 1.5
 """Times the way to a goal of time alone, that the line goes on for at least."""
-
-UNNOTICED = 0.01
-"""m of the file; the official checker takes places for the same that differ by less than twice as much."""
-
-COARSE = 0.5
-"""Of the swerve from one side to the other in one step: a smaller one is asked for."""
 
 UNHURRIED = 0.7
 """Of the speed at the start; a goal that may only be reached later than so is reached where it goes on that long."""
@@ -207,6 +209,7 @@ def scenario_of(
     car: str | None = None,
     aim: GoalAim | None = None,
     borders: bool = True,
+    discs: int = FEWEST_DISCS,
 ) -> Scenario:
     """Make the scenario of a file that has been read, as `load_commonroad` does.
 
@@ -215,6 +218,8 @@ def scenario_of(
     file : CommonRoadFile
     vehicle, guide, model, car, aim, borders
         As in `load_commonroad`.
+    discs : int
+        How many cover a model's car at least: one of `MORE_DISCS`. The more, the less they stick out of it.
 
     Returns
     -------
@@ -238,10 +243,10 @@ def scenario_of(
     reader = _Reader(file.name, file.world, file.problem, goal, guide, borders, aim)
     if model is None:
         return reader.scenario(_default_vehicle(vehicle, start), None, None)
-    return _with_enough_discs(reader, _model_named(model), car)
+    return _with_enough_discs(reader, _model_named(model), car, discs)
 
 
-def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None) -> Scenario:
+def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fewest: int) -> Scenario:
     """The scenario of a car of the benchmark, covered by as many discs as it takes to touch nothing at the start."""
     body = car_named(car or default_car(model), model)
     step, start = float(reader.world.dt), reader.problem.initial_state
@@ -249,10 +254,10 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None) ->
         text = "the official checker compares headings as numbers, and those of a point mass are in [-pi, pi]"
         raise ScenarioError(reader.name, [Fault("initialState.orientation", float(start.orientation), text)])
     refused = ScenarioError(reader.name, [])
-    for discs in MORE_DISCS:
+    for discs in (count for count in MORE_DISCS if count >= fewest):
         fields = vehicle_of(body, model, discs)
         if model is VehicleModel.PM:
-            fields |= _swerving(fields, step, float(start.velocity))
+            fields |= swerving(fields, step, float(start.velocity))
         own = _Vehicle(fields, body.width, body.length, centre_of(body, model))
         try:
             return reader.scenario(own, step, model)
@@ -261,20 +266,6 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None) ->
             if any(fault.path != "start.position" for fault in error.faults):
                 break
     raise refused
-
-
-def _swerving(fields: Mapping[str, Any], step: float, speed: float) -> dict[str, Any]:
-    """What curvature a point mass may have, and how fast it may change, where steps are so long that it is noticed.
-
-    The checker joins states by constant accelerations. Where they change by j h in a step h, its place differs by
-    j h^3 / 12. The one across, v^2 k, changes by v^2 k' and, where the speed changes by a, by 2 v a k.
-    """
-    speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * UNNOTICED / step**3
-    rate, hardest = jerk / speed**2, float(fields["max_total_acceleration"])
-    if rate >= COARSE * 2.0 * hardest / (step * speed**2):
-        return {}
-    bend = min(float(fields["max_curvature"]), jerk / (2.0 * speed * hardest))
-    return {"max_curvature_rate": rate, "max_curvature": bend}
 
 
 def _model_named(name: str) -> VehicleModel:

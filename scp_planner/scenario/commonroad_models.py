@@ -14,6 +14,7 @@ Source of the numbers: M. Althoff and G. Wuersching, "CommonRoad: Vehicle Models
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -21,6 +22,15 @@ from typing import Any
 RESERVE = 0.01
 """Relative: how much less than a limit is planned with. The referee sees states at steps, and joins them by constant
 inputs, whose largest values may lie this much above those of the plan."""
+
+UNNOTICED = 0.01
+"""m of the file; the official checker takes places for the same that differ by less than twice as much."""
+
+COARSE = 0.5
+"""Of the swerve from one side to the other in one step: a smaller one is asked for."""
+
+SPEED_RESERVE, SLOWEST = 1.5, 2.0
+"""At which speed a point mass swerves: so many times that of the start, and no less than this, m/s."""
 
 FEWEST_DISCS = 5
 """That cover a car; a trailer is none of it."""
@@ -160,6 +170,34 @@ def vehicle_of(car: Car, model: VehicleModel, discs: int = FEWEST_DISCS) -> dict
         "max_power": keep * car.acceleration * car.switching_speed,
         "max_curvature_rate": keep * car.steering_rate / car.wheelbase,
     }
+
+
+def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str, float]:
+    """Return what curvature a point mass may have, and how fast it may change, where steps are so long that it matters.
+
+    The checker joins states by constant accelerations. Where they change by j h in a step h, its place differs by
+    j h^3 / 12. The one across, v^2 k, changes by v^2 k' and, where the speed changes by a, by 2 v a k.
+
+    Parameters
+    ----------
+    vehicle : mapping
+        As of `vehicle_of`.
+    step : float
+        Of the file, s.
+    speed : float
+        At the start, m/s.
+
+    Returns
+    -------
+    dict
+        Fields of `scp_planner.Vehicle`; none where it does not matter.
+    """
+    speed, jerk = SPEED_RESERVE * max(speed, SLOWEST), 12.0 * UNNOTICED / step**3
+    rate, hardest = jerk / speed**2, float(vehicle["max_total_acceleration"])
+    if rate >= COARSE * 2.0 * hardest / (step * speed**2):
+        return {}
+    bend = min(float(vehicle["max_curvature"]), jerk / (2.0 * speed * hardest))
+    return {"max_curvature_rate": rate, "max_curvature": bend}
 
 
 def _covered(car: Car, centre: float, count: int) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def convex_parts(region: Sequence[planar.Point]) -> list[tuple[planar.Point, ...
     list of tuple of (x, y)
         m.
     """
-    from scp_planner.mathematics.outlines import convex_pieces
+    from scp_planner.mathematics.convex_pieces import convex_pieces
 
     rings = [piece.vertices for piece in convex_pieces(tuple((float(x), float(y)) for x, y in region))]
     return [tuple((float(x), float(y)) for x, y in ring) for ring in rings if ring is not None]

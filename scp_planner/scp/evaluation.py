@@ -19,7 +19,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.bend_sites import BendSites, bend_sites
 from scp_planner.scp.merit import Limit, Penalties
-from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.scp.settling import settle_minima
 from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.path import Path
@@ -44,12 +44,6 @@ def box_gaps(problem: Problem, path: Path) -> Array:
     if len(box.offsets) == 0:
         return np.zeros((len(problem.space.tables.station_parameters), 0))
     return box.offsets - path.station_positions @ box.normals.T
-
-
-SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
-TOUCHED = 2.0  # times that way: what stands farther away from a sample is not touched next to it
-STRAIGHT = 1.0 - 1e-12  # cosine of the turn between normals that are one
-SETTLING_STEPS = 5  # of the secant method for minima of distances to outlines
 
 
 # NUMPY-CALLS: shaped by the cost of numpy calls alone
@@ -278,8 +272,8 @@ def _entries(clearance: Array, owner: Index, zone: Index, contacts: ZoneContacts
     if whole is None:
         return violation
     together = np.zeros_like(violation)
-    for of_parts, of_zones in zip(violation, together, strict=True):
-        np.maximum.at(of_zones, whole, of_parts)
+    trip, part = violation.nonzero()
+    np.maximum.at(together, (trip, whole[part]), violation[trip, part])
     return together
 
 
@@ -301,67 +295,6 @@ def refine_minima(grid: Array, values: Array, owner: Index, row: Index, column: 
     shift = 0.5 * (before - after) / np.where(bend > 0.0, bend, np.inf)
     shift = np.where((row > 0) & (row < last), np.minimum(np.maximum(shift, -1.0), 1.0), row - inner)
     return grid[inner] + shift * (grid[1] - grid[0])
-
-
-def settle_minima(
-    problem: Problem,
-    bundle: TripBundle,
-    points: TripPoints,
-    owner: Index,
-    sample: Index,
-    zone: Index,
-    sigma: Array,
-    least: Array,
-) -> None:
-    """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
-
-    Passing a corner, or a disc as large as the way between samples, a distance is nowhere like a parabola over three of
-    them: its minimum is bracketed, and found by the Illinois variant of the secant method.
-    """
-    zones = problem.zones
-    step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
-    rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
-    if zones.ground is not None:
-        rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
-    rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
-    if len(rows) == 0:
-        return
-    middle, which = sample[rows], zone[rows]
-    x = points.table.sigma[middle + np.array([[-1], [0], [1]])]
-    place = middle + len(points.table.sigma) * owner[rows]
-    around = np.concatenate([place - 1, place, place + 1])
-    touched = zones.contacts(np.tile(which, 3), points.time[around], points.path.position[around])
-    slope = _closing(zones, np.tile(which, 3), points, around, touched).reshape(3, -1)
-    falling = slope[1] < 0.0
-    low, high = np.where(falling, x[1], x[0]), np.where(falling, x[2], x[1])
-    below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])
-    bracketed = (below < 0.0) & (above > 0.0)
-    if zones.ground is not None:
-        # Along an edge it is smooth
-        before, after = touched.normal[: len(rows)], touched.normal[-len(rows) :]
-        edge = np.einsum("ij,ij->i", before, after) > STRAIGHT
-        bracketed &= ~(edge & np.isin(which, zones.ground.zones))
-    rows, which = rows[bracketed], which[bracketed]
-    low, high, below, above = low[bracketed], high[bracketed], below[bracketed], above[bracketed]
-    every, whose = np.arange(len(rows)), owner[rows]
-    for _ in range(SETTLING_STEPS if len(rows) else 0):
-        guess = (low * above - high * below) / (above - below)
-        sigma[rows] = guess
-        there = bundle.at(whose, guess)
-        rate = _closing(zones, which, there, every, zones.contacts(which, there.time, there.path.position))
-        falling = rate < 0.0
-        # The end that stays loses weight, lest it stay for ever.
-        above, below = np.where(falling, 0.5 * above, rate), np.where(falling, rate, 0.5 * below)
-        low, high = np.where(falling, guess, low), np.where(falling, high, guess)
-
-
-def _closing(zones: ZoneBatch, which: Index, points: TripPoints, index: Index, contacts: ZoneContacts) -> Array:
-    """Rate of the distances on the way, m/s; of discs times the distance of their centres: that changes evenly."""
-    velocity = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
-    rate: Array = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
-    discs = np.flatnonzero((zones.outline_slot[which] < 0) & (zones.slot[which] < 0))
-    rate[discs] *= contacts.distance[discs] + zones.radius[which[discs]]
-    return rate
 
 
 def _limit_violations(

@@ -18,6 +18,7 @@ from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import goal_speed_rows
 from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.nearness import nearness_of_samples
 from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
 
@@ -118,7 +119,9 @@ def rows_within(problem: Problem, rows: Rows, trust: TrustRegion) -> Rows:
 def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: TripPoints, near: float) -> ClearanceSites:
     """Places near zones that become rows: minima of clearance, then some of the samples."""
     zones = problem.zones
-    owner, sample, zone = np.nonzero(stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases]) < near)
+    below = nearness_of_samples(zones, near)
+    clearance = stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases])
+    owner, sample, zone = np.nonzero(clearance < below)
     sample *= SAMPLE_STRIDE
     table = problem.samples
     points = samples.part(sample + len(table.sigma) * owner, table.take(sample))

@@ -294,9 +294,10 @@ class ZoneBatch:
         near = distance[:, self.shaped] < exact_below
         if self.ground is not None:
             ground = self.ground.zones
-            bound = np.maximum(distance[:, ground], self.ground.heights(points) - self.radius[ground])
+            heights = self.ground.heights(points)
+            bound = np.maximum(distance[:, ground], heights.least - self.radius[ground])
             distance[:, ground] = bound
-            near[:, self.outline_slot[ground]] = bound < exact_below
+            near[:, self.outline_slot[ground]] = (bound < exact_below) & ~heights.exact
         row, column = np.nonzero(near)
         if len(row):
             index = self.shaped[column]
@@ -364,7 +365,7 @@ class ZoneBatch:
             growth[rows] = _support_rate(covariance, change, exact.normal)
         rate = -(normal[:, 0] * velocity[:, 0] + normal[:, 1] * velocity[:, 1]) - growth
         if self.outlines is not None:
-            with_outline = np.flatnonzero(self.outline_slot[index] >= 0)
+            (with_outline,) = (self.outline_slot[index] >= 0).nonzero()
             if len(with_outline):
                 those, when, away = index[with_outline], times[with_outline], offset[with_outline]
                 shaped = self._outline_contacts(those, when, away)
@@ -375,7 +376,7 @@ class ZoneBatch:
     def _outline_contacts(self, index: Index, times: Array, offset: Array) -> Contact:
         """Contacts with outlines and their uncertainty, without the radius."""
         assert self.outlines is not None
-        slot, turning = self.outline_slot[index], np.flatnonzero(self.turning[index])
+        slot, (turning,) = self.outline_slot[index], self.turning[index].nonzero()
         headings = np.zeros((0, 2))
         if len(turning):
             headings = np.tile([1.0, 0.0], (len(index), 1))
@@ -402,7 +403,7 @@ class ZoneBatch:
         velocity = self.velocities.at(index, times)
         rate = -np.einsum("ij,ij->i", normal, velocity)
         lever = offset
-        blurred = np.flatnonzero(self.slot[index] >= 0)
+        (blurred,) = (self.slot[index] >= 0).nonzero()
         if self.covariances is not None and len(blurred):
             slot, nu = self.slot[index[blurred]], normal[blurred]
             covariance = self.covariances.at(slot, times[blurred])
@@ -410,7 +411,7 @@ class ZoneBatch:
             # The uncertainty does not turn with the shape.
             lever = offset.copy()
             lever[blurred] -= _support_point(covariance, nu)
-        rows = np.flatnonzero(self.turning[index])
+        (rows,) = self.turning[index].nonzero()
         if len(rows):
             pointing = self.directions.at(index[rows], times[rows])
             change = self.directions.derivative.at(index[rows], times[rows])

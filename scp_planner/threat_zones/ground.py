@@ -2,50 +2,118 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.outlines import Outlines
+
+AT_ONCE = 2**16  # numbers, half a megabyte
+
+
+@dataclass(frozen=True)
+class Heights:
+    """How far points are beyond the farthest edge of each polygon.
+
+    Attributes
+    ----------
+    least : (n, s) array
+        m; outside at most the distance.
+    exact : (n, s) array of bool
+        Whether it is known to be the distance, signed.
+    """
+
+    least: Array
+    exact: Mask
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Polygons that stand, by the lines of their edges.
+    """Polygons that stand, by the lines of their edges: the first edges of all, the second ones and so on.
 
     Attributes
     ----------
     zones : (s,) array of int
-        Which zones they are.
-    normals : (E, 2) array
-        Outward unit normals of all edges, those of a polygon together.
-    offsets : (E,) array
-        normal . p on the line of each edge, m.
-    first : (s,) array of int
-        Where the edges of each polygon begin.
+        Which zones they are, those of the most edges first.
+    across : (E, 3) array
+        Outward unit normal n of each edge, and -n . p on its line, m.
+    along : (E, 3) array
+        Unit vector t along each edge, and -t . p in its middle, m.
+    halves : (E, 1) array
+        Half of the length of each edge, m.
+    ends : tuple of int
+        Where the edges of each number end: the first zones have them.
     """
 
     zones: Index
-    normals: Array
-    offsets: Array
-    first: Index
+    across: Array
+    along: Array
+    halves: Array
+    ends: tuple[int, ...]
 
     @classmethod
     def of(cls, zones: Index, outlines: Outlines, some: Index, places: Array) -> Ground:
         """Return the edges of some polygons about places, (s, 2) m."""
-        (first, own, _), counts, edges = outlines.ragged(some), outlines.counts[some], outlines.edges
-        normals = edges.normal[own]
-        offsets = np.einsum("ij,ij->i", normals, edges.start[own] + places.repeat(counts, axis=0))
-        return cls(zones, normals, offsets, first)
+        order = np.argsort(-outlines.counts[some], kind="stable")
+        zones, some, places = zones[order], some[order], places[order]
+        first, own, owner = outlines.ragged(some)
+        number = np.arange(len(own)) - first[owner]
+        by_number = np.argsort(number, kind="stable")
+        own, owner, edges = own[by_number], owner[by_number], outlines.edges
+        normals, tangents, lengths = edges.normal[own], edges.tangent[own], edges.length[own]
+        starts = edges.start[own] + places[owner]
+        across = np.column_stack([normals, -np.einsum("ij,ij->i", normals, starts)])
+        along = np.column_stack([tangents, -np.einsum("ij,ij->i", tangents, starts) - 0.5 * lengths])
+        return cls(zones, across, along, 0.5 * lengths[:, None], tuple(np.cumsum(np.bincount(number)).tolist()))
 
-    def heights(self, points: Array) -> Array:
-        """Return how far points, (n, 2) m, are beyond the farthest edge, (n, s) m: outside at most the distance."""
-        return np.maximum.reduceat(points @ self.normals.T - self.offsets, self.first, axis=1)
+    def heights(self, points: Array) -> Heights:
+        """Return how far points, (n, 2) m, are beyond the farthest edges, and where that is all.
+
+        It is where that edge is what is nearest: inside, and outside where a point is abreast of it.
+        """
+        least = np.empty((len(self.zones), len(points)))
+        exact = np.empty(least.shape, dtype=bool)
+        homogeneous = np.vstack([points.T, np.ones(len(points))])
+        for some in self._some_points(len(points)):
+            heights = self.across @ homogeneous[:, some]
+            abreast = np.abs(self.along @ homogeneous[:, some]) <= self.halves
+            highest = self._highest(heights)
+            kept = highest <= 0.0
+            for edges in self._numbers():
+                count = edges.stop - edges.start
+                kept[:count] |= abreast[edges] & (heights[edges] == highest[:count])
+            least[:, some], exact[:, some] = highest, kept
+        return Heights(least.T, exact.T)
 
     def least_heights(self, points: Array, moves: Array) -> Array:
-        """Return the same, at least, for points that move by no more than some vectors, (n, 2) m, to either side."""
-        heights = points @ self.normals.T
-        heights -= np.abs(moves @ self.normals.T)
-        heights -= self.offsets
-        return np.maximum.reduceat(heights, self.first, axis=1)
+        """Return what they are at least for points that move by no more than vectors, (n, 2) m, to either side."""
+        least = np.empty((len(self.zones), len(points)))
+        homogeneous, normals = np.vstack([points.T, np.ones(len(points))]), self.across[:, :2]
+        for some in self._some_points(len(points)):
+            heights = self.across @ homogeneous[:, some]
+            heights -= np.abs(normals @ moves[some].T)
+            least[:, some] = self._highest(heights)
+        return least.T
+
+    def _some_points(self, count: int) -> Iterator[slice]:
+        """Yield parts of so many points that take little memory: fetching more costs ten times as much as filling."""
+        at_once = max(1, AT_ONCE // len(self.across))
+        for begin in range(0, count, at_once):
+            yield slice(begin, min(begin + at_once, count))
+
+    def _numbers(self) -> Iterator[slice]:
+        """Yield where the edges of each number are."""
+        begin = 0
+        for end in self.ends:
+            yield slice(begin, end)
+            begin = end
+
+    def _highest(self, values: Array) -> Array:
+        """The largest of each polygon's values, (s, n), of those of all edges, (E, n)."""
+        highest = values[: len(self.zones)].copy()
+        for some in self._numbers():
+            part = highest[: some.stop - some.start]
+            np.maximum(part, values[some], out=part)
+        return highest

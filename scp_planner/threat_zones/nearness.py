@@ -15,6 +15,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 
 FEW_ZONES = 8  # up to this many zones are all looked at
 NEAR = 1.0  # units of length; zones nearer than this to a trip are looked at closely
+ABREAST = 0.5  # of that for what stands: walls farther ahead than this are met where a trip comes abreast of them
 LOOKS = (4, 32)  # intervals of time: few first, more only for the zones that are not far then
 
 
@@ -36,6 +37,26 @@ class SweptBoxes:
     half: float
     lower: Array
     upper: Array
+
+
+def nearness_of_samples(batch: ZoneBatch, near: float) -> Array:
+    """Return how near to each zone samples of a trip are linearised besides its minima, (L,) m.
+
+    Parameters
+    ----------
+    batch : ZoneBatch
+    near : float
+        For what moves, m.
+
+    Returns
+    -------
+    (L,) array
+        m.
+    """
+    below = np.full(batch.size, near)
+    if batch.ground is not None:
+        below[batch.ground.zones] = ABREAST * near
+    return below
 
 
 def least_clearances(batch: ZoneBatch, boxes: SweptBoxes) -> Array:

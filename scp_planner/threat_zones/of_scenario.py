@@ -24,9 +24,10 @@ import numpy as np
 
 from scp_planner.arrays import Index
 from scp_planner.mathematics import corridor, planar
+from scp_planner.mathematics.convex_pieces import convex_pieces
 from scp_planner.mathematics.courses import course_covariances, course_pointing, course_polynomials
 from scp_planner.mathematics.headings import course_heading
-from scp_planner.mathematics.outlines import Outline, convex_pieces
+from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain

@@ -253,6 +253,22 @@ def test_discs_cover_the_cars() -> None:
         assert covered.buffer(1e-4).contains(translate(footprint(np.zeros(2), 0.0, name), fields["centre"], 0.0))
 
 
+def test_a_gap_hardly_wider_than_the_car_is_driven_through(road_file: Path) -> None:
+    text, gap = road_file.read_text(encoding="utf-8"), 1.75
+    begin, end = text.index("<staticObstacle"), text.index("</staticObstacle>") + len("</staticObstacle>")
+    width = PARKED["width"]
+    places = [0.5 * (gap + width), -0.5 * (gap + width), 0.5 * gap + width + 1.2 + 0.5 * width]
+    cars = [
+        text[begin:end].replace('id="30"', f'id="{30 + k}"').replace(f"<y>{PARKED['y']}</y>", f"<y>{y}</y>")
+        for k, y in enumerate(places)
+    ]
+    road_file.write_text(text[:begin] + "".join(cars) + text[end:], encoding="utf-8")
+    made = plan_commonroad(road_file, model="KS")
+    assert made.plan.certified
+    first = load_commonroad(road_file, model="KS").vehicle
+    assert CARS["BMW_320i"].width < 2.0 * made.scenario.vehicle.radius < gap < 2.0 * first.radius
+
+
 def test_refusals(road_file: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="model: must be one of PM, KS, KST"):
         load_commonroad(road_file, model="ST")

@@ -18,7 +18,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.nearness import NEAR
+from scp_planner.threat_zones.nearness import NEAR, nearness_of_samples
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
@@ -131,7 +131,7 @@ class Discs:
         beside = lower.copy()
         beside[:, 1:] |= lower[:, :-1]
         beside[:, :-1] |= lower[:, 1:]
-        beside[:, ::STRIDE] = True
+        beside[:, ::STRIDE] |= sorted_[:, ::STRIDE] < nearness_of_samples(self.zones, NEAR)
         counts = np.empty_like(beside)
         counts[:, self._order] = beside
         return np.where(counts, -clearance, -np.inf)

@@ -1,0 +1,149 @@
+"""When a trip is nearest to what it passes, where a parabola over samples does not tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.problem.problem import Problem
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.trips.bundle import TripBundle
+from scp_planner.trips.trajectory import TripPoints
+
+SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
+TOUCHED = 2.0  # times that way: what stands farther away from a sample is not touched next to it
+STRAIGHT = 1.0 - 1e-12  # cosine of the turn between normals that are one
+ROUNDS = 2  # in each a bracket becomes as many times closer as there are shares, and once more: a call costs most
+SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a bracket, at which a round looks
+
+
+def settle_minima(
+    problem: Problem,
+    bundle: TripBundle,
+    points: TripPoints,
+    owner: Index,
+    sample: Index,
+    zone: Index,
+    sigma: Array,
+    least: Array,
+) -> None:
+    """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
+
+    Passing a corner, or a disc as large as the way between samples, a distance is nowhere like a parabola over three of
+    them: its minimum is bracketed, more and more closely, on a cubic between samples, and found by the secant at last.
+
+    Parameters
+    ----------
+    problem : Problem
+    bundle : TripBundle
+    points : TripPoints
+        Of all trips at the problem's samples.
+    owner, sample, zone : (m,) arrays of int
+        Which trip comes near to which zone, and next to which sample.
+    sigma : (m,) array
+        When, in normalised time.
+    least : (m,) array
+        Distances at the samples, m.
+    """
+    zones = problem.zones
+    step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
+    rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
+    if zones.ground is not None:
+        rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
+    rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
+    if len(rows) == 0:
+        return
+    which, place = zone[rows], sample[rows] + len(points.table.sigma) * owner[rows]
+    around = np.concatenate([place - 1, place, place + 1])
+    touched = zones.contacts(np.tile(which, 3), points.time[around], points.path.position[around])
+    slope = _closing(zones, np.tile(which, 3), _velocities(points, around), touched).reshape(3, -1)
+    falling = slope[1] < 0.0
+    below, above = np.where(falling, slope[1], slope[0]), np.where(falling, slope[2], slope[1])
+    bracketed = (below < 0.0) & (above > 0.0)
+    if zones.ground is not None:
+        # Along an edge it is smooth
+        before, after = touched.normal[: len(rows)], touched.normal[-len(rows) :]
+        edge = np.einsum("ij,ij->i", before, after) > STRAIGHT
+        bracketed &= ~(edge & np.isin(which, zones.ground.zones))
+    if not bracketed.any():
+        return
+    begin = np.where(falling, place, place - 1)[bracketed]
+    rows, which, below, above = rows[bracketed], which[bracketed], below[bracketed], above[bracketed]
+    course = _Course.after(points, begin)
+    sigma[rows] = course.begin + course.width * _zero(problem, which, course, below, above)
+
+
+def _zero(problem: Problem, which: Index, course: _Course, below: Array, above: Array) -> Array:
+    """Where between two samples the rates of distances are zero, given those at the first and second, (m,)."""
+    zones, every = problem.zones, np.arange(len(which))
+    low, width = np.zeros(len(which)), 1.0
+    zone = np.tile(which, len(SHARES))
+    for _ in range(ROUNDS):
+        shares = low + width * SHARES[:, None]
+        position, velocity = course.at(shares)
+        times = course.time + course.duration * shares
+        contacts = zones.contacts(zone, times.ravel(), position.reshape(-1, 2))
+        rates = _closing(zones, zone, velocity.reshape(-1, 2), contacts).reshape(shares.shape)
+        rates = np.vstack([below, rates, above])
+        # What is nearest closes at first, and goes away at last: between two in a row it turns.
+        turn = (rates[1:] >= 0.0).argmax(axis=0)
+        low, width = low + width * turn / (len(SHARES) + 1), width / (len(SHARES) + 1)
+        below, above = rates[turn, every], rates[turn + 1, every]
+    return low + width * below / (below - above)
+
+
+@dataclass(frozen=True)
+class _Course:
+    """Ways from samples to the next ones: cubics that have the positions and velocities of the trip at both.
+
+    Attributes
+    ----------
+    begin, width : (m,) arrays
+        Normalised time at the first sample, and from there to the second.
+    time, duration : (m,) arrays
+        The same in s.
+    coefficients : (4, m, 2) array
+        Of the powers of the share of the way, m.
+    """
+
+    begin: Array
+    width: Array
+    time: Array
+    duration: Array
+    coefficients: Array
+
+    @classmethod
+    def after(cls, points: TripPoints, place: Index) -> _Course:
+        """Return the ways from samples, (m,) indices of points."""
+        here, there = points.path.position[place], points.path.position[place + 1]
+        time, begin = points.time[place], points.table.sigma[place % len(points.table.sigma)]
+        duration = points.time[place + 1] - time
+        leaving, coming = (_velocities(points, at) * duration[:, None] for at in (place, place + 1))
+        way = there - here
+        coefficients = np.stack([here, leaving, 3.0 * way - 2.0 * leaving - coming, leaving + coming - 2.0 * way])
+        width = points.table.sigma[place % len(points.table.sigma) + 1] - begin
+        return cls(begin, width, time, duration, coefficients)
+
+    def at(self, share: Array) -> tuple[Array, Array]:
+        """Positions, m, and velocities, m/s, (..., m, 2), after shares of the ways, (..., m)."""
+        x, (start, first, second, third) = share[..., None], self.coefficients
+        position = start + x * (first + x * (second + x * third))
+        velocity = (first + x * (2.0 * second + 3.0 * x * third)) / self.duration[:, None]
+        return position, velocity
+
+
+def _velocities(points: TripPoints, index: Index) -> Array:
+    """Of the vehicle at some points, (n, 2) m/s."""
+    velocities: Array = (points.speed[index] / points.path.speed[index])[:, None] * points.path.direction[index]
+    return velocities
+
+
+def _closing(zones: ZoneBatch, which: Index, velocity: Array, contacts: ZoneContacts) -> Array:
+    """Rate of the distances on the way, m/s; of discs times the distance of their centres: that changes evenly."""
+    rate: Array = np.einsum("ij,ij->i", contacts.normal, velocity) + contacts.rate
+    discs = np.flatnonzero((zones.outline_slot[which] < 0) & (zones.slot[which] < 0))
+    rate[discs] *= contacts.distance[discs] + zones.radius[which[discs]]
+    return rate
