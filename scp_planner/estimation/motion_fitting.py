@@ -30,7 +30,7 @@ from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.estimation.kalman import FilterState, first_state, predict_state, update_state
 from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.track_units import unit_of
+from scp_planner.estimation.track_units import unit_of, usual_parameters
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
 
@@ -55,7 +55,6 @@ _MATCHED = 0  # which of them exactly, for each lead time
 _MOST_SPREAD = 0.7  # standard deviation of a log quantile that is believed
 _DEGREES = (1.0, 200.0)  # of freedom: bounds
 
-_NOISE_START = 0.1  # of the usual distance between positions
 _PARAMETERS = {
     "random_walk": ("diffusion",),
     "mean_reverting": ("diffusion", "time_constant"),
@@ -407,25 +406,6 @@ def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
     return least, most
 
 
-def _guessed(tracks: Tracks) -> dict[str, float]:
-    """Parameters in SI with which tracks are of the usual kind: where the likelihood is maximised from.
-
-    Of several maxima the nearest is found, so all are taken from the tracks: their speed; velocities that last for
-    longer than a step, and less long than a track; changes that keep that speed up; and a little noise.
-    """
-    moving = [track for track in tracks if len(track.times) > 1]
-    steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in moving])
-    lags = np.concatenate([np.diff(track.times) for track in moving])
-    speed = math.sqrt(float((steps**2).sum() / (2.0 * (lags**2).sum())))  # along one axis
-    lasting = math.sqrt(float(np.median(lags)) * float(np.median([np.ptp(track.times) for track in moving])))
-    return {
-        "velocity_deviation": speed,
-        "time_constant": lasting,
-        "diffusion": 2.0 * speed**2 / lasting,
-        "noise_deviation": _NOISE_START * float(steps.mean()),
-    }
-
-
 def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel:
     """Maximise the likelihood over the logarithms of the parameters; the noise may be given, m."""
     from scipy.optimize import minimize
@@ -443,7 +423,7 @@ def _most_likely(tracks: Tracks, kind: str, noise: float | None) -> ProcessModel
         return ProcessModel(process={"kind": kind, **values}, velocity_deviation=velocity, noise_deviation=own)
 
     bounds = np.array([_bounds_of(name, tracks) for name in names]) / units[:, None]
-    guessed = _guessed(tracks)
+    guessed = usual_parameters(tracks)
     start = np.clip(np.array([guessed[name] for name in names]) / units, *bounds.T)
     result = minimize(
         lambda logs: -_log_likelihood(pieces, model_at(logs)) / count,

@@ -1,4 +1,4 @@
-"""Units of recorded tracks: those of robots on a table top, and of ships, are fitted like those of people."""
+"""Units and usual parameters of recorded tracks: robots on a table top, and ships, are fitted like people."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.tracks import Tracks
 
 _STEP, _INTERVAL = 0.5, 0.4  # m and s between two positions of people, in whose units parameters are near 1
+_NOISE = 0.1  # of the usual distance between positions
 _BITS = 8  # a unit is 1, or 2^8 as large or small, and so on: how often people were seen does not matter
 
 
@@ -37,6 +38,36 @@ def unit_of(name: str, tracks: Tracks) -> float:
         "diffusion": length**2 / time**3,
     }
     return units[name]
+
+
+def usual_parameters(tracks: Tracks) -> dict[str, float]:
+    """Return parameters of motion models, of which those that fit tracks are near.
+
+    The likelihood has several maxima, and from a start the nearest is found. So the start is taken from the tracks:
+    their speed; velocities that last for longer than a step, and less long than a track; changes that keep that speed
+    up; and a little noise.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        One at least with more than one position.
+
+    Returns
+    -------
+    dict of str to float
+        By the names of `unit_of`, in SI; 0 where nothing moves.
+    """
+    moving = [track for track in tracks if len(track) > 1]
+    steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in moving])
+    lags = np.concatenate([np.diff(track.times) for track in moving])
+    speed = math.sqrt(float((steps**2).sum() / (2.0 * (lags**2).sum())))  # along one axis
+    lasting = math.sqrt(float(np.median(lags)) * float(np.median([np.ptp(track.times) for track in moving])))
+    return {
+        "velocity_deviation": speed,
+        "time_constant": lasting,
+        "diffusion": 2.0 * speed**2 / lasting,
+        "noise_deviation": _NOISE * float(steps.mean()),
+    }
 
 
 def _coarse(values: Sequence[Array], usual: float) -> float:

@@ -19,7 +19,6 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import shift_matrices
 from scp_planner.online.many_zones import Future, Level, lengths_of_polynomials, made_zones
 from scp_planner.online.track import ObstacleTrack
-from scp_planner.scenario.models import ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
 from scp_planner.threat_zones.zone import ThreatZone
 
@@ -127,12 +126,13 @@ def newcomers_together(
     errors = shift[:, None, None] @ pairs @ shift.transpose(0, 2, 1)[:, None, None]
     blocks = _of_time(errors, 0, 0)
     covariance = np.stack([blocks[:, :, 0, 0], 0.5 * (blocks[:, :, 0, 1] + blocks[:, :, 1, 0]), blocks[:, :, 1, 1]], 2)
-    lengths = np.zeros(len(some))
-    if level.confidence.level is not ConfidenceLevel.PER_TIME:
-        lengths = lengths_of_polynomials(blocks, _of_time(errors, 0, 1), _of_time(errors, 1, 1))
+
+    def lengths() -> Array:
+        return lengths_of_polynomials(blocks, _of_time(errors, 0, 1), _of_time(errors, 1, 1))
+
     future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
     new = [tracks[k] for k in some.tolist()]
-    zones = made_zones(new, future, [level.scale(length, None) for length in lengths.tolist()])
+    zones = made_zones(new, future, level.scales(len(some), lengths))
     return {track.id: zone for track, zone in zip(new, zones, strict=True)}
 
 

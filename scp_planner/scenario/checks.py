@@ -378,11 +378,8 @@ def polygon_is_simple(shape: Any) -> Iterator[Objection]:
 
 
 def _is_no_cell(polygon: Any) -> bool:
-    return (
-        len(polygon) > corridor.MOST_CORNERS
-        or any(True for _ in _polygon_faults(polygon))
-        or not planar.is_convex(polygon)
-    )
+    crowded = len(polygon) > corridor.MOST_CORNERS
+    return crowded or any(True for _ in _polygon_faults(polygon)) or not planar.is_convex(polygon)
 
 
 def _polygon_faults(vertices: Any) -> Iterator[Objection]:
