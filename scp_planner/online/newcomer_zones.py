@@ -7,6 +7,7 @@ velocity and acceleration are not known in proportion to the noise. Each alone i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -89,7 +90,7 @@ def _determined(r: Array, sizes: Array, rows: int) -> Array:
     all is that of the diagonal.
     """
     scaled = np.abs(np.diagonal(r, axis1=1, axis2=2)) / np.maximum(sizes, np.finfo(float).tiny)
-    least = scaled.prod(axis=1) / np.sqrt(np.e)
+    least = scaled.prod(axis=1) / math.sqrt(math.e)
     return np.asarray(least > np.sqrt(r.shape[-1]) * max(rows, r.shape[-1]) * np.finfo(float).eps)
 
 
