@@ -40,7 +40,7 @@ class Fallback:
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal, s."""
-        self._evasion.be_patient(waited)
+        self._evasion.outlooks.be_patient(waited)
 
     def fall_back(
         self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, why: str

@@ -12,8 +12,9 @@ import scp_planner as sp
 from scp_planner.certificate.ends import EndState, can_reverse, start_violations
 from scp_planner.online.directions import can_turn, direction
 from scp_planner.online.dodge_courses import Profiles
+from scp_planner.online.dodge_outlooks import Driven
 from scp_planner.online.dodges import Dodges
-from scp_planner.online.evasion import Evasion, _Driven
+from scp_planner.online.evasion import Evasion
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Limits
@@ -113,7 +114,7 @@ def test_way_left_is_that_of_the_tightest_bends_that_are_driven() -> None:
     turned = np.abs(np.diff(dodges.heading, axis=1))
     driven = np.linalg.norm(np.diff(dodges.position, axis=1), axis=2)
     bends = (turned[driven > 1e-3] / driven[driven > 1e-3]).max()
-    assert 1.0 / evasion._tightest(moment) == pytest.approx(bends, rel=0.05) and bends > 0.0
+    assert 1.0 / evasion.outlooks.tightest(moment) == pytest.approx(bends, rel=0.05) and bends > 0.0
 
 
 def test_stop_of_a_vehicle_that_drives_both_ways_counts_as_one_that_it_backs_out_of() -> None:
@@ -128,9 +129,9 @@ def test_stop_of_a_vehicle_that_drives_both_ways_counts_as_one_that_it_backs_out
     evasion = Evasion(planner._means)
     moment = planner._means.moment(State(0.0, (0.0, 0.0), 0.0, 0.3))
     dodges = evasion._dodges(moment)
-    room = dodges.room(moment.batch, evasion._box(moment), moment.scenario.vehicle)
-    before = evasion._seen(moment, _Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
-    after = evasion._look(moment, dodges)
+    room = dodges.room(moment.batch, evasion.outlooks.box(moment), moment.scenario.vehicle)
+    before = evasion.outlooks.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
+    after = evasion.outlooks.of(moment, dodges)
     at_once = np.arange(len(after.worth)) % len(dodges.families[0].profiles.stands) == 0
     assert np.all(after.worth[at_once] > before.worth[at_once])
     assert np.array_equal(after.worth[~at_once], before.worth[~at_once]) and np.array_equal(after.clear, before.clear)

@@ -11,7 +11,6 @@ from scenes import disc, scene
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, Bend, Profiles
 from scp_planner.online.dodges import HURRIED, Dodges
-from scp_planner.online.evasion import _Driven, _until
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Box, Limits
@@ -19,14 +18,6 @@ from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 
 LIMITS = Limits(1.5, 1.0, 1.5, 1.5, 2.0)
-
-
-def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
-    """Somebody comes nearer by 1 m/s: when the dodges end, at 1.4 s and at 2 s, clearances are what is left then."""
-    times = np.array([0.0, 1.0, 2.0, 3.0])
-    driven = _Driven(times, np.zeros((2, 4, 2)), np.zeros((2, 4)), np.array([1.4, 2.0]))
-    found = _until(np.tile(1.5 - times, (2, 1)), driven)
-    assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
 
 
 def dodges_of(heading: float | None, speed: float, ahead: float, radius: float, bend: Bend = GRADUAL) -> Dodges:

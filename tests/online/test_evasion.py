@@ -226,7 +226,7 @@ def test_trip_is_worth_what_the_same_dodge_is() -> None:
         dodges, seen = view.dodges, view.seen
         # The first course leads to the goal; for longest, at top speed
         straight = len(dodges.families[0].profiles.stands) - 2
-        worth = evasion._worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
+        worth = evasion.outlooks.worth_of(now.moment, dodges.trip(straight, now.moment.frame), dodges.times)
         assert bool(seen.worth[straight] < 0.0) is harmful
         assert worth == pytest.approx(seen.worth[straight], abs=0.02)
 
