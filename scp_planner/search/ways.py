@@ -64,8 +64,8 @@ class _Base:
     closed: frozenset[tuple[int, int]]
 
     def until(self, line: int) -> Begun:
-        """The sweep up to the last station before a line."""
-        return Begun(self.sweep, (line - 1) // EACH_STATION)
+        """The sweep up to the last station before a line; up to the first one, where all ways begin, before none."""
+        return Begun(self.sweep, max(line - 1, 0) // EACH_STATION)
 
 
 class WaySearch:

@@ -17,6 +17,7 @@ from scp_planner.scenario.models import Scenario
 from scp_planner.search import blocked
 from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.first_trips import trip_along
+from scp_planner.search.grid import EACH_STATION
 from scp_planner.search.starts import coarsenesses
 from scp_planner.search.ways import WaySearch, WayTree, ways
 from scp_planner.settings.planning import Settings
@@ -253,3 +254,12 @@ def test_cases_one_at_a_time_are_those_together(monkeypatch: pytest.MonkeyPatch)
         if one is not None and other is not None:
             assert one.travel_time == other.travel_time and one.sides == other.sides
             np.testing.assert_array_equal(one.offsets, other.offsets)
+
+
+def test_what_is_blocked_from_the_first_line_on_is_swept_from_the_start() -> None:
+    """A sweep that others go on from is taken up to the first line on which they differ, and never as a whole."""
+    search = WaySearch(problem_of(scene(*CROSSERS)))
+    base = search._base([(), ()], search._in_time(search._windows(np.inf)[0]))
+    assert len(base.sweep.reached) == search.grid.columns + 1
+    for line, stations in ((0, 1), (1, 1), (EACH_STATION, 1), (EACH_STATION + 1, 2), (3 * EACH_STATION + 1, 4)):
+        assert len(base.until(line).reached) == stations, line
