@@ -30,7 +30,7 @@ from scp_planner.estimation.dynamics import dynamics_of
 from scp_planner.estimation.error_laws import StudentErrors
 from scp_planner.estimation.kalman import FilterState, first_state, predict_state, update_state
 from scp_planner.estimation.track_files import Track
-from scp_planner.estimation.track_units import unit_of, usual_parameters
+from scp_planner.estimation.track_units import step_lengths, unit_of, usual_parameters
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.process_model import FittedTo, ProcessModel, Tails
 
@@ -401,7 +401,7 @@ def _bounds_of(name: str, tracks: Tracks) -> tuple[float, float]:
     unit = unit_of(name, tracks)
     least, most = (unit * bound for bound in (_TIME_CONSTANTS if name == "time_constant" else _BOUNDS))
     if name == "noise_deviation":
-        steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in tracks])
+        steps = step_lengths(tracks)
         least = max(least, _LEAST_NOISE * float(steps.mean()) if len(steps) else 0.0)
     return least, most
 

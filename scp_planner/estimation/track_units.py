@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,8 +28,7 @@ def unit_of(name: str, tracks: Tracks) -> float:
     float
         In SI, a power of two.
     """
-    steps = [np.hypot(*np.diff(track.positions, axis=0).T) for track in tracks]
-    length, time = _coarse(steps, _STEP), _coarse([np.diff(track.times) for track in tracks], _INTERVAL)
+    length, time = _coarse(step_lengths(tracks), _STEP), _coarse(_intervals(tracks), _INTERVAL)
     units = {
         "time_constant": time,
         "noise_deviation": length,
@@ -57,11 +55,10 @@ def usual_parameters(tracks: Tracks) -> dict[str, float]:
     dict of str to float
         By the names of `unit_of`, in SI; 0 where nothing moves.
     """
-    moving = [track for track in tracks if len(track) > 1]
-    steps = np.concatenate([np.hypot(*np.diff(track.positions, axis=0).T) for track in moving])
-    lags = np.concatenate([np.diff(track.times) for track in moving])
+    steps, lags = step_lengths(tracks), _intervals(tracks)
     speed = math.sqrt(float((steps**2).sum() / (2.0 * (lags**2).sum())))  # along one axis
-    lasting = math.sqrt(float(np.median(lags)) * float(np.median([np.ptp(track.times) for track in moving])))
+    durations = [np.ptp(track.times) for track in tracks if len(track) > 1]
+    lasting = math.sqrt(float(np.median(lags)) * float(np.median(durations)))
     return {
         "velocity_deviation": speed,
         "time_constant": lasting,
@@ -70,8 +67,17 @@ def usual_parameters(tracks: Tracks) -> dict[str, float]:
     }
 
 
-def _coarse(values: Sequence[Array], usual: float) -> float:
+def step_lengths(tracks: Tracks) -> Array:
+    """Return the distances from position to position, of all tracks one after the other, m."""
+    return np.concatenate([np.zeros(0), *(np.hypot(*np.diff(track.positions, axis=0).T) for track in tracks)])
+
+
+def _intervals(tracks: Tracks) -> Array:
+    """The times from position to position, of all tracks one after the other, s."""
+    return np.concatenate([np.zeros(0), *(np.diff(track.times) for track in tracks)])
+
+
+def _coarse(values: Array, usual: float) -> float:
     """The power of 2^8 that is nearest to how large values are on average, in relation to usual ones."""
-    together = np.concatenate(values) if values else np.zeros(0)
-    mean = float(together.mean()) if len(together) else 0.0
+    mean = float(values.mean()) if len(values) else 0.0
     return 2.0 ** (_BITS * round(math.log2(mean / usual) / _BITS)) if mean > 0.0 else 1.0

@@ -301,6 +301,10 @@ class Bank:
         innovation, variance = part.update(positions.T, self.noise)
         if not isinstance(where, slice):
             states.put(where, part)
+        return self._judged(where, innovation, variance)
+
+    def _judged(self, where: Where, innovation: Array, variance: Array) -> tuple[Array, Array]:
+        """Log densities (M, ..., n), but for a constant, of innovations (2, M, ..., n), m, and these in sigmas."""
         offset = self._whitened(where, innovation) / np.sqrt(variance)
         return -0.5 * (offset[0] * offset[0] + offset[1] * offset[1]) - np.log(variance), offset
 
@@ -349,8 +353,8 @@ class Bank:
             if states is not part:
                 part.put(some, states)
         self.swings.put(slots, part)
-        found = self._whitened(slots, innovation) / np.sqrt(variance)
-        evidence = np.where(told, -0.5 * (found[0] * found[0] + found[1] * found[1]) - np.log(variance), 0.0)
+        evidence, found = self._judged(slots, innovation, variance)
+        evidence = np.where(told, evidence, 0.0)
         rows = np.arange(_RING)[:, None]
         place, looked_at = (begin + rows) % _RING, cut(found)
         self._innovations[:, swings:, place, slots] = found

@@ -12,6 +12,7 @@ import logging
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from enum import Enum
 from itertools import chain
 from typing import Any
 
@@ -61,6 +62,27 @@ FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 INTERPOLATED = 0.01
 """...which loses so much of a variance in between, at most."""
+
+
+class _Kind(Enum):
+    """How zones of several tracks are made together."""
+
+    SETTLED = "polynomials from what was seen alone"
+    ALARMED = "mixtures of filters"
+    NEW = "polynomials from a prior, too"
+
+
+def _kind_of(track: ObstacleTrack, headings: bool) -> _Kind | None:
+    """How the zone of a track is made together with others; None if it is made alone."""
+    if track.fixed is not None or track.estimator is None or not track.simple:
+        return None
+    if track.alarmed:
+        return _Kind.ALARMED
+    if headings and track.body.turning is not None:
+        return None  # its heading is estimated, too
+    if track.settled:
+        return _Kind.SETTLED
+    return _Kind.NEW if track.model.order > 0 else None  # of order 0 no prior tells anything
 
 
 class ObstacleTracks:
@@ -277,7 +299,7 @@ class ObstacleTracks:
         estimated = sum(track.uncertain for track in tracks)
         level = Level(self.confidence, estimated)
         headings = self._bounds_headings(tracks)
-        made = self._together(tracks, start, level, headings) | self._of_newcomers(tracks, start, level, headings)
+        made = self._together(tracks, start, level, headings)
         alone = (track for track in tracks if track.fixed is None and track.id not in made)
         estimates = {track.id: self._estimate(track) for track in alone}
         foretell(estimates.values(), start, HORIZON)
@@ -303,19 +325,13 @@ class ObstacleTracks:
         self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
     ) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        groups: dict[int, list[ObstacleTrack]] = {}
-        alarmed: dict[int, list[ObstacleTrack]] = {}
+        groups: dict[_Kind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in _Kind}
         for track in tracks:
-            if track.fixed is not None or track.estimator is None or not track.simple:
-                continue
-            if headings and track.body.turning is not None and not track.alarmed:
-                continue  # its heading is estimated, too
-            if track.alarmed:
-                alarmed.setdefault(track.model.order, []).append(track)
-            elif track.settled:
-                groups.setdefault(track.model.order, []).append(track)
+            kind = _kind_of(track, headings)
+            if kind is not None:
+                groups[kind].setdefault(track.model.order, []).append(track)
         made: dict[str, ThreatZone] = {}
-        for _, some in sorted(groups.items()):
+        for _, some in sorted(groups[_Kind.SETTLED].items()):
             roots = self._roots(some)
             suspicions = self._suspicions(some, level)
             zones = zones_together(some, roots, start, level, self.manoeuvre, suspicions)
@@ -323,25 +339,11 @@ class ObstacleTracks:
             for number, (track, zone) in enumerate(zip(some, zones, strict=True)):
                 track.suspected = suspicions is not None and bool(suspicions.probability[number] > 0.0)
                 track.zone = zone if track.suspected else None
-        for order, some in sorted(alarmed.items()):
+        for order, some in sorted(groups[_Kind.ALARMED].items()):
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
             for track, zone in zip(some, Alarmed(some, self._banks[order], deviation).zones(start, level), strict=True):
                 track.zone = made[track.id] = zone
-        return made
-
-    def _of_newcomers(
-        self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
-    ) -> dict[str, ThreatZone]:
-        """Zones of those newcomers that can be made together."""
-        groups: dict[int, list[ObstacleTrack]] = {}
-        for track in tracks:
-            observed = track.fixed is None and track.estimator is not None and not track.alarmed
-            turns = headings and track.body.turning is not None
-            # of order 0 no prior tells anything
-            if observed and track.simple and not (track.settled or turns) and track.model.order > 0:
-                groups.setdefault(track.model.order, []).append(track)
-        made: dict[str, ThreatZone] = {}
-        for order, some in sorted(groups.items()):
+        for order, some in sorted(groups[_Kind.NEW].items()):
             made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)
         return made
 

@@ -134,11 +134,12 @@ class _Job:
 def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
     """Cover a car that gets nowhere for what it touches by more discs, which stick out of it less."""
     for discs in MORE_DISCS:
+        if discs <= len(made.scenario.vehicle.discs):
+            continue
         if not _touches_alone(job, made) or job.left <= 0.0:
             break
-        if discs > len(made.scenario.vehicle.discs):
-            again = job.planned(replace(trial, discs=discs))
-            made = again if _better(again.plan, made.plan) else made
+        again = job.planned(replace(trial, discs=discs))
+        made = again if _better(again.plan, made.plan) else made
     return made
 
 

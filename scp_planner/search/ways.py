@@ -89,15 +89,20 @@ class WaySearch:
         fineness: Fineness | None = None,
         deadline: float = np.inf,
     ) -> None:
-        self.problem, self.deadline = problem, deadline
+        self.problem = problem
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
         self._fastest = np.inf  # arrival of the ways that were found, s
         self.ends = WayEnds(self._slopes(0), self._slopes(-1), self._goal())
 
+    @property
+    def deadline(self) -> float:
+        """Value of :func:`time.perf_counter` after which no further zones are looked at, and no way is found."""
+        return self.cells.deadline
+
     def go_on_until(self, deadline: float) -> None:
         """Set another deadline; a search that has been cut off has ended."""
-        self.deadline = self.cells.deadline = deadline
+        self.cells.deadline = deadline
 
     def _slopes(self, end: int) -> slice:
         """Slopes that the heading at an end allows."""
