@@ -16,6 +16,10 @@ What the differences can and cannot see
 - **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted
   mean over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps
   or stops. A corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
+- **Total acceleration** is the difference of two mean velocities about 4 ms apart: a weighted mean of the exact vector,
+  whose norm is at most the mean of the exact norms. **Power** is the energy won over as long: its exact mean, plus less
+  than 3e-5 s times the square of a jump of the acceleration.
+- **Acceleration at the start** is a one-sided second difference over 6 ms: it sees a jump just behind the start, too.
 - **Jerk** and the **rate of the curvature** are differences of those over 50 ms: their mean values over that
   time. A jump of the acceleration by 1 m/s2 shows as 20 m/s3.
 - **Lateral acceleration** is that curvature times the square of the mean speed over the same two chords.
@@ -38,6 +42,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from verification.arrivals import first_acceleration, goal_conditions
 from verification.differences import (
     ACCELERATION_WINDOW,
     REVERSAL_LENGTH,
@@ -48,7 +53,7 @@ from verification.differences import (
 )
 from verification.distances import clearances
 from verification.findings import DenseReport, Finding, Tolerances
-from verification.places import corridor, disc_centres, place_speeds, workspace
+from verification.places import corridor, disc_centres, place_speeds, walls, workspace
 
 SAMPLES = 20_000
 MOST_REFINEMENT = 16  # times the samples, for trips that turn fast
@@ -70,9 +75,9 @@ def check_trip(
     Parameters
     ----------
     scenario : mapping or path
-        Scenario as a plain dict, or a JSON file. An obstacle needs an exact ``motion`` and a shape that is a
-        ``disc``, a ``polygon`` or a ``rectangle``; or, if it is a disc, ``observations`` of known covariance. Of a
-        rectangle that hardly moves on a course only what it covers at any heading is judged.
+        Scenario as a plain dict, or a JSON file. Of a shape that heads along its velocity only what it covers at any
+        heading is judged where it hardly moves, and where its motion is not known exactly. About a region of centres
+        what is no disc is looked at from so many places on its border that some is overlooked, and nothing invented.
     position : callable
         (n,) times in s to (n, 2) positions in m.
     start_time, arrival_time : float
@@ -83,7 +88,8 @@ def check_trip(
         Number of intervals between sampled times.
     regions : mapping of str to float, optional
         For each observed or foretold obstacle q > 0: its centre may be anywhere in the ellipse z' C(t)^-1 z <= q
-        around its estimate, C(t) the covariance of the estimate. Which q gives which confidence is not judged here.
+        around its estimate, C(t) the covariance of the estimate. Future k of an obstacle is called ``id[k]``; of those
+        with a covariance one that is not there is left out. Which q gives which confidence is not judged here.
 
     Raises
     ------
@@ -104,6 +110,8 @@ def check_trip(
         return DenseReport((broken,), arrival_time - start_time)
     findings = [
         *ends(data, times, positions, position, allowed),
+        *goal_conditions(data, start_time, arrival_time, position, allowed),
+        *first_acceleration(data, start_time, arrival_time, position, allowed),
         *motion_limits(data, times, positions, allowed),
         *place_speeds(data, times, positions, allowed),
     ]
@@ -111,6 +119,7 @@ def check_trip(
         findings += [
             *workspace(data, times, place, allowed),
             *corridor(data, times, place, allowed),
+            *walls(data, times, place, allowed),
             *clearances(data, times, place, allowed, regions or {}),
         ]
     return DenseReport(tuple(findings), arrival_time - start_time)

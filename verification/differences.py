@@ -21,6 +21,7 @@ SPEED_WINDOW = 1e-3  # s, one chord
 SLOW = 0.1  # m/s; ends slower than this are looked at over the samples, not over chords of their own
 END_WINDOW = 1e-4  # s; a longer one would be blurred by a jump of the acceleration just inside the end
 ACCELERATION_WINDOW = 4e-3  # s, between the chords that are differenced
+POWER_WINDOW = 3e-5  # s; what a jump of the acceleration inside a chord makes of the power, by its square
 RATE_WINDOW = 0.05  # s, over which accelerations and curvatures are differenced for their rates
 CHORD_LENGTH = 3e-3  # m, for headings and curvature
 END_CHORD = 1e-4  # m, for the headings at the ends, whose error grows with the square of the chords
@@ -46,9 +47,10 @@ def ends(
     require("start_time", begin, begin - late, abs(late), 1e-9, begin)
     gap = float(np.linalg.norm(positions[0] - np.asarray(start["position"], dtype=float)))
     require("start_position", gap, 0.0, gap, allowed.position, begin)
-    gap = float(np.linalg.norm(positions[-1] - np.asarray(goal["position"], dtype=float)))
-    reach = float(goal.get("radius") or 0.0)
-    require("goal_position", gap, reach, gap - reach, allowed.position, end)
+    if goal.get("region") is None:
+        gap = float(np.linalg.norm(positions[-1] - np.asarray(goal["position"], dtype=float)))
+        reach = float(goal.get("radius") or 0.0)
+        require("goal_position", gap, reach, gap - reach, allowed.position, end)
     for name, sign in (("earliest_arrival", -1.0), ("latest_arrival", 1.0)):
         if goal.get(name) is not None:
             limit = float(goal[name])
@@ -56,7 +58,7 @@ def ends(
 
     for name, place, when, order in (("start", start, begin, 1), ("goal", goal, end, -1)):
         if place.get("speed") is not None:
-            speed = _end_speed(position, when, order * _end_window(position, when, order * END_WINDOW))
+            speed = end_speed(position, when, order)
             gap = abs(speed - float(place["speed"]))
             require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
         if place.get("heading") is not None:
@@ -65,6 +67,11 @@ def ends(
             gap = abs(math.remainder(heading - float(place["heading"]), 2.0 * math.pi))
             require(f"{name}_heading", heading, float(place["heading"]), gap, allowed.heading, when)
     return found
+
+
+def end_speed(position: PositionFunction, end: float, order: int) -> float:
+    """Speed at the start, of order 1, or at the goal, of order -1."""
+    return _end_speed(position, end, order * _end_window(position, end, order * END_WINDOW))
 
 
 def _end_speed(position: PositionFunction, end: float, window: float) -> float:
@@ -154,9 +161,7 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
     found = []
 
     def at_most(name: str, values: Array, limit: float, tolerance: float, when: Array) -> None:
-        worst = int(np.argmax(values))
-        value = float(values[worst])
-        found.append(Finding(name, value, limit, value - limit, tolerance, float(when[worst])))
+        found.append(_worst(name, values, limit, tolerance, when))
 
     displacements = positions[width:] - positions[:-width]
     chords = np.linalg.norm(displacements, axis=1)
@@ -176,6 +181,7 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
         far = max(1, round(RATE_WINDOW / step))
         jerks = np.abs(rates[far:] - rates[:-far]) / (far * step)
         at_most("jerk", jerks, float(vehicle["max_jerk"]), allowed.jerk, (between[far:] + between[:-far]) / 2.0)
+    found += _forces(vehicle, displacements, speeds, between, step, allowed)
 
     chosen = points_by_length(positions)
     if chosen.size < 3:
@@ -204,6 +210,33 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
         lateral = curvatures * turning_speeds**2
         at_most("lateral_acceleration", lateral, limit, allowed.lateral_acceleration, when_turning)
     return found
+
+
+def _forces(
+    vehicle: Mapping[str, Any], displacements: Array, speeds: Array, between: Array, step: float, allowed: Tolerances
+) -> list[Finding]:
+    """Acceleration along and across the path together, and power, from chords (n, 2), m, and speeds (n,) of these."""
+    found = []
+    apart = len(speeds) - len(between)
+    width = max(1, round(SPEED_WINDOW / step))
+    if vehicle.get("max_total_acceleration") is not None:
+        # The norm of a mean is at most the mean of the norms: an exact trip is never refused, however it turns.
+        changes = (displacements[apart:] - displacements[:-apart]) / (width * step * apart * step)
+        together, limit = np.linalg.norm(changes, axis=1), float(vehicle["max_total_acceleration"])
+        found.append(_worst("total_acceleration", together, limit, allowed.acceleration, between))
+    if vehicle.get("max_power") is not None:
+        # The energy won over a time is the integral of the power, whatever the acceleration does meanwhile.
+        powers = (speeds[apart:] ** 2 - speeds[:-apart] ** 2) / (2.0 * apart * step)
+        jump = float(vehicle["max_acceleration"]) + float(vehicle["max_deceleration"])
+        tolerance = allowed.acceleration * max(1.0, float(vehicle["max_speed"])) + POWER_WINDOW * jump**2
+        found.append(_worst("power", powers, float(vehicle["max_power"]), tolerance, between))
+    return found
+
+
+def _worst(name: str, values: Array, limit: float, tolerance: float, when: Array) -> Finding:
+    worst = int(np.argmax(values))
+    value = float(values[worst])
+    return Finding(name, value, limit, value - limit, tolerance, float(when[worst]))
 
 
 def _backward_speed(displacements: Array, chords: Array, duration: float, when: Array) -> tuple[float, float]:

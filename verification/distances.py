@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from verification.differences import Array
 from verification.findings import Finding, Tolerances
+from verification.forecasts import foretold
 
 HARDLY_MOVES = 0.25  # of the fastest on a course: well above what the planner takes for standing
+STANDS = 1e-9  # of the largest speed: below it a motion has no direction
+BORDER_POINTS = 24  # of a region, from which what is no disc is looked at
 
 
 def clearances(
@@ -24,47 +27,91 @@ def clearances(
     """Least clearance to each obstacle, of positions (n, 2) m at times (n,) s, with the regions of `check_trip`."""
     radius = float(data["vehicle"]["radius"])
     found = []
-    for obstacle in data.get("obstacles", ()):
-        name = str(obstacle["id"])
-        keep = radius + float(obstacle.get("margin") or 0.0)
-        if name in regions and obstacle.get("motion") is not None:
-            clearance = _distance_to_foretold(obstacle, times, positions, regions[name]) - keep
-        elif obstacle.get("motion") is None and name in regions:
-            clearance = distance_to_observed(obstacle, times, positions, regions[name]) - keep
-        else:
-            clearance = signed_distance(obstacle, times, positions) - keep
+    for name, obstacle in _each_future(data):
+        uncertain = _is_uncertain(obstacle)
+        if uncertain and name not in regions and name != str(obstacle["id"]):
+            continue  # a future that is improbable enough
+        if uncertain and name not in regions:
+            raise ValueError(f"obstacle {name!r} has no exact motion: give the size of its region")
+        distance = (
+            distance_to_uncertain(obstacle, times, positions, regions[name])
+            if uncertain
+            else signed_distance(obstacle, times, positions)
+        )
+        clearance = distance - radius - float(obstacle.get("margin") or 0.0)
         worst = int(np.argmin(clearance))
         least = float(clearance[worst])
         found.append(Finding("clearance", least, 0.0, -least, allowed.clearance, float(times[worst]), name))
     return found
 
 
-def signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
-    """Distance (n,) from the points to the obstacle at the same times, m; negative inside."""
-    name = obstacle["id"]
+def _each_future(data: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Each obstacle by its name, and of one with several futures each that is possible, as obstacles of their own."""
+    for obstacle in data.get("obstacles", ()):
+        name = str(obstacle["id"])
+        futures = (obstacle.get("motion") or {}).get("futures")
+        if futures is None:
+            yield name, obstacle
+            continue
+        for k, future in enumerate(futures):
+            if float(future["weight"]) > 0.0:
+                yield f"{name}[{k}]", {**obstacle, "motion": future["motion"]}
+
+
+def _is_uncertain(obstacle: Mapping[str, Any]) -> bool:
     motion = obstacle.get("motion")
-    if motion is None:
+    return motion is None or motion.get("covariance") is not None
+
+
+def signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
+    """Distance (n,) from the points to the obstacle at the same times, m; negative inside, if it is no ellipse."""
+    name, motion, shape = obstacle["id"], obstacle.get("motion"), obstacle["shape"]
+    if motion is None or motion.get("covariance") is not None:
         raise ValueError(f"obstacle {name!r} has no exact motion: give the size of its region")
+    centres, velocities, fastest = _moved(motion, times)
+    offsets = positions - centres
+    if "rectangle" not in shape and "ellipse" not in shape:
+        return _distance_to_shape(shape, offsets, 0.0, name)
+    if shape.get("heading") is not None:
+        return _distance_to_shape(shape, offsets, float(shape["heading"]), name)
+    if motion.get("heading") is not None:
+        return _distance_to_shape(shape, offsets, _pointing(motion, times), name)
+    speeds = np.linalg.norm(velocities, axis=1)
+    heading = np.arctan2(velocities[:, 1], velocities[:, 0])
+    if "time" not in motion and _is_straight(motion):
+        # It heads along its line all the time, also while it turns back.
+        along = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
+        more = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
+        along = along if along @ along >= more @ more else more
+        return _distance_to_shape(shape, offsets, math.atan2(along[1], along[0]), name)
+    # Where it hardly moves its velocity says nothing of its heading: only what it covers at any is known.
+    hardly = speeds < HARDLY_MOVES * fastest
+    anyhow = np.linalg.norm(offsets, axis=1) - _least_radius(shape)
+    return np.where(hardly, anyhow, _distance_to_shape(shape, offsets, heading, name))
+
+
+def _moved(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array, float]:
+    """Centres and velocities (n, 2) of a motion that is known, and its largest speed."""
     if "time" in motion:
-        return _distance_on_course(obstacle, times, positions)
+        clock = np.asarray(motion["time"], dtype=float)
+        all_along = np.linspace(clock[0], clock[-1], 50 * len(clock))
+        fastest = float(np.linalg.norm(_on_course(motion, all_along)[1], axis=1).max())
+        return *_on_course(motion, times), fastest
     velocity = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
     acceleration = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
     clock = times[:, None]
     centres = np.asarray(motion["position"], dtype=float) + velocity * clock + acceleration * clock**2 / 2.0
-    offsets = positions - centres
-    shape = obstacle["shape"]
-    if "disc" in shape:
-        distances: Array = np.linalg.norm(offsets, axis=1) - float(shape["disc"])
-        return distances
-    if "polygon" in shape:
-        return distance_to_polygon(offsets, np.asarray(shape["polygon"], dtype=float))
-    if "rectangle" in shape and not acceleration.any():
-        length, width = (float(value) / 2.0 for value in shape["rectangle"])
-        heading = math.atan2(velocity[1], velocity[0])
-        axes = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
-        corners = np.array([[length, width], [-length, width], [-length, -width], [length, -width]])
-        return distance_to_polygon(offsets, corners @ axes.T)
-    raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r}")
+    velocities = velocity + acceleration * clock
+    return centres, velocities, float(np.linalg.norm(velocities, axis=1).max())
+
+
+def _is_straight(motion: Mapping[str, Any]) -> bool:
+    velocity, acceleration = (np.asarray(motion.get(key, (0.0, 0.0)), dtype=float) for key in _RATES)
+    across = abs(velocity[0] * acceleration[1] - velocity[1] * acceleration[0])
+    return bool(across <= STANDS * np.linalg.norm(velocity) * np.linalg.norm(acceleration))
+
+
+_RATES = ("velocity", "acceleration")
 
 
 def _on_course(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
@@ -78,43 +125,72 @@ def _on_course(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
     return spline(inside) + (times - inside)[:, None] * velocities, velocities
 
 
-def _distance_on_course(obstacle: Mapping[str, Any], times: Array, positions: Array) -> Array:
-    motion, shape, name = obstacle["motion"], obstacle["shape"], obstacle["id"]
-    if motion.get("covariance") is not None:
-        raise ValueError(f"obstacle {name!r} is not on its course for certain: give the size of its region")
-    centres, velocities = _on_course(motion, times)
-    offsets = positions - centres
+def _pointing(motion: Mapping[str, Any], times: Array) -> Array:
+    """Headings (n,) on a course that has some: between two its direction goes straight from one to the other."""
+    clock, angles = (np.asarray(motion[key], dtype=float) for key in ("time", "heading"))
+    return np.arctan2(np.interp(times, clock, np.sin(angles)), np.interp(times, clock, np.cos(angles)))
+
+
+def _distance_to_shape(shape: Mapping[str, Any], offsets: Array, heading: Array | float, name: object) -> Array:
+    """Distance (n,) from offsets (n, 2) off its centre to a shape at headings; negative inside, but for ellipses."""
+    if "disc" in shape:
+        return np.asarray(np.linalg.norm(offsets, axis=1) - float(shape["disc"]))
     if "polygon" in shape:
         return distance_to_polygon(offsets, np.asarray(shape["polygon"], dtype=float))
-    if "disc" in shape:
-        distances: Array = np.linalg.norm(offsets, axis=1) - float(shape["disc"])
-        return distances
-    if "rectangle" in shape and shape.get("heading") is None:
+    along = np.cos(heading) * offsets[:, 0] + np.sin(heading) * offsets[:, 1]
+    across = np.cos(heading) * offsets[:, 1] - np.sin(heading) * offsets[:, 0]
+    if "rectangle" in shape:
         length, width = (float(value) / 2.0 for value in shape["rectangle"])
-        speeds = np.linalg.norm(velocities, axis=1)
-        clock = np.asarray(motion["time"], dtype=float)
-        fastest = np.linalg.norm(_on_course(motion, np.linspace(clock[0], clock[-1], 50 * len(clock)))[1], axis=1).max()
-        ahead = velocities / np.where(speeds > 0.0, speeds, 1.0)[:, None]
-        along = np.abs((offsets * ahead).sum(axis=1)) - length
-        across = np.abs(ahead[:, 0] * offsets[:, 1] - ahead[:, 1] * offsets[:, 0]) - width
-        beyond = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0))
-        # Where it hardly moves its velocity says nothing of its heading: only what it covers at any is known.
-        hardly = speeds < HARDLY_MOVES * fastest
-        anyhow = np.linalg.norm(offsets, axis=1) - min(length, width)
-        return np.where(hardly, anyhow, beyond + np.minimum(np.maximum(along, across), 0.0))
-    raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r} on a course")
+        beyond = np.stack([np.abs(along) - length, np.abs(across) - width])
+        return np.asarray(np.hypot(*np.maximum(beyond, 0.0)) + np.minimum(beyond.max(axis=0), 0.0))
+    if "ellipse" in shape:
+        squares = np.diag(np.asarray(shape["ellipse"], dtype=float) ** 2)
+        turned = np.stack([along, across], axis=1)
+        return distance_to_ellipses(turned, np.broadcast_to(squares, (len(turned), 2, 2)))
+    raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r}")
 
 
-def _distance_to_foretold(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
-    """Distance (n,) to a disc whose centre is in an ellipse about its course, of covariances linear in between."""
-    motion = obstacle["motion"]
-    if motion.get("covariance") is None or "disc" not in obstacle["shape"]:
-        raise ValueError(f"obstacle {obstacle['id']!r}: only discs on courses with covariances have a region")
+def _least_radius(shape: Mapping[str, Any]) -> float:
+    """Radius, m, of the disc that a rectangle or an ellipse covers at any heading."""
+    return min(float(value) / 2.0 for value in shape["rectangle"]) if "rectangle" in shape else min(shape["ellipse"])
+
+
+def distance_to_uncertain(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
+    """Distance (n,) to a shape whose centre is somewhere in a region about where it is expected."""
+    if obstacle.get("motion") is not None:
+        expected, errors = _on_uncertain_course(obstacle["motion"], times)
+    elif obstacle.get("estimate") is not None or (obstacle.get("model") or {}).get("process") is not None:
+        forecast = foretold(obstacle, times)
+        expected, errors = forecast.centres, forecast.errors
+    else:
+        expected, errors = observed(obstacle, times)
+    offsets, shape = positions - expected, obstacle["shape"]
+    if "disc" in shape:
+        return distance_to_ellipses(offsets, region * errors) - float(shape["disc"])
+    if "polygon" in shape or shape.get("heading") is not None:
+        return _from_border(shape, offsets, region * errors, float(shape.get("heading") or 0.0), obstacle["id"])
+    return distance_to_ellipses(offsets, region * errors) - _least_radius(shape)
+
+
+def _from_border(shape: Mapping[str, Any], offsets: Array, matrices: Array, heading: float, name: object) -> Array:
+    """Distance (n,) to a shape at a heading whose centre is anywhere in the ellipses of matrices (n, 2, 2).
+
+    From the centre and some places on the border: it is at most by a part of the region too large.
+    """
+    least = _distance_to_shape(shape, offsets, heading, name)
+    roots = np.linalg.cholesky(matrices)
+    for angle in np.linspace(0.0, 2.0 * math.pi, BORDER_POINTS, endpoint=False):
+        place = roots @ np.array([math.cos(angle), math.sin(angle)])
+        least = np.minimum(least, _distance_to_shape(shape, offsets - place, heading, name))
+    return least
+
+
+def _on_uncertain_course(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
+    """Centres (n, 2) on a course, and covariances (n, 2, 2) that are linear in between."""
     clock = np.asarray(motion["time"], dtype=float)
     given = np.broadcast_to(np.asarray(motion["covariance"], dtype=float), (clock.size, 2, 2)).reshape(-1, 4)
     errors = np.stack([np.interp(times, clock, column) for column in given.T], axis=1).reshape(-1, 2, 2)
-    offsets = positions - _on_course(motion, times)[0]
-    return distance_to_ellipses(offsets, region * errors) - float(obstacle["shape"]["disc"])
+    return _on_course(motion, times)[0], errors
 
 
 def distance_to_polygon(points: Array, corners: Array) -> Array:
@@ -134,21 +210,30 @@ def distance_to_polygon(points: Array, corners: Array) -> Array:
 
 
 def distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
-    """Distance (n,) to a disc whose centre is somewhere in the confidence ellipse; negative inside.
+    """Distance (n,) to a disc that was observed and whose centre is somewhere in the confidence ellipse."""
+    name, seen = obstacle["id"], obstacle.get("observations")
+    if seen is None or seen.get("covariance") is None or "disc" not in obstacle["shape"]:
+        raise ValueError(f"obstacle {name!r}: only discs with observations of known covariance can be checked")
+    if (obstacle.get("model") or {}).get("process") is not None:
+        raise ValueError(f"obstacle {name!r}: it has process noise, which is not for this function")
+    centres, errors = observed(obstacle, times)
+    return distance_to_ellipses(positions - centres, region * errors) - float(obstacle["shape"]["disc"])
+
+
+def observed(obstacle: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
+    """Expected centres (n, 2) of an obstacle that was observed, and covariances (n, 2, 2) of their errors.
 
     The centre moves as a polynomial, fitted to the observations by generalised least squares; what is known beforehand
     of velocity and acceleration at the last of them counts like observations of these.
     """
-    name, model = obstacle["id"], obstacle.get("model") or {}
-    seen = obstacle.get("observations")
-    if seen is None or seen.get("covariance") is None or "disc" not in obstacle["shape"]:
-        raise ValueError(f"obstacle {name!r}: only discs with observations of known covariance can be checked")
-    if model.get("process") is not None:
-        raise ValueError(f"obstacle {name!r}: this check does not know process noise")
+    model, seen = obstacle.get("model") or {}, obstacle["observations"]
     order = int(model.get("order", 2))
-    observed = np.asarray(seen["position"], dtype=float)
+    places = np.asarray(seen["position"], dtype=float)
     when = np.asarray(seen["time"], dtype=float)
-    covariance = np.broadcast_to(np.asarray(seen["covariance"], dtype=float), (when.size, 2, 2))
+    given = seen.get("covariance")
+    if given is None:
+        given = _residual_covariance(when, places, order)
+    covariance = np.broadcast_to(np.asarray(given, dtype=float), (when.size, 2, 2))
     weights = np.linalg.inv(covariance)
     # Times are shifted and scaled to [-1, 1] over the observations: the normal equations keep their digits.
     middle, half = (when.max() + when.min()) / 2.0, (when.max() - when.min()) / 2.0 or 1.0
@@ -156,7 +241,7 @@ def distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: A
     # Unknowns: coefficients (order + 1, 2), flattened.
     size = 2 * (order + 1)
     information = np.einsum("ni,nj,nab->iajb", rows, rows, weights)
-    moments = np.einsum("ni,nab,nb->ia", rows, weights, observed)
+    moments = np.einsum("ni,nab,nb->ia", rows, weights, places)
     for derivative, what in ((1, "velocity"), (2, "acceleration")):
         deviation = (model.get("prior") or {}).get(f"{what}_deviation")
         if deviation is not None and derivative <= order:
@@ -176,8 +261,14 @@ def distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: A
     # A change of acceleration may begin with the last observation, in proportion to the noise.
     noise = covariance.mean(axis=0)
     change = float(model.get("manoeuvre") or 0.0) ** 2 * noise / np.linalg.eigvalsh(noise)[0]
-    errors = region * (errors + ((times - when.max()) ** 4 / 4.0)[:, None, None] * change)
-    return distance_to_ellipses(positions - centres, errors) - float(obstacle["shape"]["disc"])
+    return centres, errors + ((times - when.max()) ** 4 / 4.0)[:, None, None] * change
+
+
+def _residual_covariance(when: Array, seen: Array, order: int) -> Array:
+    """Covariance (2, 2) of the noise of positions (n, 2) about a polynomial in time, without bias."""
+    rows = np.vander((when - when.mean()) / (np.ptp(when) or 1.0), order + 1)
+    residuals = seen - rows @ np.linalg.lstsq(rows, seen, rcond=None)[0]
+    return residuals.T @ residuals / (len(when) - order - 1)
 
 
 def distance_to_ellipses(points: Array, matrices: Array) -> Array:

@@ -21,6 +21,7 @@ class Tolerances:
     boundary_speed: float = 2e-4  # m/s, one-sided differences at the ends
     speed: float = 1e-5  # m/s
     acceleration: float = 5e-4  # m/s2
+    first_acceleration: float = 0.02  # m/s2, one-sided second differences at the start
     jerk: float = 0.02  # m/s3
     curvature_rate: float = 0.02  # 1/(m s)
     lateral_acceleration: float = 5e-4  # m/s2

@@ -105,6 +105,17 @@ def corridor(data: Mapping[str, Any], times: Array, positions: Array, allowed: T
     return [Finding("corridor", least, 0.0, -least, allowed.clearance, float(times[worst]))]
 
 
+def walls(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
+    """Least room to each wall."""
+    radius, found = float(data["vehicle"]["radius"]), []
+    for number, polygon in enumerate(data.get("walls") or ()):
+        room = distance_to_polygon(positions, np.asarray(polygon, dtype=float)) - radius
+        worst = int(np.argmin(room))
+        least, when = float(room[worst]), float(times[worst])
+        found.append(Finding("walls", least, 0.0, -least, allowed.clearance, when, f"walls[{number}]"))
+    return found
+
+
 def _left_over(begin: Array, end: Array, polygons: list[Array]) -> list[tuple[float, float]]:
     """Parts of a segment, as shares of it, that lie in none of some convex polygons."""
     parts = [(0.0, 1.0)]

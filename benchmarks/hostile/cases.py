@@ -6,6 +6,7 @@ A case is plain data, so that it can be written to a file, and tried again in a 
 from __future__ import annotations
 
 import json
+import math
 import os
 import tempfile
 import traceback
@@ -25,10 +26,12 @@ from benchmarks.hostile.damage import ODD, cut, damaged
 from benchmarks.hostile.wild import Data, Wild, wild
 from scp_planner import builtin
 from scp_planner.errors import ScpPlannerError
-from scp_planner.estimation.confidence import marginal_scale, region_scale
+from scp_planner.estimation.confidence import alpha_of_one, marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.scenario.models import Obstacle
-from scp_planner.scenario.motions import Course
+from scp_planner.scenario.motions import Course, Futures, is_uncertain
+from scp_planner.threat_zones.of_scenario import given_zones
+from scp_planner.threat_zones.zone import ThreatZone
 from verification.dense_check import check_trip
 from verification.findings import Tolerances
 
@@ -203,21 +206,57 @@ def regions(scenario: sp.Scenario, until: float) -> dict[str, float]:
     """Size of each confidence region up to a time, s; the level is the planner's business, not the check's."""
     level, probability = str(scenario.confidence.level), scenario.confidence.probability
     start = scenario.start.time
-    uncertain = [each for each in scenario.obstacles if each.observations is not None or _foretold(each)]
-    found = {}
+    uncertain = [each for each in scenario.obstacles if is_uncertain(each.motion)]
+    found: dict[str, float] = {}
     for each in uncertain:
-        if isinstance(each.motion, Course):
-            found[each.id] = marginal_scale(level, probability, len(each.motion.time), len(uncertain))
-        else:
+        if each.motion is None:
             estimate = estimate_obstacle(each)
             found[each.id] = region_scale(
                 level, probability, estimate, obstacles=len(uncertain), start=start, stop=until
             )
+        elif isinstance(each.motion, Futures):
+            found |= _of_futures(each, each.motion, scenario, len(uncertain))
+        else:
+            assert isinstance(each.motion, Course)
+            found[each.id] = marginal_scale(level, probability, len(each.motion.time), len(uncertain))
     return found
 
 
-def _foretold(obstacle: Obstacle) -> bool:
-    return isinstance(obstacle.motion, Course) and obstacle.motion.covariance is not None
+def _of_futures(obstacle: Obstacle, motion: Futures, scenario: sp.Scenario, uncertain: int) -> dict[str, float]:
+    """Size of the region of each future, read off its zone; of one that is improbable enough there is none.
+
+    Raises
+    ------
+    AssertionError
+        If all together miss the obstacle with more than the probability that is left to it.
+    """
+    confidence, found, missed = scenario.confidence, {}, 0.0
+    zones = given_zones(obstacle.id, obstacle.shape, obstacle.margin, motion, confidence, uncertain)
+    level = str(confidence.level)
+    for k, future in enumerate(motion.futures):
+        course = future.motion
+        if not isinstance(course, Course) or course.covariance is None:
+            continue  # known exactly, and kept clear of
+        times = np.array(course.time)
+        given = np.broadcast_to(np.array(course.covariance), (len(times), 2, 2))
+        own = [each for each in zones if _is_about(each, course)]
+        if not own:
+            missed += future.weight
+            continue
+        assert own[0].covariances is not None
+        scaled = own[0].covariances.grid(times[:1]).ravel()
+        scale = float(scaled[0] / given[0, 0, 0])
+        found[f"{obstacle.id}[{k}]"] = scale
+        once = math.exp(-0.5 * scale)
+        missed += future.weight * (once if level == "per_time" else -math.expm1(len(times) * math.log1p(-once)))
+    alpha = alpha_of_one(level, confidence.probability, uncertain)
+    assert missed <= alpha * (1.0 + 1e-6), f"{obstacle.id}: missed with {missed}, {alpha} allowed"
+    return found
+
+
+def _is_about(zone: ThreatZone, course: Course) -> bool:
+    place = zone.centers.grid(np.array(course.time[:1])).ravel()
+    return zone.covariances is not None and math.dist(place, course.position[0]) < 1e-6 * (1.0 + math.hypot(*place))
 
 
 # plan files

@@ -14,11 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.hostile.features import Way, enrich
+
 Data = dict[str, Any]
 Rng = np.random.Generator
 
 LENGTHS, TIMES = (0.5, 50.0), (0.3, 3.0)
 """m and s that a unit of a scenario may become."""
+ENRICHED = 0.6
+"""How often a scenario has what others have not: walls, goals that are regions, several futures."""
 FARTHEST, CLOCK = 300.0, 300.0
 """Units; how far from the origin, and how far from time 0, a trip may begin."""
 DIGITS = 9
@@ -100,6 +104,8 @@ class _Scene:
         }
         count = int(rng.choice([0, 1, 2, 3, 5, 8, 20], p=[0.08, 0.17, 0.2, 0.2, 0.2, 0.1, 0.05]))
         data["obstacles"] = [self._obstacle(k) for k in range(count)]
+        if rng.random() < ENRICHED:
+            enrich(data, Way(self.begin, self.ahead, self.distance, self.clock), rng)
         return data
 
     def _vehicle(self) -> Data:
@@ -255,22 +261,54 @@ _POWERS = {
     "margin": (1, 0),
     "covariance": (2, 0),
     "acceleration_deviation": (1, -2),
+    "max_total_acceleration": (1, -2),
+    "max_power": (2, -3),
+    "centre": (1, 0),
+    "region": (1, 0),
+    "speed_range": (1, -1),
+    "arrival_step": (0, 1),
+    "walls": (1, 0),
+    "line": (1, 0),
+    "ellipse": (1, 0),
+    "manoeuvre": (1, -2),
+    "deviation": (1, -2),
+    "time_constant": (0, 1),
+    "velocity_deviation": (1, -1),
+    "noise_deviation": (1, 0),
+    "lead_time": (0, 1),
 }
-_WITHOUT_UNIT = ("heading", "probability", "order")
+_OF_A_STATE = ((1, 0), (1, -1), (1, -2))
 
 
 def scaled(data: Any, length: float, time: float) -> Any:
     """Give a scenario whose unit of length, m, and of time, s, are these."""
     if isinstance(data, dict):
+        if "diffusion" in data:
+            powers = (2, -5) if data["kind"] == "random_walk_acceleration" else (2, -3)
+            rest = {key: value for key, value in data.items() if key != "diffusion"}
+            return {**scaled(rest, length, time), "diffusion": data["diffusion"] * _unit(powers, length, time)}
+        if "estimate" in data:
+            rest = {key: value for key, value in data.items() if key != "estimate"}
+            return {**scaled(rest, length, time), "estimate": _scaled_estimate(data["estimate"], length, time)}
         return {
-            key: _times(value, length ** _POWERS[key][0] * time ** _POWERS[key][1])
-            if key in _POWERS
-            else scaled(value, length, time)
+            key: _times(value, _unit(_POWERS[key], length, time)) if key in _POWERS else scaled(value, length, time)
             for key, value in data.items()
         }
     if isinstance(data, list):
         return [scaled(item, length, time) for item in data]
     return data
+
+
+def _unit(powers: tuple[int, int], length: float, time: float) -> float:
+    return length ** powers[0] * time ** powers[1]
+
+
+def _scaled_estimate(given: Data, length: float, time: float) -> Data:
+    """What a tracker says: its covariance is of quantities of several units."""
+    known = len(given["covariance"]) // 2
+    units = np.repeat([_unit(powers, length, time) for powers in _OF_A_STATE[:known]], 2)
+    rest = {key: value for key, value in given.items() if key != "covariance"}
+    return {**scaled(rest, length, time), "covariance": (np.outer(units, units) * given["covariance"]).tolist()}
 
 
 def _times(value: Any, factor: float) -> Any:

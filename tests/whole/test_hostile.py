@@ -40,12 +40,23 @@ def test_most_wild_scenarios_are_legal_and_they_have_every_feature() -> None:
             continue
         legal += 1
     assert legal > 80
-    for key in ("guide", "bounds", "corridor", "speed_limits"):
+    for key in ("guide", "bounds", "corridor"):
         assert any(one.data[key] for one in drawn)
     obstacles = [obstacle for one in drawn for obstacle in one.data["obstacles"]]
-    assert {key for each in obstacles for key in each["shape"]} == {"disc", "polygon", "rectangle"}
+    assert {key for each in obstacles for key in each["shape"]} >= {"disc", "polygon", "rectangle", "ellipse"}
     assert any("observations" in each for each in obstacles)
-    assert any("covariance" in each.get("motion", {}) for each in obstacles)
+    assert any("estimate" in each for each in obstacles)
+    motions = [each.get("motion", {}) for each in obstacles]
+    assert all(any(key in each for each in motions) for key in ("covariance", "futures", "heading"))
+    assert all(any(one.data.get(key) for one in drawn) for key in ("walls", "speed_limits"))
+    for part, keys in (
+        ("vehicle", ("max_total_acceleration", "max_power", "centre")),
+        ("start", ("acceleration",)),
+        ("goal", ("region", "heading_range", "speed_range", "arrival_step")),
+    ):
+        assert all(any(one.data[part].get(key) is not None for one in drawn) for key in keys)
+    processes = [each["model"]["process"] for each in obstacles if (each.get("model") or {}).get("process")]
+    assert len({each["process"]["kind"] for each in processes}) == 4
 
 
 def test_scaling_scales_every_quantity_by_its_unit() -> None:
@@ -64,6 +75,24 @@ def test_scaling_scales_every_quantity_by_its_unit() -> None:
     assert made["start"]["time"] == pytest.approx(data["start"]["time"] * duration)
     assert made["bounds"]["max"] == pytest.approx([length * x for x in data["bounds"]["max"]])
     assert made["confidence"] == data["confidence"]
+
+
+def test_what_a_tracker_says_is_scaled_by_the_units_of_each_part() -> None:
+    length, duration = 7.0, 0.5
+    estimate = {"time": 1.0, "position": [1.0, 2.0], "velocity": [3.0, 0.0], "covariance": np.ones((4, 4)).tolist()}
+    made = scaled({"id": "a", "estimate": estimate, "margin": 1.0}, length, duration)
+    said = made["estimate"]
+    assert (made["margin"], said["time"]) == (length, duration)
+    assert said["velocity"] == pytest.approx([3.0 * length / duration, 0.0])
+    units = np.array([length, length, length / duration, length / duration])
+    assert np.array(said["covariance"]) == pytest.approx(np.outer(units, units))
+
+
+@pytest.mark.parametrize(("kind", "powers"), [("random_walk", (2, -3)), ("random_walk_acceleration", (2, -5))])
+def test_a_diffusion_is_of_what_diffuses(kind: str, powers: tuple[int, int]) -> None:
+    made = scaled({"process": {"kind": kind, "diffusion": 1.0}, "velocity_deviation": 1.0}, 7.0, 0.5)
+    assert made["process"]["diffusion"] == pytest.approx(7.0 ** powers[0] * 0.5 ** powers[1])
+    assert made["velocity_deviation"] == pytest.approx(14.0)
 
 
 def _near() -> Wild:

@@ -1,0 +1,66 @@
+"""Where, how and when a trip may end where its goal is more than a place, and how it has to begin.
+
+What these see and cannot see is said in `verification.dense_check`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from verification.differences import Array, PositionFunction, end_heading, end_speed
+from verification.distances import distance_to_polygon
+from verification.findings import Finding, Tolerances
+
+STEP_SHARE = 0.01  # of a step, by which an arrival may miss a multiple of it
+SECOND_WINDOW = 2e-3  # s, of the points from which the acceleration at the start is extrapolated; of 1 s of trip
+_SECOND: Array = np.array([2.0, -5.0, 4.0, -1.0])  # one-sided second difference of second order
+
+
+def goal_conditions(
+    data: Mapping[str, Any], begin: float, end: float, position: PositionFunction, allowed: Tolerances
+) -> list[Finding]:
+    """Region, ranges and step of a goal, of a trip from one time to another, s, by its positions."""
+    goal, found = data["goal"], []
+    heading = end_heading(position, end - begin, end, -1) + math.pi  # seen from the goal the chords point backwards
+
+    def require(name: str, value: float, limit: float, excess: float, tolerance: float) -> None:
+        found.append(Finding(name, value, limit, excess, tolerance, end))
+
+    if goal.get("region") is not None:
+        ahead = float(data["vehicle"].get("centre") or 0.0) * np.array([math.cos(heading), math.sin(heading)])
+        middle = np.asarray(position(np.array([end])), dtype=float) + ahead
+        outside = float(distance_to_polygon(middle, np.asarray(goal["region"], dtype=float))[0])
+        swing = abs(float(data["vehicle"].get("centre") or 0.0)) * allowed.heading
+        require("goal_region", outside, 0.0, outside, allowed.position + swing)
+    if goal.get("heading_range") is not None:
+        least, largest = (float(value) for value in goal["heading_range"])
+        half = 0.5 * (largest - least)
+        off = abs(math.remainder(heading - least - half, 2.0 * math.pi))
+        require("goal_heading_range", heading, half, off - half, allowed.heading)
+    if goal.get("speed_range") is not None:
+        least, largest = (float(value) for value in goal["speed_range"])
+        speed = end_speed(position, end, -1)
+        require("goal_speed_range", speed, largest, max(speed - largest, least - speed), allowed.boundary_speed)
+    if goal.get("arrival_step") is not None:
+        steps = (end - begin) / float(goal["arrival_step"])
+        require("arrival_step", steps, STEP_SHARE, abs(steps - round(steps)), STEP_SHARE + 1e-6)
+    return found
+
+
+def first_acceleration(
+    data: Mapping[str, Any], begin: float, end: float, position: PositionFunction, allowed: Tolerances
+) -> list[Finding]:
+    """Compare the acceleration along the path at the start, where one is asked for, by a one-sided difference."""
+    asked = data["start"].get("acceleration")
+    if asked is None:
+        return []
+    window = SECOND_WINDOW * min(1.0, end - begin)
+    points = np.asarray(position(begin + window * np.arange(4.0)), dtype=float)
+    heading = end_heading(position, end - begin, begin, 1)
+    value = float(_SECOND @ points @ np.array([math.cos(heading), math.sin(heading)])) / window**2
+    gap = abs(value - float(asked))
+    return [Finding("start_acceleration", value, float(asked), gap, allowed.first_acceleration, begin)]
