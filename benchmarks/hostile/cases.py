@@ -189,8 +189,9 @@ def _checked(drawn: Wild, scenario: sp.Scenario, plan: sp.Plan) -> Outcome:
         clearance=usual.clearance + 1e-6 / finer,
         arrival=usual.arrival / min(1.0, time),
     )
+    aimed = {"position": [value / length for value in scenario.goal.position]}  # may be left out for a region
     report = check_trip(
-        drawn.data,
+        {**drawn.data, "goal": {**aimed, **drawn.data["goal"]}},
         lambda times: plan.position(np.clip(times * time, plan.start_time, plan.arrival_time)) / length,
         plan.start_time / time,
         plan.arrival_time / time,
