@@ -21,15 +21,16 @@ from pathlib import Path
 import numpy as np
 
 import scp_planner as sp
-from benchmarks.hostile import calls, commands
+from benchmarks.hostile import calls, commands, drives
 from benchmarks.hostile.damage import ODD, cut, damaged
 from benchmarks.hostile.wild import Data, Wild, wild
 from scp_planner import builtin
 from scp_planner.errors import ScpPlannerError
 from scp_planner.estimation.confidence import alpha_of_one, marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
-from scp_planner.scenario.models import Obstacle
+from scp_planner.scenario.models import Obstacle, Steering
 from scp_planner.scenario.motions import Course, Futures, is_uncertain
+from scp_planner.settings.online import Safety
 from scp_planner.threat_zones.of_scenario import given_zones
 from scp_planner.threat_zones.zone import ThreatZone
 from verification.dense_check import check_trip
@@ -54,6 +55,8 @@ class Kind(StrEnum):
     """Command lines with absurd arguments."""
     PLANNER = "planner"
     """Calls of an online planner with absurd values."""
+    DRIVE = "drive"
+    """Wild scenarios driven with an online planner, and what it calls certified checked densely."""
 
 
 class Fault(StrEnum):
@@ -327,12 +330,38 @@ def _try_planner(case: Case) -> Outcome:
     return Outcome("driven, some calls refused" if refused else "driven")
 
 
+def _make_drive(rng: np.random.Generator) -> Data:
+    drawn = wild(rng)
+    vehicle, goal = drawn.data["vehicle"], drawn.data["goal"]
+    if len(vehicle.get("discs", ())) < 2:
+        vehicle["steering"] = str(rng.choice(list(Steering)))
+    for key in ("earliest_arrival", "latest_arrival", "arrival_step"):
+        goal.pop(key, None)  # for whoever drives, another trip each time
+    options = {
+        "period": float(rng.choice([0.05, 0.1, 0.5])),
+        "cycles": int(rng.integers(*drives.CYCLES)),
+        "safety": str(rng.choice(list(Safety))),
+    }
+    return {"data": drawn.data, "options": options}
+
+
+def _try_drive(case: Case) -> Outcome:
+    try:
+        scenario = sp.Scenario(**case.data["data"])
+    except sp.ScenarioError:
+        return Outcome("bad input")
+    found = drives.drive(scenario, case.data["options"], case.plan_time, regions)
+    fault = Fault.REFUSED if found.refused else None
+    return Outcome("driven", fault, found.refused, checked=found.checked)
+
+
 _MAKERS: dict[Kind, Callable[[np.random.Generator], Data]] = {
     Kind.SCENARIO: _make_scenario,
     Kind.WILD: _make_wild,
     Kind.PLAN: _make_plan,
     Kind.COMMAND: lambda rng: {"arguments": [word.hex() for word in commands.draw(rng)]},
     Kind.PLANNER: _make_planner,
+    Kind.DRIVE: _make_drive,
 }
 _TRIED: dict[Kind, Callable[[Case], Outcome]] = {
     Kind.SCENARIO: _try_scenario,
@@ -340,4 +369,5 @@ _TRIED: dict[Kind, Callable[[Case], Outcome]] = {
     Kind.PLAN: _try_plan,
     Kind.COMMAND: _try_command,
     Kind.PLANNER: _try_planner,
+    Kind.DRIVE: _try_drive,
 }

@@ -230,3 +230,26 @@ def test_commands_do_not_read_what_nobody_writes_to() -> None:
         for before, word in itertools.pairwise(words):
             assert word != b"pipe.json" or before in (b"--output", b"--plans")
     assert any(b"pipe.json" in words for words in drawn)
+
+
+def _drive(scenario: sp.Scenario) -> Outcome:
+    options = {"period": 0.1, "cycles": 3, "safety": "stop"}
+    return carry_out(Case(Kind.DRIVE, 0, {"data": scenario.to_dict(), "options": options}))
+
+
+def test_every_promise_of_a_drive_is_checked() -> None:
+    outcome = _drive(scene({"id": "d", "shape": {"disc": 0.5}, "motion": {"position": [8.0, -0.2]}}))
+    assert (outcome.result, outcome.fault, outcome.warned) == ("driven", None, ())
+    assert outcome.checked >= 3
+
+
+def test_a_promise_that_is_not_so_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The planner says that somebody was there of whom it knew nothing."""
+    known = sp.Planner.scenario.fget  # type: ignore[attr-defined]
+    blocked = scene({"id": "wall", "shape": {"disc": 1.0}, "motion": {"position": [10.0, 0.0]}})
+    monkeypatch.setattr(
+        sp.Planner, "scenario", property(lambda self: known(self).model_copy(update={"obstacles": blocked.obstacles}))
+    )
+    outcome = _drive(scene())
+    assert outcome.fault is Fault.REFUSED
+    assert "clearance (wall)" in outcome.detail
