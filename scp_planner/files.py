@@ -12,6 +12,7 @@ import math
 import os
 import re
 import secrets
+import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -218,6 +219,51 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
     except BaseException:
         name.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def temporary_folder(parent: Path) -> Iterator[Path]:
+    """Make a folder in another one for as long as it is needed.
+
+    Parameters
+    ----------
+    parent : Path
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    OSError
+        If no folder can be made there.
+    """
+    name = parent / f".{secrets.token_hex(4)}.part"
+    try:
+        # As above; those of `tempfile` are left behind by an interrupt just after they were made.
+        name.mkdir(0o700)
+        yield name
+    finally:
+        shutil.rmtree(name, ignore_errors=True)
+
+
+def try_to_write(folder: Path) -> None:
+    """Make a file in a folder, and remove it.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    OSError
+        If no file can be made there.
+    """
+    name = folder / f".{secrets.token_hex(4)}.part"
+    try:
+        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+    finally:
+        name.unlink(missing_ok=True)
 
 
 def _usual_mode(target: Path) -> int:

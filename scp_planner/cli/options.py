@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import math
 import os
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from scp_planner.batch.jobs import PlanningMethod
-from scp_planner.files import regular_target
+from scp_planner.files import regular_target, try_to_write
 
 if TYPE_CHECKING:
     from scp_planner.scenario.models import Model, Scenario
@@ -275,8 +274,7 @@ def check_folder(option: str, target: Path | None, *names: str) -> None:
 def _check_writable(option: str, target: Path, folder: Path) -> None:
     """Find out whether files can be made in a folder; its permissions alone do not say so."""
     try:
-        with tempfile.NamedTemporaryFile(dir=folder, prefix="."):
-            pass
+        try_to_write(folder)
     except OSError:
         raise bad_option(option, target, "the folder must be writable") from None
 

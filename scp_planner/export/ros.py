@@ -11,7 +11,6 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scp_planner.arrays import Array
 from scp_planner.export.tables import SAMPLES, plan_table
-from scp_planner.files import replacing
+from scp_planner.files import replacing, temporary_folder
 
 if TYPE_CHECKING:
     from scp_planner.planning.plan import Plan
@@ -179,8 +178,8 @@ def save_messages(messages: Iterable[StampedMessage], path: str | PathLike[str])
     if target.suffix == "":
         _save_bag(sent, target)
         return
-    with replacing(target) as temporary, tempfile.TemporaryDirectory(dir=temporary.parent, prefix=".") as folder:
-        _write_bag(sent, bag := Path(folder) / target.stem)
+    with replacing(target) as temporary, temporary_folder(temporary.parent) as folder:
+        _write_bag(sent, bag := folder / target.stem)
         (file,) = bag.glob(f"*{MCAP_SUFFIX}")
         shutil.copyfile(file, temporary)
 
@@ -201,9 +200,9 @@ def _save_bag(messages: tuple[StampedMessage, ...], path: Path) -> None:
     replaces = target.exists()
     if replaces and not is_bag(target):
         raise FileExistsError(errno.EEXIST, "exists already, and is no bag", str(path))
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".") as folder:
+    with temporary_folder(target.parent) as folder:
         # The bag's name is that of its files.
-        made, old = Path(folder, "new", target.stem), Path(folder, "old")
+        made, old = folder / "new" / target.stem, folder / "old"
         made.parent.mkdir()
         _write_bag(messages, made)
         if replaces:

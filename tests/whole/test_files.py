@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ from scp_planner.batch.local import LocalExecutor
 from scp_planner.batch.runner import run_batch, scenario_files
 from scp_planner.batch.table import opened
 from scp_planner.cli import app
-from scp_planner.files import regular_target, replacing, write_text
+from scp_planner.cli.options import check_folder
+from scp_planner.files import regular_target, replacing, temporary_folder, write_text
 from scp_planner.studies.result_file import ResultFile
 
 needs_posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices that have names")
@@ -217,4 +218,30 @@ def test_an_interrupt_just_after_a_file_is_made_leaves_none(tmp_path: Path, monk
     monkeypatch.setattr(os, "close", interrupted)
     with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "plan.json"):
         pass
+    assert len(made) == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("made_by", ["open", "mkdir"])
+def test_an_interrupt_while_something_is_made_leaves_nothing(
+    made_by: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes just after the system has made a file or a folder, and before the program knows."""
+    made: list[Path] = []
+
+    def interrupted(real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> None:
+            real(*arguments, **options)
+            made.extend(tmp_path.iterdir())
+            raise KeyboardInterrupt
+
+        return call
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, made_by, interrupted(getattr(os, made_by)))
+        with pytest.raises(KeyboardInterrupt):
+            if made_by == "open":
+                check_folder("--output", tmp_path)
+            else:
+                with temporary_folder(tmp_path):
+                    pass
     assert len(made) == 1 and not list(tmp_path.iterdir())
