@@ -220,11 +220,7 @@ def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Objection]:
         if all(planar.distance_to_polygon(position, polygon) > 0.0 for polygon in polygons):
             yield Objection((place, "position"), position, "must be in the corridor")
             return
-    fresh = set(reached)
-    while fresh:
-        other = set(range(len(polygons))) - reached
-        fresh = {j for j in other if any(planar.overlap(polygons[i], polygons[j]) for i in fresh)}
-        reached |= fresh
+    reached = corridor.connected(polygons, reached)
     if all(planar.distance_to_polygon(goal, polygons[i]) > 0.0 for i in reached):
         text = "must have polygons that overlap from the one with start.position to the one with goal.position"
         yield Objection(("corridor",), polygons, text)
