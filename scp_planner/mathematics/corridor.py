@@ -13,12 +13,12 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics import planar
-from scp_planner.pauses import GoOn, with_pauses
 
 NAME = "corridor"  # the id of its outside among obstacles
 WALLS = "walls"  # and that of the walls of a scenario
@@ -28,13 +28,14 @@ SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, a
 MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
+REMEMBERED = 64  # corridors whose outside is kept
 AT_ONCE = 2**18  # pairs of boxes that are compared together
 
 Polygon = Sequence[planar.Point]
 Edge = tuple[planar.Point, planar.Point]
 
 
-def outside(polygons: Sequence[Polygon], wall: float = WALL, go_on: GoOn | None = None) -> list[Polygon]:
+def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     """Return convex polygons that cover what lies outside the union of convex polygons, as far as a wall is thick.
 
     Parameters
@@ -43,8 +44,6 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL, go_on: GoOn | None 
         Convex, in either direction, m.
     wall : float
         m.
-    go_on : callable, optional
-        Is called now and then, and may raise an error to end it all.
 
     Returns
     -------
@@ -58,7 +57,7 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL, go_on: GoOn | None 
     same = SAME * max(right - left, high - low)
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
     boxes = np.array([pieces[0].box])
-    for polygon in with_pauses(rings, go_on):
+    for polygon in rings:
         apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, math.sqrt(flat))
         near = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
         for k, cut in zip(near, ring.cut_by([pieces[k].polygon for k in near]), strict=True):
@@ -73,6 +72,12 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL, go_on: GoOn | None 
     pieces.sort(key=lambda piece: piece.area, reverse=True)
     merged = (_merged(piece.polygon, same) for piece in pieces)
     return [piece for piece in merged if len(piece) >= 3]
+
+
+@lru_cache(maxsize=REMEMBERED)
+def known_outside(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
+    """Return :func:`outside` of convex polygons in natural units: made once, when a scenario is checked, and kept."""
+    return tuple(outside(polygons))
 
 
 def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:

@@ -12,7 +12,7 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import KeysView, Mapping, Sequence
+from collections.abc import Iterable, KeysView, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import dist, frexp, ldexp, sqrt
@@ -102,12 +102,16 @@ class NaturalUnits(Units):
             bounds=None
             if scenario.bounds is None
             else changed(scenario.bounds, min=self.place(scenario.bounds.min), max=self.place(scenario.bounds.max)),
-            corridor=None if scenario.corridor is None else tuple(map(self._line, scenario.corridor)),
-            walls=tuple(map(self._line, scenario.walls)),
-            lanes=tuple(map(self._line, scenario.lanes)),
+            corridor=None if scenario.corridor is None else self.lines(scenario.corridor),
+            walls=self.lines(scenario.walls),
+            lanes=self.lines(scenario.lanes),
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
             obstacles=tuple(map(self.obstacle, with_pauses(scenario.obstacles, go_on))),
         )
+
+    def lines(self, lines: Iterable[Sequence[Point]]) -> tuple[tuple[Point, ...], ...]:
+        """Return polylines or polygons in these units."""
+        return tuple(map(self._line, lines))
 
     def obstacle(self, obstacle: Obstacle) -> Obstacle:
         """Return an obstacle in these units."""

@@ -193,7 +193,7 @@ def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
 
 def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     """Return corridor and walls of a scenario as the zones of obstacles that stand: what lies outside, and walls."""
-    outside = () if scenario.corridor is None else _walls(scenario.corridor)
+    outside = () if scenario.corridor is None else corridor.known_outside(scenario.corridor)
     start = scenario.start.position
     return (*_standing(start, corridor.NAME, outside), *_standing(start, corridor.WALLS, scenario.walls))
 
@@ -207,11 +207,6 @@ def _standing(start: planar.Point, name: str, polygons: tuple[corridor.Polygon, 
     still = PiecewisePolynomials.single(0.0, middle[None])
     outlines = tuple(Outline.polygon(np.array(polygon) - middle) for polygon in polygons)
     return (ThreatZone(name, 0.0, still, None, outlines),)
-
-
-@lru_cache(maxsize=16)
-def _walls(polygons: tuple[corridor.Polygon, ...]) -> tuple[corridor.Polygon, ...]:
-    return tuple(corridor.outside(polygons))
 
 
 def _estimates(scenario: Scenario, some: Iterable[int], go_on: GoOn | None) -> dict[int, MotionEstimate]:
