@@ -103,7 +103,12 @@ class Units:
 
     def covariance(self, covariance: Any) -> Any:
         """Return covariances of positions, tuples of m^2, in these units; None as it is."""
-        return None if covariance is None else over(covariance, self.length**2)
+        if covariance is None:
+            return None
+        unit = self.length**2
+        if isinstance(covariance[0][0], tuple):  # one for each of many: no call for each
+            return tuple([tuple([tuple([value / unit for value in row]) for row in one]) for one in covariance])
+        return over(covariance, unit)
 
 
 def over(value: Any, unit: float) -> Any:

@@ -6,7 +6,7 @@ is linearised and no subproblem is solved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -22,12 +22,14 @@ from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.memory import check_obstacles
+from scp_planner.problem.preparation import asked_for_time
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.starts import starts
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -69,15 +71,17 @@ def penalty_descent(
     ValueError
         If the start belongs to other splines.
     TooLargeError
-        If it would take too much memory; with the reason, and what to change.
+        If it would take too much memory, or its many obstacles cannot even be made ready in the time; with the
+        reason, and what to change.
     """
     began = perf_counter()
     settings, descent = settings or Settings(), descent or DescentSettings()
     deadline = np.inf if time_limit is None else began + time_limit
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
-    inside = units.scenario(scenario)
-    search = _Descents(inside, for_scene(settings, units), descent, seed, deadline)
+    go_on = None if time_limit is None else asked_for_time(time_limit, deadline)
+    inside = units.scenario(scenario, go_on)
+    search = _Descents(inside, ZonesOf(inside, go_on), for_scene(settings, units), descent, seed, deadline)
     best = search.best(None if start is None else _as_start(search.problem, start, units))
     trip = Trip(search.problem.frame, best.trajectory.settled()).outside(units)
     certificate = best.verdict.outside(units)
@@ -113,11 +117,17 @@ class _Descents(OuterSearch[_DescentStart, DescentRun]):
     """Descends from one start after the other, in the units of the scene."""
 
     def __init__(
-        self, scenario: Scenario, settings: SceneSettings, descent: DescentSettings, seed: int, deadline: float
+        self,
+        scenario: Scenario,
+        zones: Sequence[ThreatZone],
+        settings: SceneSettings,
+        descent: DescentSettings,
+        seed: int,
+        deadline: float,
     ) -> None:
         self.settings, self.descent, self.seed = settings, descent, seed
         self.tally = Tally("build", "search", "descent", "certificate")
-        self.threat_zones = tuple(ZonesOf(scenario))
+        self.threat_zones = tuple(zones)
         with self.tally.timed("build"):
             self.ready = ReadyProblem.of(build_problem(scenario, self.threat_zones, settings))
         self.problem = self.ready.near

@@ -90,11 +90,18 @@ def lower_bound(
         show, to a thousandth. Waiting for what fills a bounded workspace shows, and going far round; the price of
         small sidesteps, and of turning, does not.
     """
-    began = perf_counter()
+    deadline = np.inf if time_limit is None else perf_counter() + time_limit
     units = NaturalUnits.of(scenario)
-    inside = units.scenario(scenario)
-    found = tuple(ZonesOf(inside)) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
-    deadline = np.inf if time_limit is None else began + time_limit
+
+    def go_on() -> None:
+        if perf_counter() > deadline:
+            raise NotDecided
+
+    try:
+        inside = units.scenario(scenario, go_on)
+        found = ZonesOf(inside, go_on) if threat_zones is None else tuple(zone.inside(units) for zone in threat_zones)
+    except NotDecided:
+        return kinematic_bound(scenario)
     return bound_among(inside, None if at_most is None else at_most / units.time, found, deadline) * units.time
 
 

@@ -1,4 +1,4 @@
-"""What a Kalman filter comes to after many observations of one obstacle, without going through them one by one.
+"""What Kalman filters come to after many observations of each obstacle, without going through them one by one.
 
 Stretches of a history are put together two by two, all of them at once, until one is left: of n observations in about
 log2 n rounds (Särkkä and García-Fernández, Temporal Parallelization of Bayesian Smoothers, IEEE Transactions on
@@ -15,20 +15,20 @@ from scp_planner.arrays import Array
 from scp_planner.estimation.dynamics import Dynamics
 from scp_planner.estimation.kalman import FilterState
 
-MOST_AT_ONCE = 4096  # observations of a history: what is kept of each of them at a time are a few hundred numbers
+MOST_AT_ONCE = 4096  # observations of all histories: what is kept of each at a time are a few hundred numbers
 
 
 @dataclass(frozen=True)
 class _Stretches:
-    """What N stretches of a history make of the state x before them, which has s components.
+    """What N stretches of each of K histories make of the state x before them, which has s components.
 
     Attributes
     ----------
-    forward : (N, s, s)
+    forward : (N, K, s, s)
         The state after a stretch is normal, its mean ``forward @ x + mean``.
-    mean : (N, s)
-    covariance : (N, s, s)
-    pull, information : (N, s) and (N, s, s)
+    mean : (N, K, s)
+    covariance : (N, K, s, s)
+    pull, information : (N, K, s) and (N, K, s, s)
         What is seen in a stretch says of the state before it: its likelihood is that of a normal x with this
         information matrix, and with the mean ``information^-1 @ pull``.
     """
@@ -44,73 +44,74 @@ class _Stretches:
 
     def then(self, after: _Stretches) -> _Stretches:
         """Each stretch and the one after it as one stretch."""
-        states = self.mean.shape[1]
+        states = self.mean.shape[-1]
         share = np.linalg.inv(np.eye(states) + self.covariance @ after.information)
         onward = after.forward @ share
-        back = np.swapaxes(share @ self.forward, 1, 2)
+        back = np.swapaxes(share @ self.forward, -1, -2)
         new = after.pull - _times(after.information, self.mean)
         return _Stretches(
             onward @ self.forward,
             _times(onward, self.mean + _times(self.covariance, after.pull)) + after.mean,
-            onward @ self.covariance @ np.swapaxes(after.forward, 1, 2) + after.covariance,
+            onward @ self.covariance @ np.swapaxes(after.forward, -1, -2) + after.covariance,
             _times(back, new) + self.pull,
             back @ after.information @ self.forward + self.information,
         )
 
 
 def state_after(dynamics: Dynamics, first: FilterState, times: Array, positions: Array, noise: Array) -> FilterState:
-    """Return what is known of one obstacle after many observations.
+    """Return what is known of obstacles after many observations of each.
 
     Parameters
     ----------
     dynamics : Dynamics
     first : FilterState
-        Of the obstacle, N = 1, before them.
-    times : (n,) s
-        Not decreasing, and not before that of the first state.
-    positions : (n, 2) m
-    noise : (n, 2, 2) m^2
+        Of K obstacles, before them.
+    times : (n, K) s
+        Not decreasing, and not before those of the first state.
+    positions : (n, K, 2) m
+    noise : (n, K, 2, 2) m^2
 
     Returns
     -------
     FilterState
-        As of the last observation.
+        As of the last observations.
     """
-    d = dynamics.states
-    known = first.mean.reshape(1, 2 * d), first.covariance
-    lags = np.diff(times, prepend=first.times)
-    for begin in range(0, len(times), MOST_AT_ONCE):
-        some = slice(begin, begin + MOST_AT_ONCE)
+    d, count = dynamics.states, times.shape[1]
+    known = first.mean.reshape(1, count, 2 * d), first.covariance[None]
+    lags = np.diff(times, axis=0, prepend=first.times[None])
+    step = max(1, MOST_AT_ONCE // count)
+    for begin in range(0, len(times), step):
+        some = slice(begin, begin + step)
         # The state before is a stretch from which nothing is asked.
-        nothing = np.zeros((1, 2 * d, 2 * d))
-        before = _Stretches(nothing, known[0], known[1], np.zeros((1, 2 * d)), nothing)
+        nothing = np.zeros((1, count, 2 * d, 2 * d))
+        before = _Stretches(nothing, known[0], known[1], np.zeros((1, count, 2 * d)), nothing)
         whole = before.then(_whole(_single(dynamics, lags[some], positions[some], noise[some])))
-        known = whole.mean, 0.5 * (whole.covariance + np.swapaxes(whole.covariance, 1, 2))
-    return FilterState(times[-1:].copy(), known[0].reshape(1, d, 2), known[1])
+        known = whole.mean, 0.5 * (whole.covariance + np.swapaxes(whole.covariance, -1, -2))
+    return FilterState(times[-1].copy(), known[0].reshape(count, d, 2), known[1][0])
 
 
 def _single(dynamics: Dynamics, lags: Array, positions: Array, noise: Array) -> _Stretches:
-    """Stretches of one observation each, (n,) s after the last one."""
-    count, states = len(lags), 2 * dynamics.states
-    forward, grown = np.zeros((count, states, states)), np.zeros((count, states, states))
+    """Stretches of one observation each, (n, K) s after the last one."""
+    states = 2 * dynamics.states
+    forward, grown = np.zeros((*lags.shape, states, states)), np.zeros((*lags.shape, states, states))
     transition, process_noise = dynamics.transition(lags), dynamics.process_noise(lags)
     for axis in range(2):
-        forward[:, axis::2, axis::2], grown[:, axis::2, axis::2] = transition, process_noise
-    seen = forward[:, :2]  # where the state before is expected to be seen
-    certain = np.linalg.inv(grown[:, :2, :2] + noise)
-    gain = grown[:, :, :2] @ certain
-    weighed = np.swapaxes(seen, 1, 2) @ certain
+        forward[..., axis::2, axis::2], grown[..., axis::2, axis::2] = transition, process_noise
+    seen = forward[..., :2, :]  # where the state before is expected to be seen
+    certain = np.linalg.inv(grown[..., :2, :2] + noise)
+    gain = grown[..., :2] @ certain
+    weighed = np.swapaxes(seen, -1, -2) @ certain
     return _Stretches(
         forward - gain @ seen,
         _times(gain, positions),
-        grown - gain @ grown[:, :2],
+        grown - gain @ grown[..., :2, :],
         _times(weighed, positions),
         weighed @ seen,
     )
 
 
 def _whole(stretches: _Stretches) -> _Stretches:
-    """All stretches, in their order, as one."""
+    """All stretches of each history, in their order, as one."""
     while (count := len(stretches.mean)) > 1:
         even = count - count % 2
         pairs = stretches.part(slice(0, even, 2)).then(stretches.part(slice(1, even, 2)))
@@ -122,5 +123,5 @@ def _whole(stretches: _Stretches) -> _Stretches:
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
-    """Products of matrices, (N, r, s), and vectors, (N, s)."""
-    return (matrices @ vectors[:, :, None])[:, :, 0]
+    """Products of matrices, (..., r, s), and vectors, (..., s)."""
+    return (matrices @ vectors[..., None])[..., 0]

@@ -152,18 +152,18 @@ class MotionFilter:
         return used
 
     def take_in(self, times: Array, positions: Array, noise: Array) -> None:
-        """Take in many observations at once, after the first one of the only obstacle; none of them is gated.
+        """Take in many observations of each obstacle at once, after its first one; none of them is gated.
 
         Parameters
         ----------
-        times : (n,) s
+        times : (n, K) s
             In order, and checked, as positions and noise are.
-        positions : (n, 2) m
-        noise : (n, 2, 2) m^2
+        positions : (n, K, 2) m
+        noise : (n, K, 2, 2) m^2
             Covariances.
         """
         self._state = state_after(self._dynamics, self._state, times, positions, noise)
-        self._newest = positions[-1:].copy()
+        self._newest = positions[-1].copy()
         self._noise_sum += noise.sum(axis=0)
         self._count += len(times)
 
@@ -263,5 +263,5 @@ def estimate_process(
         if not tracker.update(seen.times[i], seen.positions[i : i + 1], noise[i]).all()
     ]
     if one_by_one < len(seen.times):
-        tracker.take_in(seen.times[1:], seen.positions[1:], noise[1:])
+        tracker.take_in(seen.times[1:, None], seen.positions[1:, None], noise[1:, None])
     return replace(tracker.estimate(), rejected=tuple(sorted(rejected)))

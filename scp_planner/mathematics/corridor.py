@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,7 +28,11 @@ SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, a
 MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
+REMEMBERED = 64  # corridors whose outside is kept
+AT_ONCE = 2**18  # pairs of boxes that are compared together
+
 Polygon = Sequence[planar.Point]
+Edge = tuple[planar.Point, planar.Point]
 
 
 def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
@@ -54,11 +59,12 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     boxes = np.array([pieces[0].box])
     for polygon in rings:
         apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, math.sqrt(flat))
-        for k in np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist():
-            parts = _beyond(pieces[k].polygon, ring, flat, len(pieces))
+        near = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
+        for k, cut in zip(near, ring.cut_by([pieces[k].polygon for k in near]), strict=True):
+            parts = None if cut is None else _beyond(pieces[k].polygon, cut, flat, len(pieces))
             if parts is not None:
                 apart[k] = False
-                new += [_Piece.of(part) for part in parts]
+                new += parts
         left_over, boxes = [pieces[k] for k in np.flatnonzero(apart).tolist()], boxes[apart]
         kept = _largest(left_over, boxes, new, flat)
         pieces = left_over + kept
@@ -66,6 +72,12 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     pieces.sort(key=lambda piece: piece.area, reverse=True)
     merged = (_merged(piece.polygon, same) for piece in pieces)
     return [piece for piece in merged if len(piece) >= 3]
+
+
+@lru_cache(maxsize=REMEMBERED)
+def known_outside(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
+    """Return :func:`outside` of convex polygons in natural units: made once, when a scenario is checked, and kept."""
+    return tuple(outside(polygons))
 
 
 def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
@@ -78,12 +90,12 @@ def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.P
         return ()
     begins = [place for place, ring in enumerate(rings) if planar.distance_to_polygon(start, ring) == 0.0]
     before: dict[int, int] = dict.fromkeys(begins, -1)
-    queue = deque(begins)
+    queue, boxes = deque(begins), _boxes(rings)
     while queue:
         here = queue.popleft()
         if planar.distance_to_polygon(goal, rings[here]) == 0.0:
             break
-        for other in range(len(rings)):
+        for other in np.flatnonzero(_meet(boxes, boxes[here])).tolist():
             if other not in before and planar.overlap(rings[here], rings[other]):
                 before[other] = here
                 queue.append(other)
@@ -97,6 +109,19 @@ def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.P
         points.append(planar.centroid(common))
         here = before[here]
     return tuple(reversed(points))
+
+
+def connected(polygons: Sequence[Polygon], some: set[int]) -> set[int]:
+    """Return which convex polygons one can get to from some of them, by those that overlap."""
+    boxes, reached = _boxes(polygons), set(some)
+    queue = deque(some)
+    while queue:
+        here = queue.popleft()
+        near = set(np.flatnonzero(_meet(boxes, boxes[here])).tolist()) - reached
+        fresh = [other for other in near if planar.overlap(polygons[here], polygons[other])]
+        reached.update(fresh)
+        queue.extend(fresh)
+    return reached
 
 
 def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> bool:
@@ -122,16 +147,13 @@ def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -
     return covered < 1.0 - FLAT
 
 
-def _beyond(piece: Polygon, ring: _Ring, flat: float, count: int) -> list[Polygon] | None:
+def _beyond(piece: Polygon, cut: Sequence[Edge], flat: float, count: int) -> list[_Piece] | None:
     """The parts of a convex polygon that lie beyond each edge of another; None if they do not overlap."""
-    cut = ring.cut_by(piece)
-    if cut is None:
-        return None
     left, parts = piece, []
     for a, b in cut:
         part = _clipped(left if count > MOST_PIECES else piece, b, a)
-        if len(part) >= 3 and planar.area(part) > flat:
-            parts.append(part)
+        if len(part) >= 3 and (area := planar.area(part)) > flat:
+            parts.append(_Piece.of(part, area))
         left = _clipped(left, a, b)
         if len(left) < 3 or planar.area(left) <= flat:
             return None
@@ -156,12 +178,16 @@ class _Ring:
         self._offsets = np.einsum("ki,ki->k", self._normals, ends[:, 0])
         self._near = near
 
-    def cut_by(self, piece: Polygon) -> list[tuple[planar.Point, planar.Point]] | None:
-        """The edges that a convex polygon is not clearly on the inner side of; None if it is beyond one of them."""
-        sides = self._normals @ np.array(piece).T - self._offsets[:, None]
-        if np.any(sides.max(axis=1) < -self._near):
-            return None
-        return [self.edges[k] for k in np.flatnonzero(sides.min(axis=1) <= self._near).tolist()]
+    def cut_by(self, pieces: Sequence[Polygon]) -> Iterator[list[Edge] | None]:
+        """The edges that each convex polygon is not clearly on the inner side of; None if it is beyond one of them."""
+        if not pieces:
+            return
+        first = np.cumsum([0, *(len(piece) for piece in pieces[:-1])])
+        sides = self._normals @ np.concatenate([np.array(piece) for piece in pieces]).T - self._offsets[:, None]
+        beyond = np.any(np.maximum.reduceat(sides, first, axis=1) < -self._near, axis=0)
+        inner = np.minimum.reduceat(sides, first, axis=1) > self._near
+        for k in range(len(pieces)):
+            yield None if beyond[k] else [self.edges[edge] for edge in np.flatnonzero(~inner[:, k]).tolist()]
 
 
 def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
@@ -207,12 +233,18 @@ class _Piece:
         return (-self.left, self.right, -self.low, self.high)
 
     @classmethod
-    def of(cls, polygon: Polygon) -> _Piece:
+    def of(cls, polygon: Polygon, area: float | None = None) -> _Piece:
         xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
-        return cls(polygon, planar.area(polygon), min(xs), max(xs), min(ys), max(ys))
+        size = planar.area(polygon) if area is None else area
+        return cls(polygon, size, min(xs), max(xs), min(ys), max(ys))
 
 
-def _meet(boxes: Array, box: tuple[float, ...]) -> Mask:
+def _boxes(polygons: Sequence[Polygon]) -> Array:
+    """The sides of the boxes around polygons, (n, 4) m, as those of a piece."""
+    return np.array([_Piece.of(polygon, 0.0).box for polygon in polygons])
+
+
+def _meet(boxes: Array, box: Array | tuple[float, ...]) -> Mask:
     """Which of some boxes have a point in common with another one."""
     met: Mask = (boxes + np.array(box)[[1, 0, 3, 2]] >= 0.0).all(axis=1)
     return met
@@ -223,18 +255,28 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float)
 
     They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
     """
-    kept: list[_Piece] = []
-    near = math.sqrt(flat)
-    # Boxes first, of all at once: most pieces are elsewhere.
-    kept_boxes = np.empty((len(new), 4))
-    for piece in sorted(new, key=lambda one: one.area, reverse=True):
-        box = np.array(piece.box)
-        others = [kept[k] for k in np.flatnonzero((box - kept_boxes[: len(kept)] <= near).all(axis=1)).tolist()]
-        others += [pieces[k] for k in np.flatnonzero((box - boxes <= near).all(axis=1)).tolist()]
-        if not any(_lies_in(piece.polygon, other.polygon, flat) for other in others):
-            kept_boxes[len(kept)] = box
-            kept.append(piece)
-    return kept
+    new = sorted(new, key=lambda one: one.area, reverse=True)
+    own = np.array([piece.box for piece in new]).reshape(-1, 4)
+    chosen: list[int] = []
+    near, step = math.sqrt(flat), max(1, AT_ONCE // (len(boxes) + len(new) + 1))
+    # Boxes first, of many at once: most pieces are elsewhere.
+    for begin in range(0, len(new), step):
+        some = own[begin : begin + step]
+        rows = zip(_within(some, own, near), _within(some, boxes, near), strict=True)
+        for place, (inside_new, inside_old) in enumerate(rows, start=begin):
+            others = [new[k] for k in chosen if inside_new[k]] if inside_new[:place].any() else []
+            others += [pieces[k] for k in np.flatnonzero(inside_old).tolist()]
+            if not any(_lies_in(new[place].polygon, other.polygon, flat) for other in others):
+                chosen.append(place)
+    return [new[k] for k in chosen]
+
+
+def _within(some: Array, boxes: Array, near: float) -> Mask:
+    """Which boxes, (n, 4), hold each of some others, (m, 4), to rounding: (m, n)."""
+    held = np.ones((len(some), len(boxes)), dtype=bool)
+    for side in range(4):
+        held &= some[:, side, None] - boxes[:, side] <= near
+    return held
 
 
 def _lies_in(piece: Polygon, other: Polygon, flat: float) -> bool:

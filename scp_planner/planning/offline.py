@@ -17,6 +17,7 @@ from scp_planner.planning.refinements import among_small_zones, at_any_time, on_
 from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpAttempt, Task
 from scp_planner.planning.ways_round import WaysRound
 from scp_planner.problem.memory import check_obstacles
+from scp_planner.problem.preparation import asked_for_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -76,7 +77,8 @@ def plan(
     EstimationError
         If the vehicle may drive or turn faster than the tube was recorded for.
     TooLargeError
-        If it would take more than 500 MB; with the reason, and what to change.
+        If it would take more than 500 MB, or its many obstacles cannot even be made ready in the time; with the
+        reason, and what to change.
     """
     if time_limit is not None and not time_limit >= 0.0:
         raise ValueError(f"time_limit: {time_limit!r} must not be negative")
@@ -94,17 +96,19 @@ def plan(
         settings, solver = replace(settings, solver=solver), None
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
-    inside = units.scenario(scenario)
-    any_time = at_any_time(inside)
-    found = ZonesOf(any_time)
-    tell_of_discs(scenario.obstacles, found.of_others)
     limit = np.inf if time_limit is None else time_limit
+    last_check = began + (1.0 + CHECKING) * limit + LEAST_CHECKING
+    go_on = asked_for_time(limit, last_check)
+    inside = units.scenario(scenario, go_on)
+    any_time = at_any_time(inside)
+    found = ZonesOf(any_time, go_on)
+    tell_of_discs(scenario.obstacles, found.of_others)
     task = Task(
         any_time,
         found,
         for_scene(settings, units),
         began + limit,
-        began + (1.0 + CHECKING) * limit + LEAST_CHECKING,
+        last_check,
         own_solver=solver,
         given=None if constraints is None else OwnConstraints(constraints, units),
         arrival_step=inside.goal.arrival_step,
@@ -149,8 +153,8 @@ def _reason(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, trip: Trip,
     found = best.verdict.outside(units)
     if hopeless:
         return explain(scenario, zones(scenario), trip, ending, found, prove_until=deadline)
-    names = {str(violation.obstacle) for violation in found.violations}
-    told = [zone.outside(units) for zone in told_of(runs.task.threat_zones, names)]
+    names = {violation.obstacle for violation in found.violations if violation.obstacle is not None}
+    told = [zone.outside(units) for zone in told_of(runs.task.threat_zones, names)] if names else []
     return explain(scenario, told, trip, ending, found, prove_until=now)
 
 

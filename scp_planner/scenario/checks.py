@@ -16,6 +16,7 @@ from typing import Any
 from scp_planner.errors import MISSING
 from scp_planner.mathematics import corridor, planar
 from scp_planner.scenario.obstacle_checks import headings_turn_slowly, one_position_a_time, times_increase
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.scenario.validation import Objection, Unknown
 
 SCHEMA_VERSION = 1
@@ -220,11 +221,7 @@ def corridor_leads_from_start_to_goal(scenario: Any) -> Iterator[Objection]:
         if all(planar.distance_to_polygon(position, polygon) > 0.0 for polygon in polygons):
             yield Objection((place, "position"), position, "must be in the corridor")
             return
-    fresh = set(reached)
-    while fresh:
-        other = set(range(len(polygons))) - reached
-        fresh = {j for j in other if any(planar.overlap(polygons[i], polygons[j]) for i in fresh)}
-        reached |= fresh
+    reached = corridor.connected(polygons, reached)
     if all(planar.distance_to_polygon(goal, polygons[i]) > 0.0 for i in reached):
         text = "must have polygons that overlap from the one with start.position to the one with goal.position"
         yield Objection(("corridor",), polygons, text)
@@ -235,11 +232,16 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
     polygons = scenario.corridor
     if polygons is None or any(_is_no_cell(polygon) for polygon in polygons):
         return
-    walls, radius = corridor.outside(polygons), scenario.vehicle.radius
+    if scenario.start.position == scenario.goal.position:
+        return  # that is a fault of its own
+    # In the units in which it is planned: then this is done.
+    units, radius = NaturalUnits.of(scenario), scenario.vehicle.radius
+    walls = corridor.known_outside(units.lines(polygons))
     for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
         position = getattr(scenario, place).position
         discs = _disc_centres(getattr(scenario, place), scenario)
-        room = min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in discs)
+        inside = [units.place(centre) for centre in discs]
+        room = units.length * min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in inside)
         in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
         if in_it and room < radius - reach:
             text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"

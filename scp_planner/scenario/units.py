@@ -12,11 +12,13 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import KeysView, Mapping, Sequence
+from collections.abc import Iterable, KeysView, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
+from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.scenario.process_model import (
     MeanRevertingVelocity,
     ProcessModel,
@@ -87,8 +89,8 @@ class NaturalUnits(Units):
         back = -x / self.length, -y / self.length
         return NaturalUnits(1.0 / self.length, 1.0 / self.time, back, -self.clock / self.time)
 
-    def scenario(self, scenario: Scenario) -> Scenario:
-        """Return a scenario in these units."""
+    def scenario(self, scenario: Scenario, go_on: GoOn | None = None) -> Scenario:
+        """Return a scenario in these units; of many obstacles it is asked now and then whether to go on."""
         if self.are_those_of_the_user:
             return scenario
         return changed(
@@ -100,12 +102,16 @@ class NaturalUnits(Units):
             bounds=None
             if scenario.bounds is None
             else changed(scenario.bounds, min=self.place(scenario.bounds.min), max=self.place(scenario.bounds.max)),
-            corridor=None if scenario.corridor is None else tuple(map(self._line, scenario.corridor)),
-            walls=tuple(map(self._line, scenario.walls)),
-            lanes=tuple(map(self._line, scenario.lanes)),
+            corridor=None if scenario.corridor is None else self.lines(scenario.corridor),
+            walls=self.lines(scenario.walls),
+            lanes=self.lines(scenario.lanes),
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
-            obstacles=tuple(map(self.obstacle, scenario.obstacles)),
+            obstacles=tuple(map(self.obstacle, with_pauses(scenario.obstacles, go_on))),
         )
+
+    def lines(self, lines: Iterable[Sequence[Point]]) -> tuple[tuple[Point, ...], ...]:
+        """Return polylines or polygons in these units."""
+        return tuple(map(self._line, lines))
 
     def obstacle(self, obstacle: Obstacle) -> Obstacle:
         """Return an obstacle in these units."""
@@ -261,10 +267,10 @@ class NaturalUnits(Units):
 
     def _seen(self, seen: AnyPart) -> AnyPart:
         """Positions at times, with their covariances."""
-        record = cast(Any, seen)
+        record, clock, unit = cast(Any, seen), self.clock, self.time
         return changed(
             seen,
-            time=tuple(map(self.instant, record.time)),
+            time=tuple([(time - clock) / unit for time in record.time]),  # no call for each
             position=self._line(record.position),
             covariance=self.covariance(record.covariance),
         )
@@ -306,7 +312,12 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
 
 
 def _names(part: object) -> KeysView[str]:
-    fields: Mapping[str, object] = cast(Any, type(part)).model_fields
+    return _names_of(type(part))
+
+
+@cache
+def _names_of(kind: type) -> KeysView[str]:
+    fields: Mapping[str, object] = cast(Any, kind).model_fields
     return fields.keys()
 
 

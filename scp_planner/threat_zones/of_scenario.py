@@ -29,6 +29,7 @@ from scp_planner.mathematics.courses import course_covariances, course_pointing,
 from scp_planner.mathematics.headings import course_heading
 from scp_planner.mathematics.outlines import Outline
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.pauses import GoOn, with_pauses
 from scp_planner.scenario.models import Confidence, Model, Obstacle, Scenario
 from scp_planner.scenario.motions import Course, Future, Futures, GivenMotion, KnownMotion, Motion, is_uncertain
 from scp_planner.scenario.shapes import Disc, Ellipse, Rectangle, Shape
@@ -108,6 +109,8 @@ class ZonesOf(SortedZones):
     Parameters
     ----------
     scenario : Scenario
+    go_on : callable, optional
+        Is called now and then, where there are many, and may raise an error to end it all.
 
     Raises
     ------
@@ -115,13 +118,15 @@ class ZonesOf(SortedZones):
         As in :func:`zones`.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, go_on: GoOn | None = None) -> None:
         found, others = _sorted_out(scenario.obstacles)
         self._obstacles = scenario.obstacles
         self._confidence = scenario.confidence
         uncertain = sum(is_uncertain(scenario.obstacles[k].motion) for k in others)
-        estimates = _estimates(scenario, others)
-        made = {k: _zones(scenario.obstacles[k], estimates.get(k), scenario, uncertain) for k in others}
+        estimates = _estimates(scenario, others, go_on)
+        made = {
+            k: _zones(scenario.obstacles[k], estimates.get(k), scenario, uncertain) for k in with_pauses(others, go_on)
+        }
         first = _first_of_each(len(scenario.obstacles), made)
         self.discs, self._disc_of = replace(found, index=first[found.index]), found.index
         self._made = {int(first[k]) + part: zone for k, several in made.items() for part, zone in enumerate(several)}
@@ -188,7 +193,7 @@ def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
 
 def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     """Return corridor and walls of a scenario as the zones of obstacles that stand: what lies outside, and walls."""
-    outside = () if scenario.corridor is None else _walls(scenario.corridor)
+    outside = () if scenario.corridor is None else corridor.known_outside(scenario.corridor)
     start = scenario.start.position
     return (*_standing(start, corridor.NAME, outside), *_standing(start, corridor.WALLS, scenario.walls))
 
@@ -204,20 +209,16 @@ def _standing(start: planar.Point, name: str, polygons: tuple[corridor.Polygon, 
     return (ThreatZone(name, 0.0, still, None, outlines),)
 
 
-@lru_cache(maxsize=16)
-def _walls(polygons: tuple[corridor.Polygon, ...]) -> tuple[corridor.Polygon, ...]:
-    return tuple(corridor.outside(polygons))
-
-
-def _estimates(scenario: Scenario, some: Iterable[int]) -> dict[int, MotionEstimate]:
+def _estimates(scenario: Scenario, some: Iterable[int], go_on: GoOn | None) -> dict[int, MotionEstimate]:
     """Estimate the motions of those of some obstacles that are not given, by their place in the scenario."""
     unknown = [k for k in some if scenario.obstacles[k].motion is None]
     if not unknown:
         return {}
-    from scp_planner.estimation.estimate import estimate_obstacle
     from scp_planner.estimation.foretelling import foretell
+    from scp_planner.estimation.several import estimate_together
 
-    estimates = {k: estimate_obstacle(scenario.obstacles[k]) for k in unknown}
+    found = estimate_together([scenario.obstacles[k] for k in unknown], go_on)
+    estimates = dict(zip(unknown, found, strict=True))
     foretell(estimates.values(), scenario.start.time, HORIZON)
     return estimates
 

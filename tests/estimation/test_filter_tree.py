@@ -50,7 +50,7 @@ def test_a_filter_goes_on_from_there() -> None:
     noise = np.broadcast_to(0.01 * np.eye(2), (30, 2, 2))
     one, other = MotionFilter(model), MotionFilter(model)
     one.update(times[0], positions[:1])
-    one.take_in(times[1:29], positions[1:29], noise[1:29])
+    one.take_in(times[1:29, None], positions[1:29, None], noise[1:29, None])
     for place, tracker in ((29, one), *((k, other) for k in range(30))):
         tracker.update(times[place], positions[place : place + 1])
     assert one.estimate().mean == pytest.approx(other.estimate().mean, rel=1e-9, abs=1e-11)

@@ -170,3 +170,18 @@ def test_polygons_of_too_many_corners_are_refused_at_once() -> None:
     assert scene(corridor=round_cells(5, corridor.MOST_CORNERS)[:1] + round_cells(5, 8)[1:]).corridor is not None
     with pytest.raises(sp.ScenarioError, match=r"corridor\[2\].* must have at most 100 corners, not 500"):
         scene(corridor=[*round_cells(2, 8), *round_cells(5, 500)[2:3], *round_cells(5, 8)[3:]])
+
+
+def test_what_lies_outside_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading a scenario and each plan of it need it."""
+    outside, made = corridor.outside, []
+
+    def counted(polygons: list[planar.Point]) -> list[corridor.Polygon]:
+        made.append(len(polygons))
+        return outside(polygons)
+
+    monkeypatch.setattr(corridor, "outside", counted)
+    scenario = scene(goal={"position": [8.0, 9.0]}, corridor=[rectangle(-1, -1, 9, 1), rectangle(7, -1, 9.25, 11)])
+    for _ in range(2):
+        assert sp.plan(scenario).certified
+    assert made == [2]

@@ -11,13 +11,15 @@ import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
-from scenes import disc, scene
+from clock import FakeClock
+from scenes import disc, observed, scene
 
 import scp_planner as sp
+from scp_planner.baseline.penalty_descent import penalty_descent
 from scp_planner.certificate.lower_bound import kinematic_bound, lower_bound, no_trip_within
 from scp_planner.certificate.verdict import BEYOND_ZONES
 from scp_planner.errors import TooLargeError
@@ -93,6 +95,43 @@ def test_the_grid_of_a_trip_of_two_hundred_kilometres_fits_into_memory() -> None
     way, peak = peak_of(WaySearch(problem).best)
     assert way is not None
     assert peak < 300 * MEGABYTE
+
+
+def discs(count: int) -> list[dict[str, Any]]:
+    return [disc(f"o{k}", (10.0, 5.0 + k)) for k in range(count)]
+
+
+def seen(count: int) -> list[dict[str, Any]]:
+    return [observed(f"s{k}", k) for k in range(count)]
+
+
+MANY = pytest.mark.parametrize("obstacles", [discs, seen], ids=["known", "observed"])
+
+
+@MANY
+@pytest.mark.parametrize("method", [sp.plan, penalty_descent], ids=["scp", "descent"])
+def test_what_cannot_be_made_ready_in_time_is_refused_with_what_to_change(
+    obstacles: Callable[[int], list[dict[str, Any]]], method: Callable[..., sp.Plan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    many = scene(*obstacles(40), vehicle={"max_speed": 2.0})
+    FakeClock(1.0).rule(monkeypatch)
+    with pytest.raises(TooLargeError, match=r"time_limit: 0.5 s are over .* fewer observations"):
+        method(many, time_limit=0.5)
+
+
+@MANY
+def test_a_bound_among_what_cannot_be_made_ready_in_time_is_the_kinematic_one(
+    obstacles: Callable[[int], list[dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    many = scene(*obstacles(40), vehicle={"max_speed": 2.0})
+    FakeClock(1.0).rule(monkeypatch)
+    assert lower_bound(many, time_limit=0.5) == kinematic_bound(many)
+
+
+def test_a_scene_of_few_obstacles_is_planned_however_short_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = scene(*discs(8), *seen(4), vehicle={"max_speed": 2.0})
+    FakeClock(1.0).rule(monkeypatch)
+    assert np.isfinite(sp.plan(few, time_limit=0.5).travel_time)
 
 
 def test_a_long_curve_is_refused_by_name() -> None:

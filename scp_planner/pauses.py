@@ -1,0 +1,32 @@
+"""Looks at the clock during long work, by rooms that know no clock: they ask now and then whether to go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeAlias, TypeVar
+
+GoOn: TypeAlias = Callable[[], None]
+"""Raises an error to end it all."""
+
+IN_A_ROW = 16  # of many things, until it is asked whether to go on: work on fewer of them is never ended
+
+T = TypeVar("T")
+
+
+def with_pauses(things: Iterable[T], go_on: GoOn | None) -> Iterator[T]:
+    """Give things one after the other, and ask now and then whether to go on.
+
+    Parameters
+    ----------
+    things : iterable
+    go_on : callable or None
+
+    Yields
+    ------
+    object
+        Each of the things.
+    """
+    for number, thing in enumerate(things):
+        if go_on is not None and number % IN_A_ROW == IN_A_ROW - 1:
+            go_on()
+        yield thing
