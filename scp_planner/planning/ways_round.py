@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import log2
@@ -158,15 +158,19 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             self.tally.tried += 1
             return self.runs.attempt(next(bows(self.problem)), cutoff)
         with self.tally.timed("scp"):
-            starts, most = list(bows(self.problem)), self.settings.max_iterations
-            runs = self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True)
-        self.tally.iterations += sum(len(run.record) for run in runs)
-        self.tally.tried += len(runs)
-        best = min(runs, key=promise)
+            best = min(self._race(list(bows(self.problem)), cutoff), key=promise)
         if rival is not None and promise(best) >= promise(rival.run):
             return Attempt(best, None)
         # Once more from where it ended, with what the samples missed
         return self.runs.attempt(best.evaluation.trajectory, cutoff)
+
+    def _race(self, starts: Sequence[Trajectory], cutoff: float) -> Iterator[LoopRun]:
+        """Runs from starts, of which the fastest cuts off others; only what is kept of them takes memory."""
+        most = self.settings.max_iterations
+        for run in self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True):
+            self.tally.iterations += len(run.record)
+            self.tally.tried += 1
+            yield run
 
     def _cutoff(self, rival: ScpAttempt | None) -> float:
         """What another trip has to be faster than, s."""

@@ -129,6 +129,7 @@ class Iterations:
         sub = self._subproblem(rows)
         solution = self.setup.solver.solve(sub.program, self.limits.deadline)
         if solution is None:
+            del sub
             ended = yield from self._without_step()
             return ended
         if self._trial is None and number > 1:
@@ -138,7 +139,9 @@ class Iterations:
             if self.cutoff.will_be_slower(self.run.evaluation, sooner):
                 return self._end(LoopStatus.SLOWER)
         self._active = sub.active_set(solution)
-        step = yield from self._candidate(sub, solution)
+        step, prices = Candidate.of(self.run.evaluation, self.penalties, sub, solution.x), sub.prices(solution)
+        del sub  # the largest matrix of all is not kept while a trip is looked at
+        step = yield from self._led_to(step, rows, solution.x, prices)
         return self._judged(number, step, len(rows.gap))
 
     def _rows(self) -> Generator[Wish, Evaluation | Rows, Rows]:
@@ -181,20 +184,21 @@ class Iterations:
         kept = self.run.evaluation.worst_violation <= setup.parameters.settled
         return kept and abs(sooner) < setup.problem.settings.tolerance
 
-    def _candidate(self, sub: Subproblem, solution: Solution) -> Generator[Wish, Evaluation | Rows, Candidate]:
+    def _led_to(
+        self, step: Candidate, rows: Rows, z: Array, prices: Array
+    ) -> Generator[Wish, Evaluation | Rows, Candidate]:
         """Look at the trip that the step leads to, and remember what the step teaches."""
         setup, base = self.setup, self.run.evaluation
         self._last = None
-        step = Candidate.of(base, self.penalties, sub, solution.x)
         if self._trial is None and not step.predicted > 0.0:
             return step  # rejected wherever it leads
-        moved = setup.move(base.trajectory, solution.x)
+        moved = setup.move(base.trajectory, z)
         if moved is None:
             return step
         there = yield from evaluated(moved)
         # Steps to the border of the trust region lead too far to tell how the constraints bend here.
         if step.size < setup.parameters.inside:
-            self._last = LastStep.of(setup.kinematics, sub.rows, base.trajectory, moved, sub.program, solution)
+            self._last = LastStep.of(setup.kinematics, rows, base.trajectory, moved, z, prices)
         return step.led_to(there, self.penalties)
 
     def _judged(self, number: int, step: Candidate, rows: int) -> bool:

@@ -17,7 +17,6 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
-from scp_planner.solvers.interface import QuadraticProgram, Solution
 from scp_planner.trips.trajectory import Trajectory
 
 DAMPING = 0.2  # least curvature along the step that is believed, relative to the model's
@@ -63,18 +62,17 @@ class LastStep:
         rows: Rows,
         start: Trajectory,
         end: Trajectory,
-        program: QuadraticProgram,
-        solution: Solution,
+        z: Array,
+        prices: Array,
     ) -> LastStep:
-        """Remember a step, given the rows of its subproblem and the program's solution."""
-        prices = solution.multipliers[len(program.gradient) :]
+        """Remember a step z, given the rows of its subproblem that have a price, and the multipliers of all rows."""
         hard = len(prices) - len(rows.gap)
         (active,) = prices[hard:].nonzero()
         active = active[rows.key[active].argsort()]
         return cls(
             start,
             end,
-            solution.x[: rows.matrix.shape[1]],
+            z[: rows.matrix.shape[1]],
             rows.key[active],
             rows.matrix[active],
             prices[hard:][active],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from time import perf_counter
 
 import numpy as np
@@ -89,7 +89,7 @@ class ScpLoop:
         -------
         LoopRun
         """
-        return self.run_all([start], max_iterations, cutoff, deadline, trust, enough, rival=rival)[0]
+        return next(self.run_all([start], max_iterations, cutoff, deadline, trust, enough, rival=rival))
 
     def run_all(
         self,
@@ -102,8 +102,10 @@ class ScpLoop:
         *,
         race: bool = False,
         rival: Evaluation | None = None,
-    ) -> list[LoopRun]:
+    ) -> Iterator[LoopRun]:
         """Improve several trips in step with each other, so that they share the cost of looking at them.
+
+        Not all of them, where that takes much memory; who does not keep all runs needs that of these alone.
 
         Parameters
         ----------
@@ -118,21 +120,19 @@ class ScpLoop:
         rival
             As in :meth:`run`.
 
-        Returns
-        -------
-        list of LoopRun
-            One for each start.
+        Yields
+        ------
+        LoopRun
+            One for each start, in their order.
         """
         setup, first = self._setup(), trust or self._first_trust()
         limits = RunLimits(max_iterations, deadline, enough, self.hopeless_after)
         goal = Cutoff(cutoff, race, rival, self.parameters, self.steps)
         # Trips over many spans, or among many zones, are not looked at all at once.
         at_once = max(1, MOST_TOGETHER // self.problem.trip_bytes)
-        ended: list[LoopRun] = []
         for begin in range(0, len(starts), at_once):
             together = starts[begin : begin + at_once]
-            ended += run_together(self.problem, [_run_from(start, setup, first, limits, goal) for start in together])
-        return ended
+            yield from run_together(self.problem, [_run_from(start, setup, first, limits, goal) for start in together])
 
     def moved(self, trajectory: Trajectory, z: Array) -> Trajectory | None:
         """Return the trip after a step z, (n,); None if it would never arrive."""

@@ -79,6 +79,10 @@ class Subproblem:
     groups: Index
     group_count: int
 
+    def prices(self, solution: Solution) -> Array:
+        """Return the multipliers of all rows, the hard ones first, in a solution of the program."""
+        return solution.multipliers[len(self.program.gradient) :]
+
     def active_set(self, solution: Solution) -> ActiveSet:
         """Return what is active in a solution of the program."""
         signs = np.sign(solution.multipliers).astype(np.int8)

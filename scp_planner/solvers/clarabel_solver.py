@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.polishing import polish
 from scp_planner.solvers.preparation import given_up, sparse_preparation
-from scp_planner.solvers.scaling import equilibrate
+from scp_planner.solvers.scaling import equilibrate_sparse
 from scp_planner.solvers.sparse_rows import stacked
 
 _TOLERANCE = 1e-12
@@ -49,7 +49,7 @@ class ClarabelSolver:
         deadline = perf_counter() + program.time_limit
         if sparse_preparation(program) > program.time_limit:
             return given_up(program)
-        scaling = equilibrate(program)
+        scaling = equilibrate_sparse(program)
         answer = self._solve_scaled(scaling.program)
         if answer.status is not SolverStatus.INFEASIBLE:
             # Polishing checks what it returns, so that it may also save an answer that fell short.

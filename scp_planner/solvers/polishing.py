@@ -12,6 +12,7 @@ from time import perf_counter
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lu_factor, lu_solve
+from scipy.sparse import csr_array, issparse
 
 from scp_planner.arrays import Array, Index
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
@@ -32,6 +33,7 @@ def polish(program: QuadraticProgram, guess: Solution, deadline: float = np.inf)
     Parameters
     ----------
     program : QuadraticProgram
+        Its matrix may be a sparse one.
         Well scaled: a constraint is first taken as active where its multiplier is larger than what is left of it.
     guess : Solution
         Optimal or not; one that is not, and touches more sides than there are variables, is too far off; one that
@@ -99,12 +101,13 @@ class _Sides:
         self.source = np.concatenate([uppers, lowers, size + kept])
         self.sign = np.ones(len(self.bounds))
         self.sign[len(uppers) : len(uppers) + len(lowers)] = -1.0
-        lengths = np.sqrt(np.einsum("ij,ij->i", program.matrix, program.matrix))[kept]
+        self._rows = program.matrix if issparse(program.matrix) else csr_array(program.matrix)
+        lengths = np.sqrt(self._rows.multiply(self._rows).sum(axis=1))[kept]
         self.lengths = np.concatenate([np.ones(len(uppers) + len(lowers)), np.maximum(lengths, 1e-12)])
 
     def along(self, x: Array) -> Array:
         """The product of each normal with a vector."""
-        return np.concatenate([x[self._uppers], -x[self._lowers], (self.program.matrix @ x)[self._kept]])
+        return np.concatenate([x[self._uppers], -x[self._lowers], (self._rows @ x)[self._kept]])
 
     def normals(self, chosen: Index) -> Array:
         """Normals of some sides, (sides, size)."""
@@ -112,7 +115,7 @@ class _Sides:
         box = len(self._uppers) + len(self._lowers)
         bound, row = np.flatnonzero(chosen < box), np.flatnonzero(chosen >= box)
         normals[bound, self.source[chosen[bound]]] = self.sign[chosen[bound]]
-        normals[row] = self.program.matrix[self._kept[chosen[row] - box]]
+        normals[row] = self._rows[self._kept[chosen[row] - box]].toarray()
         return normals
 
     def touched(self, guess: Solution) -> Index:
@@ -133,19 +136,20 @@ class _Sides:
 
     def solve(self, active: Index) -> tuple[Array, Array]:
         """Minimiser on the active sides, and their multipliers."""
-        normals = self.normals(active)
+        normals, hessian = self.normals(active), self.program.hessian
         size, count = len(self.program.gradient), len(active)
-        system = np.zeros((size + count, size + count))
-        system[:size, :size] = self.program.hessian
+        system = np.zeros((size + count, size + count), order="F")  # as LAPACK wants it: factorised where it stands
+        system[:size, :size] = hessian
         system[:size, size:] = normals.T
         system[size:, :size] = normals
+        system[np.arange(size, size + count), np.arange(size, size + count)] = -REGULARISATION
         right = np.concatenate([-self.program.gradient, self.bounds[active]])
-        regular = system.copy()
-        regular.flat[size * (size + count + 1) :: size + count + 1] = -REGULARISATION
-        factors = lu_factor(regular, check_finite=False)
+        factors = lu_factor(system, overwrite_a=True, check_finite=False)
         solved = lu_solve(factors, right, check_finite=False)
         for _ in range(REFINEMENTS):
-            solved += lu_solve(factors, right - system @ solved, check_finite=False)
+            x, prices = solved[:size], solved[size:]
+            left = right - np.concatenate([hessian @ x + prices @ normals, normals @ x])
+            solved += lu_solve(factors, left, check_finite=False)
         return solved[:size], solved[size:]
 
     def optimal(self, active: Index, x: Array, prices: Array) -> bool:

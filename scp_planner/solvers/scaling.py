@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 
 from scp_planner.arrays import Array
 from scp_planner.solvers.interface import QuadraticProgram, Solution
@@ -22,6 +23,7 @@ class Scaling:
     ----------
     program : QuadraticProgram
         In y = x / columns, its rows multiplied by ``rows`` and its objective by ``cost``. Missing bounds are infinite.
+        Its matrix may be a sparse one.
     columns : (n,) array
     rows : (m,) array
     cost : float
@@ -59,18 +61,51 @@ def equilibrate(program: QuadraticProgram) -> Scaling:
     -------
     Scaling
     """
-    hessian, matrix = np.abs(program.hessian), np.abs(program.matrix)
-    columns, rows = np.ones(hessian.shape[0]), np.ones(matrix.shape[0])
-    for _ in range(PASSES):
-        column = _inverse_root(np.maximum(hessian.max(axis=0), matrix.max(axis=0, initial=0.0)))
-        row = _inverse_root(matrix.max(axis=1, initial=0.0))
-        hessian *= column * column[:, None]
-        matrix *= column
-        matrix *= row[:, None]
-        columns *= column
-        rows *= row
-    np.multiply(program.matrix, columns, out=matrix)  # what it was scaled to is known now: no third copy is made
+    columns, rows = _factors(program.hessian, coo_array(program.matrix))
+    matrix = program.matrix * columns
     matrix *= rows[:, None]
+    return _scaling(program, columns, rows, matrix)
+
+
+def equilibrate_sparse(program: QuadraticProgram) -> Scaling:
+    """Scale a program as `equilibrate` does; its rows become a sparse matrix, which holds no zeros.
+
+    Parameters
+    ----------
+    program : QuadraticProgram
+
+    Returns
+    -------
+    Scaling
+    """
+    matrix = coo_array(program.matrix)
+    columns, rows = _factors(program.hessian, matrix)
+    row, column = matrix.coords
+    scaled = coo_array((matrix.data * columns[column] * rows[row], (row, column)), shape=matrix.shape)
+    return _scaling(program, columns, rows, scaled.tocsr())
+
+
+def _factors(hessian: Array, matrix: coo_array) -> tuple[Array, Array]:
+    """Factors of the columns and of the rows of a program."""
+    hessian, values = np.abs(hessian), np.abs(matrix.data)
+    row, column = matrix.coords
+    columns, rows = np.ones(matrix.shape[1]), np.ones(matrix.shape[0])
+    for _ in range(PASSES):
+        widest, highest = hessian.max(axis=0), np.zeros(len(rows))
+        np.maximum.at(widest, column, values)
+        np.maximum.at(highest, row, values)
+        across, along = _inverse_root(widest), _inverse_root(highest)
+        hessian *= across * across[:, None]
+        values *= across[column]
+        values *= along[row]
+        columns *= across
+        rows *= along
+    return columns, rows
+
+
+def _scaling(program: QuadraticProgram, columns: Array, rows: Array, matrix: Array | csr_array) -> Scaling:
+    """A scaling with known factors, of which the matrix has been multiplied."""
+    hessian = np.abs(program.hessian) * (columns * columns[:, None])
     gradient = program.gradient * columns
     cost = 1.0 / max(float(hessian.max(axis=0).mean()), float(np.abs(gradient).max()), NARROWEST)
     scaled = replace(

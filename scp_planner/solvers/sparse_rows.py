@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import coo_array, csc_matrix, csr_array
 
 from scp_planner.arrays import Array, Index
 
 _NONE = np.zeros(0, dtype=np.intp)
 
 
-def stacked(matrix: Array, fixed: Index, kept: Index, below: Index = _NONE, above: Index = _NONE) -> csc_matrix:
+def stacked(
+    matrix: Array | csr_array, fixed: Index, kept: Index, below: Index = _NONE, above: Index = _NONE
+) -> csc_matrix:
     """Rows of the identity, of a matrix, of the identity and of the negative identity; no dense copy is made."""
-    place = np.full(len(matrix), -1)
+    entries = coo_array(matrix)
+    place = np.full(matrix.shape[0], -1)
     place[kept] = len(fixed) + np.arange(len(kept))
-    row, column = matrix.nonzero()
+    row, column = entries.coords
     used = place[row] >= 0
     row, column = row[used], column[used]
-    values = [np.ones(len(fixed)), matrix[row, column], np.ones(len(below)), -np.ones(len(above))]
+    values = [np.ones(len(fixed)), entries.data[used], np.ones(len(below)), -np.ones(len(above))]
     bounds = len(fixed) + len(kept) + np.arange(len(below) + len(above))
     rows = np.concatenate([np.arange(len(fixed)), place[row], bounds])
     columns = np.concatenate([fixed, column, below, above])

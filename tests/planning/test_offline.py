@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -167,7 +167,7 @@ def test_after_the_time_limit_no_other_grid_is_searched_and_one_bow_is_enough(mo
 
     run_all = ScpLoop.run_all
 
-    def counted(loop: ScpLoop, starts: Sequence[Trajectory], *given: Any, **named: Any) -> list[LoopRun]:
+    def counted(loop: ScpLoop, starts: Sequence[Trajectory], *given: Any, **named: Any) -> Iterator[LoopRun]:
         runs.append(len(starts))
         return run_all(loop, starts, *given, **named)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,10 +15,12 @@ from scenes import CROSSERS, scene
 
 import scp_planner as sp
 from scp_planner.problem.build import build_problem
-from scp_planner.scp import together
+from scp_planner.scp import iterations, together
+from scp_planner.scp.evaluation import Evaluation, evaluate_trips
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopStatus
+from scp_planner.scp.subproblem import Subproblem, build_subproblem
 from scp_planner.search.first_trips import bows
 from scp_planner.solvers import solver_named
 
@@ -114,3 +117,22 @@ def test_after_a_short_step_nothing_is_linearised_again(monkeypatch: pytest.Monk
         assert sooner.status is later.status
         times = (run.evaluation.trajectory.travel_time for run in (sooner, later))
         assert next(times) == pytest.approx(next(times), abs=PROBLEM.settings.tolerance)
+
+
+def test_no_program_is_kept_while_a_trip_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Among many zones it is the largest matrix of all."""
+    matrices: list[weakref.ref[Any]] = []
+
+    def built(*given: Any, **named: Any) -> Subproblem:
+        sub = build_subproblem(*given, **named)
+        matrices.append(weakref.ref(sub.program.matrix))
+        return sub
+
+    def looked(*given: Any, **named: Any) -> list[Evaluation]:
+        assert [matrix() for matrix in matrices] == [None] * len(matrices)
+        return evaluate_trips(*given, **named)
+
+    monkeypatch.setattr(iterations, "build_subproblem", built)
+    monkeypatch.setattr(together, "evaluate_trips", looked)
+    run = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60)
+    assert len(matrices) >= len(run.record) > 1

@@ -79,8 +79,8 @@ def test_polish_finds_nothing_in_an_infeasible_program() -> None:
     assert polish(INFEASIBLE_PROGRAM, Solution(SolverStatus.OPTIMAL, np.zeros(2), np.zeros(3))) is None
 
 
-def test_a_large_program_is_copied_once() -> None:
-    """By Clarabel with all that goes before and after it: rows that are mostly zeros need little beside the copy."""
+def test_a_large_program_is_not_copied() -> None:
+    """By Clarabel with all that goes before and after it: of rows that are mostly zeros only the others are."""
     size, rows = 60, 12_000
     matrix = np.zeros((rows, size))
     matrix[np.arange(rows), np.arange(rows) % size] = 1.0
@@ -93,7 +93,7 @@ def test_a_large_program_is_copied_once() -> None:
     tracemalloc.stop()
     assert solution.status is SolverStatus.OPTIMAL
     assert optimality(program, solution) < 1e-9
-    assert peak < 1.8 * matrix.nbytes
+    assert peak < 0.6 * matrix.nbytes
 
 
 def test_a_row_that_stands_a_thousand_times_takes_no_system_of_them_all() -> None:

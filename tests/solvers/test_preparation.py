@@ -34,7 +34,7 @@ def test_what_cannot_be_prepared_in_time_is_not_begun(solver: QpSolver, monkeypa
     large = replace(program(400, 100), time_limit=1e-3)
     with monkeypatch.context() as context:
         context.setattr(daqp, "solve", never)
-        context.setattr(clarabel_solver, "equilibrate", never)
+        context.setattr(clarabel_solver, "equilibrate_sparse", never)
         answer = solver.solve(large)
     assert answer.status is SolverStatus.FAILED
     assert (answer.x.shape, answer.multipliers.shape) == ((100,), (500,))

@@ -119,7 +119,7 @@ def crossing() -> tuple[Problem, ScpLoop, list[Trajectory]]:
 
 def test_runs_in_step_end_as_they_do_alone() -> None:
     _, loop, starts = crossing()
-    together = loop.run_all(starts, 60)
+    together = list(loop.run_all(starts, 60))
     assert any(run.status is LoopStatus.CONVERGED for run in together)
     for start, run in zip(starts, together, strict=True):
         alone = loop.run(start, 60)
@@ -133,7 +133,7 @@ def test_runs_in_step_end_as_they_do_alone() -> None:
 
 def test_a_race_is_won_by_the_fastest_and_cuts_off_others() -> None:
     _, loop, starts = crossing()
-    alone, race = loop.run_all(starts, 60), loop.run_all(starts, 60, race=True)
+    alone, race = list(loop.run_all(starts, 60)), list(loop.run_all(starts, 60, race=True))
 
     def best(runs: list[LoopRun]) -> float:
         return min(run.evaluation.trajectory.travel_time for run in runs if run.status is LoopStatus.CONVERGED)

@@ -288,9 +288,11 @@ def test_trips_of_many_spans_are_looked_at_one_after_the_other(monkeypatch: pyte
 
     monkeypatch.setattr(loop, "run_together", counted)
     monkeypatch.setattr(loop, "MOST_TOGETHER", problem.trip_bytes)
-    runs = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
+    runs = list(ScpLoop(problem, solver_named("daqp")).run_all(starts, 3))
     assert looked == [1] * len(starts)
+    next(ScpLoop(problem, solver_named("daqp")).run_all(starts, 3))
+    assert len(looked) == len(starts) + 1  # the others take no memory while they are not asked for
     monkeypatch.setattr(loop, "MOST_TOGETHER", 10**12)
-    together = ScpLoop(problem, solver_named("daqp")).run_all(starts, 3)
+    together = list(ScpLoop(problem, solver_named("daqp")).run_all(starts, 3))
     for one, other in zip(runs, together, strict=True):
         assert one.evaluation.trajectory.travel_time == pytest.approx(other.evaluation.trajectory.travel_time, rel=1e-6)
