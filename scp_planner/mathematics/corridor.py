@@ -13,6 +13,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside t
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
 Polygon = Sequence[planar.Point]
+_Edge = tuple[planar.Point, planar.Point]
 
 
 def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
@@ -54,8 +56,9 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     boxes = np.array([pieces[0].box])
     for polygon in rings:
         apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, math.sqrt(flat))
-        for k in np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist():
-            parts = _beyond(pieces[k].polygon, ring, flat, len(pieces))
+        met = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
+        for k, cut in zip(met, ring.cuts([pieces[k].polygon for k in met]), strict=True):
+            parts = None if cut is None else _beyond(pieces[k].polygon, cut, flat, len(pieces))
             if parts is not None:
                 apart[k] = False
                 new += [_Piece.of(part) for part in parts]
@@ -122,11 +125,8 @@ def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -
     return covered < 1.0 - FLAT
 
 
-def _beyond(piece: Polygon, ring: _Ring, flat: float, count: int) -> list[Polygon] | None:
-    """The parts of a convex polygon that lie beyond each edge of another; None if they do not overlap."""
-    cut = ring.cut_by(piece)
-    if cut is None:
-        return None
+def _beyond(piece: Polygon, cut: Sequence[_Edge], flat: float, count: int) -> list[Polygon] | None:
+    """The parts of a convex polygon that lie beyond each edge of another which may cut it; None if they are apart."""
     left, parts = piece, []
     for a, b in cut:
         part = _clipped(left if count > MOST_PIECES else piece, b, a)
@@ -151,17 +151,35 @@ class _Ring:
     def __init__(self, polygon: Polygon, near: float) -> None:
         self.edges = planar.edges(polygon)
         ends = np.array(self.edges)
-        along = ends[:, 1] - ends[:, 0]
+        self._corners, along = ends[:, 0], ends[:, 1] - ends[:, 0]
         self._normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         self._offsets = np.einsum("ki,ki->k", self._normals, ends[:, 0])
         self._near = near
 
-    def cut_by(self, piece: Polygon) -> list[tuple[planar.Point, planar.Point]] | None:
-        """The edges that a convex polygon is not clearly on the inner side of; None if it is beyond one of them."""
-        sides = self._normals @ np.array(piece).T - self._offsets[:, None]
-        if np.any(sides.max(axis=1) < -self._near):
-            return None
-        return [self.edges[k] for k in np.flatnonzero(sides.min(axis=1) <= self._near).tolist()]
+    def cuts(self, pieces: Sequence[Polygon]) -> list[list[_Edge] | None]:
+        """Of each of some convex polygons, the edges that it is not clearly on the inner side of.
+
+        None if it is clearly beyond one of them, or this one is beyond one of its own edges.
+        """
+        if not pieces:
+            return []
+        corners = np.array([corner for piece in pieces for corner in piece])
+        counts = np.array([len(piece) for piece in pieces])
+        first = np.cumsum(counts) - counts
+        sides = self._normals @ corners.T - self._offsets[:, None]
+        apart = (np.maximum.reduceat(sides, first, axis=1) < -self._near).any(axis=0)
+        after = np.arange(1, len(corners) + 1)
+        after[first + counts - 1] = first
+        along = corners[after] - corners
+        normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        own = normals @ self._corners.T - np.einsum("ki,ki->k", normals, corners)[:, None]
+        beyond = own.max(axis=1) < -self._near * np.hypot(along[:, 0], along[:, 1])
+        apart |= np.logical_or.reduceat(beyond, first)
+        cut = np.minimum.reduceat(sides, first, axis=1) <= self._near
+        return [
+            None if gone else [self.edges[k] for k in np.flatnonzero(some).tolist()]
+            for gone, some in zip(apart.tolist(), cut.T, strict=True)
+        ]
 
 
 def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
@@ -201,6 +219,11 @@ class _Piece:
     low: float
     high: float
 
+    @cached_property
+    def edges(self) -> list[_Edge]:
+        """Its edges."""
+        return planar.edges(self.polygon)
+
     @property
     def box(self) -> tuple[float, ...]:
         """The sides, each positive outwards: that of a piece in another one is nowhere larger."""
@@ -223,23 +246,26 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float)
 
     They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
     """
-    kept: list[_Piece] = []
-    near = math.sqrt(flat)
+    if not new:
+        return []
+    near, order = math.sqrt(flat), sorted(new, key=lambda one: one.area, reverse=True)
     # Boxes first, of all at once: most pieces are elsewhere.
-    kept_boxes = np.empty((len(new), 4))
-    for piece in sorted(new, key=lambda one: one.area, reverse=True):
-        box = np.array(piece.box)
-        others = [kept[k] for k in np.flatnonzero((box - kept_boxes[: len(kept)] <= near).all(axis=1)).tolist()]
-        others += [pieces[k] for k in np.flatnonzero((box - boxes <= near).all(axis=1)).tolist()]
-        if not any(_lies_in(piece.polygon, other.polygon, flat) for other in others):
-            kept_boxes[len(kept)] = box
-            kept.append(piece)
-    return kept
+    own = np.array([piece.box for piece in order])[:, None]
+    in_kept = (own - own[:, 0] <= near).all(axis=2)
+    in_others = (own - boxes <= near).all(axis=2)
+    kept: list[int] = []
+    for number, piece in enumerate(order):
+        larger = [order[k] for k in kept if in_kept[number, k]]
+        larger += [pieces[k] for k in np.flatnonzero(in_others[number]).tolist()]
+        if not any(_lies_in(piece.polygon, other.edges, flat) for other in larger):
+            kept.append(number)
+    return [order[number] for number in kept]
 
 
-def _lies_in(piece: Polygon, other: Polygon, flat: float) -> bool:
+def _lies_in(piece: Polygon, edges: Sequence[_Edge], flat: float) -> bool:
+    """Whether a convex polygon lies in another one, given the edges of that."""
     tolerance = -math.sqrt(flat) * FLAT
-    for (left, low), (right, high) in planar.edges(other):
+    for (left, low), (right, high) in edges:
         along, up = right - left, high - low
         for x, y in piece:
             if along * (y - low) - up * (x - left) < tolerance:
