@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -59,8 +59,8 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     boxes = np.array([pieces[0].box])
     for polygon in rings:
         apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, math.sqrt(flat))
-        near = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
-        for k, cut in zip(near, ring.cut_by([pieces[k].polygon for k in near]), strict=True):
+        met = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
+        for k, cut in zip(met, ring.cuts([pieces[k].polygon for k in met]), strict=True):
             parts = None if cut is None else _beyond(pieces[k].polygon, cut, flat, len(pieces))
             if parts is not None:
                 apart[k] = False
@@ -148,7 +148,7 @@ def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -
 
 
 def _beyond(piece: Polygon, cut: Sequence[Edge], flat: float, count: int) -> list[_Piece] | None:
-    """The parts of a convex polygon that lie beyond each edge of another; None if they do not overlap."""
+    """The parts of a convex polygon that lie beyond each edge of another which may cut it; None if they are apart."""
     left, parts = piece, []
     for a, b in cut:
         part = _clipped(left if count > MOST_PIECES else piece, b, a)
@@ -173,21 +173,35 @@ class _Ring:
     def __init__(self, polygon: Polygon, near: float) -> None:
         self.edges = planar.edges(polygon)
         ends = np.array(self.edges)
-        along = ends[:, 1] - ends[:, 0]
+        self._corners, along = ends[:, 0], ends[:, 1] - ends[:, 0]
         self._normals = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         self._offsets = np.einsum("ki,ki->k", self._normals, ends[:, 0])
         self._near = near
 
-    def cut_by(self, pieces: Sequence[Polygon]) -> Iterator[list[Edge] | None]:
-        """The edges that each convex polygon is not clearly on the inner side of; None if it is beyond one of them."""
+    def cuts(self, pieces: Sequence[Polygon]) -> list[list[Edge] | None]:
+        """Of each of some convex polygons, the edges that it is not clearly on the inner side of.
+
+        None if it is clearly beyond one of them, or this one is beyond one of its own edges.
+        """
         if not pieces:
-            return
-        first = np.cumsum([0, *(len(piece) for piece in pieces[:-1])])
-        sides = self._normals @ np.concatenate([np.array(piece) for piece in pieces]).T - self._offsets[:, None]
-        beyond = np.any(np.maximum.reduceat(sides, first, axis=1) < -self._near, axis=0)
-        inner = np.minimum.reduceat(sides, first, axis=1) > self._near
-        for k in range(len(pieces)):
-            yield None if beyond[k] else [self.edges[edge] for edge in np.flatnonzero(~inner[:, k]).tolist()]
+            return []
+        corners = np.array([corner for piece in pieces for corner in piece])
+        counts = np.array([len(piece) for piece in pieces])
+        first = np.cumsum(counts) - counts
+        sides = self._normals @ corners.T - self._offsets[:, None]
+        apart = (np.maximum.reduceat(sides, first, axis=1) < -self._near).any(axis=0)
+        after = np.arange(1, len(corners) + 1)
+        after[first + counts - 1] = first
+        along = corners[after] - corners
+        normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        own = normals @ self._corners.T - np.einsum("ki,ki->k", normals, corners)[:, None]
+        beyond = own.max(axis=1) < -self._near * np.hypot(along[:, 0], along[:, 1])
+        apart |= np.logical_or.reduceat(beyond, first)
+        cut = np.minimum.reduceat(sides, first, axis=1) <= self._near
+        return [
+            None if gone else [self.edges[k] for k in np.flatnonzero(some).tolist()]
+            for gone, some in zip(apart.tolist(), cut.T, strict=True)
+        ]
 
 
 def _clipped(polygon: Polygon, a: planar.Point, b: planar.Point) -> Polygon:
@@ -226,6 +240,11 @@ class _Piece:
     right: float
     low: float
     high: float
+
+    @cached_property
+    def edges(self) -> list[Edge]:
+        """Its edges."""
+        return planar.edges(self.polygon)
 
     @property
     def box(self) -> tuple[float, ...]:
@@ -266,7 +285,7 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float)
         for place, (inside_new, inside_old) in enumerate(rows, start=begin):
             others = [new[k] for k in chosen if inside_new[k]] if inside_new[:place].any() else []
             others += [pieces[k] for k in np.flatnonzero(inside_old).tolist()]
-            if not any(_lies_in(new[place].polygon, other.polygon, flat) for other in others):
+            if not any(_lies_in(new[place].polygon, other.edges, flat) for other in others):
                 chosen.append(place)
     return [new[k] for k in chosen]
 
@@ -279,9 +298,10 @@ def _within(some: Array, boxes: Array, near: float) -> Mask:
     return held
 
 
-def _lies_in(piece: Polygon, other: Polygon, flat: float) -> bool:
+def _lies_in(piece: Polygon, edges: Sequence[Edge], flat: float) -> bool:
+    """Whether a convex polygon lies in another one, given the edges of that."""
     tolerance = -math.sqrt(flat) * FLAT
-    for (left, low), (right, high) in planar.edges(other):
+    for (left, low), (right, high) in edges:
         along, up = right - left, high - low
         for x, y in piece:
             if along * (y - low) - up * (x - left) < tolerance:

@@ -26,6 +26,7 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import ArrivalSteps
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import LoopRun, LoopStatus
 from scp_planner.settings.planning import Settings
@@ -219,15 +220,22 @@ class CheckedRuns:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
             problem = self._asking_for_more(problem, attempt, URGENCY**repeat)
-            loop = self._loop(problem)
+            loop = self._loop(problem, penalties=run.penalties if problem is not self.everything else None)
             start = run.evaluation.trajectory
         return attempt
 
-    def _loop(self, problem: Problem, hopeless_after: int | None = None, steps: ArrivalSteps | None = None) -> ScpLoop:
+    def _loop(
+        self,
+        problem: Problem,
+        hopeless_after: int | None = None,
+        steps: ArrivalSteps | None = None,
+        penalties: Penalties | None = None,
+    ) -> ScpLoop:
         radius = problem.zones.typical_radius
         # Trips on different sides of what is small are near to each other.
         apart = SPARING.same_way if radius is None else min(SPARING.same_way, radius)
-        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, replace(SPARING, same_way=apart), steps)
+        parameters = replace(SPARING, same_way=apart)
+        return ScpLoop(problem, self.solver, self._fallback, hopeless_after, parameters, steps, penalties)
 
     def _asking_for_more(self, problem: Problem, attempt: ScpAttempt, urgency: float) -> Problem:
         if met_what_was_left_out(problem, attempt.verdict):

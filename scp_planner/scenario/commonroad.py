@@ -65,6 +65,7 @@ from scp_planner.scenario.commonroad_roads import (
     spaced,
     walls_around,
 )
+from scp_planner.scenario.commonroad_start import touched_by
 from scp_planner.scenario.models import Scenario, Vehicle
 
 LENGTH, WIDTH = 4.5, 1.8
@@ -86,7 +87,7 @@ CAR = {
 SPEED_RESERVE, LEAST_TOP_SPEED = 1.5, 20.0
 """Its top speed: so many times the speed at the start, and no less than this, m/s."""
 
-MORE_DISCS = (5, 9, 17)
+MORE_DISCS = (5, 9, 17, 33)
 """That cover a car of the benchmark: more where it stands so close to something that fewer touch it at the start."""
 
 SLOWEST = 2.0
@@ -253,6 +254,11 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fe
     if model is VehicleModel.PM and abs(float(start.orientation)) > math.pi:
         text = "the official checker compares headings as numbers, and those of a point mass are in [-pi, pi]"
         raise ScenarioError(reader.name, [Fault("initialState.orientation", float(start.orientation), text)])
+    middle = (float(start.position[0]), float(start.position[1]))
+    touched = touched_by(middle, float(start.orientation), body, reader.world, int(start.time_step))
+    if touched is not None:
+        text = f"no solution is valid: the car, {body.length:g} m by {body.width:g} m, {touched} where it starts"
+        raise ScenarioError(reader.name, [Fault("initialState.position", middle, text)])
     refused = ScenarioError(reader.name, [])
     for discs in (count for count in MORE_DISCS if count >= fewest):
         fields = vehicle_of(body, model, discs)
@@ -264,7 +270,7 @@ def _with_enough_discs(reader: _Reader, model: VehicleModel, car: str | None, fe
         except ScenarioError as error:
             refused = error
             if any(fault.path != "start.position" for fault in error.faults):
-                break
+                raise
     raise refused
 
 

@@ -252,14 +252,34 @@ def drivable(network: Any, line: Array, reach: float, width: float) -> Any:
     -------
     shapely.Polygon or shapely.MultiPolygon
     """
+    around, inwards = _about(line, reach), DRAWN_IN * width
+    return road_in(network, around, width, inwards).simplify(inwards).intersection(around.simplify(inwards))
+
+
+def road_in(network: Any, around: Any, width: float, inwards: float = 0.0) -> Any:
+    """Return all lanes that meet an area as one, gaps between them filled.
+
+    Parameters
+    ----------
+    network : LaneletNetwork
+        Of commonroad-io.
+    around : shapely geometry
+        m.
+    width : float
+        Of the vehicle, m.
+    inwards : float
+        By which borders are drawn in, m.
+
+    Returns
+    -------
+    shapely.Polygon or shapely.MultiPolygon
+    """
     from shapely import union_all
 
-    around = _about(line, reach)
     polygons = [lane.polygon.shapely_object for lane in network.lanelets]
     near = [polygon.buffer(0.0) for polygon in polygons if polygon.intersects(around)]
-    fill, inwards = GAP * width, DRAWN_IN * width
-    road = union_all(near).buffer(fill, join_style="mitre").buffer(-fill - inwards, join_style="mitre")
-    return road.simplify(inwards).intersection(around.simplify(inwards))
+    fill = GAP * width
+    return union_all(near).buffer(fill, join_style="mitre").buffer(-fill - inwards, join_style="mitre")
 
 
 def lane_borders(network: Any, line: Array, reach: float, width: float) -> list[list[Point]]:

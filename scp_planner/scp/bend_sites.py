@@ -17,6 +17,7 @@ from scp_planner.trips.trajectory import TripPoints
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.linspace(-0.6, 0.6, 7)  # stations: a peak moves when it is pressed down in one place
+PARTS = 4  # of the way from station to station over a curved guide, at the ends of which peaks are looked for
 
 QUIET = 0.8  # of the limit; if no station is above, nothing between stations is looked at
 _NOWHERE: Array = np.zeros(0)
@@ -140,7 +141,10 @@ def bend_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list
     if not loud.any():
         quiet = zip(stations, worst.tolist(), sharpest, strict=True)
         return [BendSites(station, _NO_STATIONS, None, most, most_bent) for station, most, most_bent in quiet]
-    owner, around = _lateral_peaks(problem, lateral, loud)
+    if not problem.space.guide.straight:
+        lateral = _with_parts(bundle, lateral)
+        np.maximum(worst, lateral.max(axis=1), out=worst, where=loud)
+    owner, around = _lateral_peaks(problem, lateral, loud, stations=len(parameters))
     peaks = station_sites(bundle, owner, around)
     np.maximum.at(worst, owner, np.abs(peaks.lateral))
     jump_bend, jump_lateral = _at_jumps(problem, bundle, points)
@@ -179,7 +183,21 @@ def _jump_samples(problem: Problem, count: int) -> Index | slice:
     return (each * np.arange(count)[:, None] + np.arange(problem.grid, each)).ravel()
 
 
-def _lateral_peaks(problem: Problem, value: Array, loud: Mask) -> tuple[Index, Array]:
+def _with_parts(bundle: TripBundle, lateral: Array) -> Array:
+    """Lateral accelerations at stations, (K, M), and at parts of the ways between them, (K, PARTS (M - 1) + 1) m/s^2.
+
+    A curved guide bends most anywhere between stations, and where the speed turns there may be two peaks of one bend.
+    """
+    cells = lateral.shape[1] - 1
+    shares = (np.arange(cells)[:, None] + np.arange(1, PARTS) / PARTS) / cells
+    between = station_sites(bundle, bundle.owners(shares.size), np.tile(shares.ravel(), bundle.count))
+    found = np.empty((bundle.count, PARTS * cells + 1))
+    found[:, ::PARTS] = lateral
+    found[:, :-1].reshape(-1, cells, PARTS)[:, :, 1:] = np.abs(between.lateral).reshape(-1, cells, PARTS - 1)
+    return found
+
+
+def _lateral_peaks(problem: Problem, value: Array, loud: Mask, stations: int) -> tuple[Index, Array]:
     """Normalised stations around peaks of the lateral acceleration, (K, M), by parabolas through its largest values."""
     here = value[:, 1:-1]
     high = (here >= value[:, :-2]) & (here >= value[:, 2:])
@@ -190,7 +208,8 @@ def _lateral_peaks(problem: Problem, value: Array, loud: Mask) -> tuple[Index, A
     before, after = value[owner, index - 1], value[owner, index + 1]
     bend = before - 2.0 * value[owner, index] + after
     shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
-    around = ((index + shift)[:, None] + PEAK_NEIGHBOURS).ravel() / (value.shape[1] - 1)
+    peak = (index + shift) / (value.shape[1] - 1)
+    around = (peak[:, None] + PEAK_NEIGHBOURS / (stations - 1)).ravel()
     return owner.repeat(len(PEAK_NEIGHBOURS)), np.minimum(np.maximum(around, 0.0), 1.0)
 
 

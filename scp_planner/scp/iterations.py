@@ -51,6 +51,8 @@ class LoopSetup:
     move : callable
         The trip after a step z, (n,), from a trip; None if it would never arrive.
     parameters : LoopParameters
+    penalties : Penalties or None
+        That runs begin with; None: the first ones of the parameters.
     """
 
     problem: Problem
@@ -59,6 +61,13 @@ class LoopSetup:
     projection: Projection
     move: Callable[[Trajectory, Array], Trajectory | None]
     parameters: LoopParameters
+    penalties: Penalties | None = None
+
+    def first_penalties(self) -> Penalties:
+        """Return what a run begins with, which it may raise."""
+        if self.penalties is None:
+            return Penalties.uniform(self.problem, self.parameters.first_penalty)
+        return self.penalties.copied()
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ class Iterations:
         self.limits = limits
         self.cutoff = cutoff
         self.trust = trust
-        self.penalties = Penalties.uniform(setup.problem, setup.parameters.first_penalty)
+        self.penalties = setup.first_penalties()
         self.run = LoopRun(LoopStatus.ITERATION_LIMIT, start, self.penalties)
         self._progress = _Progress(0, start.worst_violation)
         self._active: ActiveSet | None = None

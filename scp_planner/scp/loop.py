@@ -14,6 +14,7 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.goal import ArrivalSteps, Cutoff, RunLimits
 from scp_planner.scp.iterations import Iterations, LoopSetup
 from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.projection import Projection, trip_after
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
@@ -39,6 +40,8 @@ class ScpLoop:
     parameters : LoopParameters
     steps : ArrivalSteps, optional
         That the trip has to arrive on, in the end: a run ends when it can hardly arrive on an earlier one.
+    penalties : Penalties, optional
+        That runs begin with; default: the first ones of the parameters.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class ScpLoop:
         hopeless_after: int | None = None,
         parameters: LoopParameters = LOOP,
         steps: ArrivalSteps | None = None,
+        penalties: Penalties | None = None,
     ) -> None:
         self.problem = problem
         self.hopeless_after = problem.settings.max_iterations if hopeless_after is None else hopeless_after
@@ -56,6 +60,7 @@ class ScpLoop:
         self.fallback = fallback
         self.parameters = parameters
         self.steps = steps
+        self.penalties = penalties
         self.kinematics = KinematicRows(problem)
 
     def run(
@@ -146,7 +151,7 @@ class ScpLoop:
     def _setup(self) -> LoopSetup:
         solver = StepSolver(self.solver, self.fallback, self.parameters.shortest_solve)
         projection = Projection(self.problem, self.kinematics, solver, self.parameters)
-        return LoopSetup(self.problem, self.kinematics, solver, projection, self.moved, self.parameters)
+        return LoopSetup(self.problem, self.kinematics, solver, projection, self.moved, self.parameters, self.penalties)
 
 
 def _run_from(start: Trajectory, setup: LoopSetup, trust: TrustRegion, limits: RunLimits, cutoff: Cutoff) -> RunInStep:

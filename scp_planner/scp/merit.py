@@ -48,6 +48,10 @@ class Penalties:
         """Return one price for everything."""
         return cls(np.full(problem.zones.size, price), np.full(len(Limit) + len(problem.optional), price))
 
+    def copied(self) -> Penalties:
+        """Return the same, that may be raised without these."""
+        return Penalties(self.zones.copy(), self.limits.copy(), self.given)
+
     @property
     def weights(self) -> Array:
         """Those of the zones and then of the limits, (L + 5 + E,)."""

@@ -40,6 +40,8 @@ class Cuts:
     line, delay, zone : (n,) arrays of int
     lower, upper, middle : (n,) arrays
         Ends of the blocked offsets, and the offset of the zone's centre.
+    lasting : bool
+        Whether they block at all delays: then those that are given say nothing.
     """
 
     line: Index
@@ -48,12 +50,12 @@ class Cuts:
     lower: Array
     upper: Array
     middle: Array
+    lasting: bool = False
 
     def only(self, kept: Mask | Index) -> Cuts:
         """Return some of them."""
-        return Cuts(
-            self.line[kept], self.delay[kept], self.zone[kept], self.lower[kept], self.upper[kept], self.middle[kept]
-        )
+        own = (self.line, self.delay, self.zone, self.lower, self.upper, self.middle)
+        return Cuts(*(each[kept] for each in own), self.lasting)
 
 
 class Lines:
@@ -115,9 +117,7 @@ class Lines:
         for part in _parts(standing, count):
             line, zone = np.repeat(every, len(part)), np.tile(part, count)
             cuts = self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line)))
-            # What stands is there at all delays.
-            each = cuts.only(np.repeat(np.arange(len(cuts.line)), len(delays)))
-            yield replace(each, delay=np.tile(np.array(delays), len(cuts.line)))
+            yield replace(cuts, lasting=True)
         edges = np.arange(delays.start, delays.stop + 1, STRETCH)
         for part in _parts(moving, count * len(edges)):
             met = np.nonzero(self._near(part, edges))
@@ -257,8 +257,9 @@ class Cells:
     def _blocked(self, cuts: Cuts, sides: Index, delays: range) -> Iterator[tuple[Index, Words]]:
         """Yield words of what zones block, or that and all to one side of it, on lines that they meet."""
         lines, place = np.unique(cuts.line, return_inverse=True)
-        cuts = replace(cuts, line=place, delay=cuts.delay - delays.start)
-        at_once = max(1, MOST_MARKED // (self.shape[1] * len(delays)))
+        cuts = replace(cuts, line=place, delay=np.zeros_like(place) if cuts.lasting else cuts.delay - delays.start)
+        marked, full = 1 if cuts.lasting else len(delays), np.uint64(2 ** len(delays) - 1)
+        at_once = max(1, MOST_MARKED // (self.shape[1] * marked))
         for begin in range(0, len(lines), at_once):
             some = lines[begin : begin + at_once]
             part, side = cuts, sides
@@ -266,9 +267,10 @@ class Cells:
                 here = np.flatnonzero((place >= begin) & (place < begin + at_once))
                 part, side = cuts.only(here), sides[here]
                 part = replace(part, line=part.line - begin)
-            blocked = np.zeros((len(some), self.shape[1], len(delays)), dtype=np.bool_)
+            blocked = np.zeros((len(some), self.shape[1], marked), dtype=np.bool_)
             self._mark(blocked, part, side)
-            yield some, _words(blocked) << np.uint64(delays.start)
+            words = np.where(blocked[:, :, 0], full, np.uint64(0)) if cuts.lasting else _words(blocked)
+            yield some, words << np.uint64(delays.start)
 
     def _mark(self, blocked: Mask, cuts: Cuts, side: Index) -> None:
         """Mark what zones block, or that and all to one side of it: above (1), below (-1), or neither."""

@@ -259,6 +259,38 @@ class ZoneBatch:
         (n, L) array
             m, negative inside.
         """
+        if self.ground is None:
+            return self._distances(times, points, exact_below)
+        distance = np.empty((len(times), self.size))
+        distance[:, self.ground.zones] = self.ground.distances(points) - self.radius[self.ground.zones]
+        if len(self._besides_ground):
+            distance[:, self._besides_ground] = self._without_ground.distances(times, points, exact_below)
+        return distance
+
+    @cached_property
+    def _besides_ground(self) -> Index:
+        """Zones that are no polygons that stand and are known."""
+        assert self.ground is not None
+        return np.setdiff1d(np.arange(self.size), self.ground.zones)
+
+    @cached_property
+    def _on_ground(self) -> Mask:
+        """Whether each zone is one of the others, (L,)."""
+        return ~np.isin(np.arange(self.size), self._besides_ground)
+
+    @cached_property
+    def _places(self) -> Array:
+        """Centres before anything moves, (L, 2) m: where those that stand stay."""
+        places: Array = self.centers.grid(np.zeros(1))[0]
+        return places
+
+    @cached_property
+    def _without_ground(self) -> ZoneBatch:
+        """The batch of those."""
+        return self.subset(self._besides_ground)
+
+    def _distances(self, times: Array, points: Array, exact_below: float) -> Array:
+        """Signed distances to zones among which there are no polygons that stand and are known."""
         centers = self.centers.grid(times)
         dx = points[:, 0, None] - centers[:, :, 0]
         dy = points[:, 1, None] - centers[:, :, 1]
@@ -292,12 +324,6 @@ class ZoneBatch:
         """Put the distances to outlines into the array, (n, L) m, of those to their centres."""
         distance[:, self.shaped] -= self.extent[self.shaped]
         near = distance[:, self.shaped] < exact_below
-        if self.ground is not None:
-            ground = self.ground.zones
-            heights = self.ground.heights(points)
-            bound = np.maximum(distance[:, ground], heights.least - self.radius[ground])
-            distance[:, ground] = bound
-            near[:, self.outline_slot[ground]] = (bound < exact_below) & ~heights.exact
         row, column = np.nonzero(near)
         if len(row):
             index = self.shaped[column]
@@ -314,8 +340,7 @@ class ZoneBatch:
         zones = known[(self.outlines.counts[self.outline_slot[known]] > 0) & ~self.turning[known]]
         if len(zones) == 0:
             return None
-        places = self.centers.take(zones).grid(np.zeros(1))[0]
-        return Ground.of(zones, self.outlines, self.outline_slot[zones], places)
+        return Ground.of(zones, self.outlines, self.outline_slot[zones], self._places[zones])
 
     def reach(self, times: Array) -> Array:
         """Radius of a disc around the centre that covers each zone at each time, (n, L) m."""
@@ -349,6 +374,9 @@ class ZoneBatch:
         -------
         ZoneContacts
         """
+        if self.ground is not None and self.outlines is not None and self._on_ground[index].all():
+            standing = self.outlines.contacts(self.outline_slot[index], points - self._places[index])
+            return ZoneContacts(standing.distance - self.radius[index], standing.normal, np.zeros(len(index)))
         center, velocity = self.centers.at_with_rate(index, times)
         offset = points - center
         rows = None if self.covariances is None else self.uncertain_among(index)

@@ -7,26 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.outlines import Outlines
 
 AT_ONCE = 2**16  # numbers, half a megabyte
-
-
-@dataclass(frozen=True)
-class Heights:
-    """How far points are beyond the farthest edge of each polygon.
-
-    Attributes
-    ----------
-    least : (n, s) array
-        m; outside at most the distance.
-    exact : (n, s) array of bool
-        Whether it is known to be the distance, signed.
-    """
-
-    least: Array
-    exact: Mask
 
 
 @dataclass(frozen=True)
@@ -68,24 +52,26 @@ class Ground:
         along = np.column_stack([tangents, -np.einsum("ij,ij->i", tangents, starts) - 0.5 * lengths])
         return cls(zones, across, along, 0.5 * lengths[:, None], tuple(np.cumsum(np.bincount(number)).tolist()))
 
-    def heights(self, points: Array) -> Heights:
-        """Return how far points, (n, 2) m, are beyond the farthest edges, and where that is all.
+    def distances(self, points: Array) -> Array:
+        """Return the signed distances of points, (n, 2) m, to each polygon, (n, s) m.
 
-        It is where that edge is what is nearest: inside, and outside where a point is abreast of it.
+        Inside it is how far they are from the farthest line of an edge, outside how far from the nearest edge.
         """
-        least = np.empty((len(self.zones), len(points)))
-        exact = np.empty(least.shape, dtype=bool)
+        found = np.empty((len(self.zones), len(points)))
         homogeneous = np.vstack([points.T, np.ones(len(points))])
         for some in self._some_points(len(points)):
             heights = self.across @ homogeneous[:, some]
-            abreast = np.abs(self.along @ homogeneous[:, some]) <= self.halves
-            highest = self._highest(heights)
-            kept = highest <= 0.0
-            for edges in self._numbers():
-                count = edges.stop - edges.start
-                kept[:count] |= abreast[edges] & (heights[edges] == highest[:count])
-            least[:, some], exact[:, some] = highest, kept
-        return Heights(least.T, exact.T)
+            highest = self._extreme(heights, np.maximum)
+            beyond = self.along @ homogeneous[:, some]
+            np.abs(beyond, out=beyond)
+            beyond -= self.halves
+            np.maximum(beyond, 0.0, out=beyond)
+            beyond *= beyond
+            heights *= heights
+            beyond += heights
+            nearest = np.sqrt(self._extreme(beyond, np.minimum))
+            found[:, some] = np.where(highest > 0.0, nearest, highest)
+        return found.T
 
     def least_heights(self, points: Array, moves: Array) -> Array:
         """Return what they are at least for points that move by no more than vectors, (n, 2) m, to either side."""
@@ -94,7 +80,7 @@ class Ground:
         for some in self._some_points(len(points)):
             heights = self.across @ homogeneous[:, some]
             heights -= np.abs(normals @ moves[some].T)
-            least[:, some] = self._highest(heights)
+            least[:, some] = self._extreme(heights, np.maximum)
         return least.T
 
     def _some_points(self, count: int) -> Iterator[slice]:
@@ -110,10 +96,10 @@ class Ground:
             yield slice(begin, end)
             begin = end
 
-    def _highest(self, values: Array) -> Array:
-        """The largest of each polygon's values, (s, n), of those of all edges, (E, n)."""
-        highest = values[: len(self.zones)].copy()
+    def _extreme(self, values: Array, extreme: np.ufunc) -> Array:
+        """The largest or least of each polygon's values, (s, n), of those of all edges, (E, n)."""
+        found: Array = values[: len(self.zones)].copy()
         for some in self._numbers():
-            part = highest[: some.stop - some.start]
-            np.maximum(part, values[some], out=part)
-        return highest
+            part = found[: some.stop - some.start]
+            extreme(part, values[some], out=part)
+        return found

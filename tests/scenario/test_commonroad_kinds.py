@@ -15,8 +15,10 @@ from shapely import Point, Polygon, box
 
 from scp_planner.errors import ScenarioError
 from scp_planner.scenario.commonroad_goals import GoalState, ahead_of, goal_states, polygons_of
+from scp_planner.scenario.commonroad_models import CARS
 from scp_planner.scenario.commonroad_obstacles import obstacles_of
 from scp_planner.scenario.commonroad_roads import drivable
+from scp_planner.scenario.commonroad_start import touched_by
 
 STEP = 0.1
 
@@ -107,3 +109,27 @@ def test_a_road_around_one_point() -> None:
     area = drivable(SimpleNamespace(lanelets=[lane]), np.array([[50.0, 0.0]]), 10.0, 1.8)
     assert area.centroid.x == pytest.approx(50.0, abs=0.5)
     assert area.bounds[2] - area.bounds[0] == pytest.approx(20.0, rel=0.05)
+
+
+@pytest.mark.parametrize("as_shape", [True, False])
+def test_a_car_that_touches_something_where_it_starts_is_told_what(as_shape: bool) -> None:
+    car = CARS["BMW_320i"]
+    half = 0.5 * car.width
+    lane = SimpleNamespace(polygon=placed(box(0.0, -2.0, 40.0, 2.0)))
+    seen = placed(box(20.0, -2.0, 24.0, 0.0))
+    occupancy = SimpleNamespace(shape=seen) if as_shape else seen
+    parked = SimpleNamespace(obstacle_id=7, occupancy_at_time=lambda step: occupancy if step == 3 else None)
+    world = SimpleNamespace(obstacles=[parked], lanelet_network=SimpleNamespace(lanelets=[lane]))
+
+    def told(x: float, y: float, time_step: int = 3) -> str | None:
+        return touched_by((x, y), 0.0, car, world, time_step)
+
+    assert told(10.0, 0.0) is None
+    assert told(10.0, 2.0 - half - 1e-6) is None
+    assert told(10.0, 2.0 - half + 0.05) == "reaches 0.05 m beyond the border of the road"
+    assert told(10.0, 9.0) == "stands beside the road"
+    assert told(19.0, 0.0) == "meets obstacle 7"
+    assert told(19.0, 0.0, 4) is None
+    assert told(19.0, half + 1e-3) is None
+    world.lanelet_network.lanelets = []
+    assert told(10.0, 9.0) is None

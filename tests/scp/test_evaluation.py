@@ -8,11 +8,13 @@ from scenes import disc, scene
 from slopes import problem_and_trip
 
 from scp_planner.problem.build import build_problem
+from scp_planner.scp.bend_sites import bend_sites, station_sites
 from scp_planner.scp.evaluation import evaluate_among, evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.merit import Limit, Penalties
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
@@ -36,6 +38,24 @@ def test_violations_are_those_of_dense_samples_and_the_merit_is_their_price(degr
     assert found.worst_violation == max(found.zone_violation.max(), found.limit_violation.max())
     price = 7.0 * (found.zone_violation.sum() + found.limit_violation.sum())
     assert found.merit(Penalties.uniform(problem, 7.0)) == pytest.approx(trip.travel_time + price)
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3, 4, 6, 11])
+def test_lateral_accelerations_over_a_curved_guide_are_seen_between_stations(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turns = np.cumsum(rng.uniform(0.2, 0.4, 40) * (-1.0) ** np.arange(40))
+    legs = np.stack([np.cos(turns), np.sin(turns)], axis=1) * rng.uniform(0.3, 0.6, (40, 1))
+    line = np.concatenate([[[0.0, 0.0]], np.cumsum(legs, axis=0)]).tolist()
+    scenario = scene(guide=line, goal={"position": line[-1]}, start={"heading": None, "speed": 3.0})
+    problem = build_problem(scenario, (), Settings())
+    space = problem.space
+    beta = 0.1 * rng.choice([-1.0, 1.0], space.acceleration_size)  # the speed turns wherever it likes
+    trip = Trajectory.of(space, np.zeros(space.path_size), beta)
+    bundle, dense = TripBundle([trip]), np.linspace(0.0, 1.0, 40_001)
+    (found,) = bend_sites(problem, bundle, trip.at(problem.samples))
+    lateral = np.abs(station_sites(bundle, np.zeros(len(dense), dtype=int), dense).lateral).max()
+    assert lateral > problem.limits.lateral_acceleration, "else nothing is to be seen"
+    assert found.worst_lateral == pytest.approx(lateral, rel=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(4))

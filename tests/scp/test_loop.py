@@ -42,6 +42,16 @@ def test_a_run_ends_at_its_limits_and_else_converges(monkeypatch: pytest.MonkeyP
     assert late.evaluation.trajectory is START
 
 
+def test_a_run_goes_on_with_the_prices_of_another() -> None:
+    first = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60)
+    end, dear = first.evaluation, first.penalties.copied()
+    dear.raise_where(dear.weights > 0.0, 600.0)
+    known = dear.weights.copy()
+    again = ScpLoop(PROBLEM, solver_named("daqp"), penalties=dear).run(end.trajectory, 1)
+    assert (dear.weights == known).all(), "those that were given stay as they are"
+    assert (again.penalties.weights >= known).all()
+
+
 @pytest.mark.parametrize("speed", [0.3, 2.4])
 def test_runs_arrive_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
     wanted = scene(*CROSSERS, goal={"speed": speed})
