@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.dead_ends import way_on
 from scp_planner.online.dodge_courses import LIMIT_SHARE
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
@@ -31,6 +33,8 @@ UNREST_LASTS = 0.5
 """Moments for which it counts that somebody has changed the velocity..."""
 UNREST = 1.0
 """...and by how many times as much it may change once more: as much nearer are they taken to come."""
+LOST = 4.0
+"""Lengths of way that a length is worth by which a dodge shortens what can be driven at all: it ends in a dead end."""
 FARTHEST = 1e9
 """Stands for a clearance without a zone, where clearances are interpolated."""
 
@@ -207,7 +211,26 @@ class DodgeOutlooks:
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
         closer = room.less(self._nearer(driven.times))
         worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
+        worth -= LOST * self._way_lost(moment, driven)
         return Outlook(least, room, clear, left[0], left[1], left[2], worth)
+
+    def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
+        """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""
+        radius, heading = self.tightest(moment), moment.state.heading
+        if radius == 0.0 or heading is None or moment.scenario.vehicle.steering is Steering.BOTH_WAYS:
+            return 0.0
+        box, standing = self.box(moment), _that_stand(moment.batch)
+        if not len(box.offsets) and not standing.size:
+            return 0.0
+        steps = np.hypot(*np.moveaxis(np.diff(driven.position, axis=1), -1, 0))
+        place = np.concatenate([np.zeros((1, 2)), driven.position[:, -1]])
+        headings = np.append(heading - moment.frame.heading, driven.heading[:, -1])
+        lost = np.zeros(len(steps))
+        # Where something that stands is in the way, it still matters whether the vehicle can go on when that is gone.
+        for zones in (standing.subset(np.zeros(0, dtype=np.intp)), standing)[: 1 + min(standing.size, 1)]:
+            left = way_on(place, headings, radius, partial(_is_clear, box, zones))
+            lost = np.maximum(lost, left[0] - steps.sum(axis=1) - left[1:])
+        return lost
 
     def _way_left(self, moment: Moment, driven: Driven, time: Array) -> Array:
         """What is left of the way to the goal, m, now, at `GAIN` and at the end, (3, C), of what is driven at times."""
@@ -294,6 +317,22 @@ class DodgeOutlooks:
         if turns or not vehicle.max_curvature:
             return 0.0
         return 1.0 / (LIMIT_SHARE * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
+
+
+def _that_stand(batch: ZoneBatch) -> ZoneBatch:
+    """Those of zones that are known to stand: walls, and what is parked."""
+    stands = ~np.any(batch.velocities.coefficients, axis=(1, 2, 3))
+    stands[batch.uncertain] = False
+    return batch.subset(np.flatnonzero(stands))
+
+
+def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Array:
+    """Whether places (..., 2), m, are in the workspace, and clear of zones that stand."""
+    clear: Array = box.room(place) >= 0.0
+    if standing.size:
+        points = place.reshape(-1, 2)
+        clear &= (standing.distances(np.zeros(len(points)), points, 0.0).min(axis=1) >= 0.0).reshape(clear.shape)
+    return clear
 
 
 def until_over(near: Array, driven: Driven) -> Array:
