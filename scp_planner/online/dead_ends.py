@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.online.dodge_courses import TURNS
 
 FAR = 4.0
@@ -32,7 +32,7 @@ def _courses() -> Array:
 COURSES = _courses()
 
 
-def way_on(place: Array, heading: Array, radius: float, clear: Callable[[Array], Array]) -> Array:
+def way_on(place: Array, heading: Array, radius: float, clear: Callable[[Array], Mask]) -> Array:
     """How far a vehicle can drive on, on the best of some courses, up to `FAR`.
 
     Parameters

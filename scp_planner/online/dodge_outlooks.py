@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import way_on
@@ -326,12 +326,13 @@ def _that_stand(batch: ZoneBatch) -> ZoneBatch:
     return batch.subset(np.flatnonzero(stands))
 
 
-def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Array:
+def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Mask:
     """Whether places (..., 2), m, are in the workspace, and clear of zones that stand."""
-    clear: Array = box.room(place) >= 0.0
+    clear: Mask = box.room(place) >= 0.0
     if standing.size:
         points = place.reshape(-1, 2)
-        clear &= (standing.distances(np.zeros(len(points)), points, 0.0).min(axis=1) >= 0.0).reshape(clear.shape)
+        away = standing.distances(np.zeros(len(points)), points, 0.0).min(axis=1)
+        clear = clear & (away >= 0.0).reshape(clear.shape)
     return clear
 
 

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scenes import disc, scene
 
+from scp_planner.arrays import Array, Mask
 from scp_planner.online.dead_ends import FAR, STEPS, way_on
 from scp_planner.online.planner import Planner
 from scp_planner.settings.online import OnlineSettings
 
 PERIOD = 0.1
+
+
+def between(wall: float) -> Callable[[Array], Mask]:
+    """Clear up to walls so far away on either side, m."""
+
+    def clear(place: Array) -> Mask:
+        return np.asarray(np.abs(place[..., 1]) < wall)
+
+    return clear
 
 
 @pytest.mark.parametrize("radius", [1.0, 2.5])
@@ -19,12 +31,8 @@ def test_who_heads_for_a_wall_can_go_on_if_there_is_room_to_turn(radius: float) 
     rng = np.random.default_rng(2)
     heading, aside = rng.uniform(-1.4, 1.4, 200), rng.uniform(0.0, 1.0, 200) * radius
     place = np.stack([rng.uniform(-5.0, 5.0, 200), 0.0 * aside], axis=1)
-    found = np.array(
-        [
-            way_on(place[k : k + 1], heading[k : k + 1], radius, lambda at, wall=aside[k]: np.abs(at[..., 1]) < wall)[0]
-            for k in range(200)
-        ]
-    )
+    places = zip(place, heading, aside.tolist(), strict=True)
+    found = np.array([way_on(at[None], np.array([angle]), radius, between(wall))[0] for at, angle, wall in places])
     needed = radius * (1.0 - np.cos(heading))
     # turns are some of all that there are, and a wall may be a little farther away than where it is looked at
     free, stuck = needed < 0.6 * aside - 0.05 * radius, needed > 1.05 * aside
