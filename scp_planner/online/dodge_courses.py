@@ -198,7 +198,10 @@ class Profiles:
         rate = np.where(level > start_speed, limits.acceleration, limits.deceleration) * LIMIT_SHARE
         change, braking = np.abs(level - start_speed) / rate, level / (limits.deceleration * LIMIT_SHARE)
         span = np.maximum(change + cruise + braking + wait, width / limits.speed) / (SPANS - WHOLE)
-        first, last = np.ceil(change / span), np.ceil(braking / span)
+        # As promptly as the limits allow: whole spans of it, which are as long as that takes.
+        whole = np.floor(change / span)
+        span = np.where(whole > 0.0, change / np.maximum(whole, 1.0), span)
+        first, last = np.where(whole > 0.0, whole, np.ceil(change / span)), np.ceil(braking / span)
         end = first + np.round(cruise / span) + last
         number = np.arange(SPANS + 1)
         risen = np.clip(number / np.maximum(first, 1.0)[:, None], 0.0, 1.0)

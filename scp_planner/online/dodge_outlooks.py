@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.dead_ends import way_on
 from scp_planner.online.dodge_courses import LIMIT_SHARE
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, Dodges, Room
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
+from scp_planner.online.unrest import Unrest
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.online.way_left import way_left, way_left_both_ways
 from scp_planner.scenario.limits import Box, Limits
@@ -26,6 +29,12 @@ PATIENCE = 10.0
 SPARE = 1.0 / 24.0
 """Widths of clearance, below which a place counts as within the zone of who moves as fast as the vehicle may: a small
 turn takes as much. Of who is slower: in proportion."""
+UNREST_LASTS = 0.5
+"""Moments for which it counts that somebody has changed the velocity..."""
+UNREST = 1.0
+"""...and by how many times as much it may change once more: as much nearer are they taken to come."""
+LOST = 4.0
+"""Lengths of way that a length is worth by which a dodge shortens what can be driven at all: it ends in a dead end."""
 FARTHEST = 1e9
 """Stands for a clearance without a zone, where clearances are interpolated."""
 
@@ -79,6 +88,18 @@ class DodgeOutlooks:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._patience = 1.0
+        self._change = np.zeros(0)  # of the velocity of each obstacle, of late, (L,) m/s
+        self._unrest = Unrest(UNREST_LASTS * a_moment(means.given.vehicle))
+
+    def note(self, moment: Moment) -> None:
+        """Take note of how obstacles move: who has just changed the velocity is kept farther away from."""
+        batch = moment.batch
+        velocities = moment.frame.vectors_to_world(batch.velocities.grid(np.zeros(1))[0])
+        self._change = self._unrest.note(moment.state.time, batch.ids, velocities)
+
+    def _nearer(self, time: Array) -> Array:
+        """By how much nearer than zones say their obstacles may come by times (J,), s from now: (L, J) m."""
+        return UNREST * self._change[:, None] * np.minimum(time, GAIN * a_moment(self._means.given.vehicle))
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts.
@@ -106,7 +127,7 @@ class DodgeOutlooks:
         Outlook
         """
         vehicle = moment.scenario.vehicle
-        room = dodges.room(moment.batch, self.box(moment), vehicle)
+        room = dodges.room(moment.batch, self.box(moment), vehicle, self._means.vetting.period)
         seen = self.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
             return self._with_backing_out(moment, dodges, seen)
@@ -125,7 +146,8 @@ class DodgeOutlooks:
         gone += vehicle.max_speed * np.maximum(since - starting, 0.0)
         heading = dodges.heading[0]
         place = dodges.position[0] - gone[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        away = foreseen(moment.batch, stands, {}).distances(times, place)
+        grown = max(stands, self._means.vetting.period)
+        away = foreseen(moment.batch, grown, {}).distances(times, place)
         room = self._room_of(moment, place, away)
         left = self.seen(moment, Driven(times, place[None], heading[None], times[-1:]), room)
         stops = np.arange(0, dodges.families[0].size, len(dodges.families[0].profiles.stands))
@@ -154,7 +176,8 @@ class DodgeOutlooks:
         """
         trip, begin = stop.trip, moment.state.time
         points, _ = trip.at(begin + times)
-        batch = foreseen(moment.batch_in(trip.frame), stop.stands - trip.frame.time, {})
+        grown = max(stop.stands, self._means.vetting.unseen_until(moment)) - trip.frame.time
+        batch = foreseen(moment.batch_in(trip.frame), grown, {})
         away = batch.distances(begin + times - trip.frame.time, points.path.position)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
         room, direction = self._room_of(moment, place, away), points.path.direction
@@ -186,8 +209,28 @@ class DodgeOutlooks:
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
-        worth = left[0] - left[1] - self._cost(time, near / width, counted / width) * width
+        closer = room.less(self._nearer(driven.times))
+        worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
+        worth -= LOST * self._way_lost(moment, driven)
         return Outlook(least, room, clear, left[0], left[1], left[2], worth)
+
+    def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
+        """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""
+        radius, heading = self.tightest(moment), moment.state.heading
+        if radius == 0.0 or heading is None or moment.scenario.vehicle.steering is Steering.BOTH_WAYS:
+            return 0.0
+        box, standing = self.box(moment), _that_stand(moment.batch)
+        if not len(box.offsets) and not standing.size:
+            return 0.0
+        steps = np.hypot(*np.moveaxis(np.diff(driven.position, axis=1), -1, 0))
+        place = np.concatenate([np.zeros((1, 2)), driven.position[:, -1]])
+        headings = np.append(heading - moment.frame.heading, driven.heading[:, -1])
+        lost = np.zeros(len(steps))
+        # Where something that stands is in the way, it still matters whether the vehicle can go on when that is gone.
+        for zones in (standing.subset(np.zeros(0, dtype=np.intp)), standing)[: 1 + min(standing.size, 1)]:
+            left = way_on(place, headings, radius, partial(_is_clear, box, zones))
+            lost = np.maximum(lost, left[0] - steps.sum(axis=1) - left[1:])
+        return lost
 
     def _way_left(self, moment: Moment, driven: Driven, time: Array) -> Array:
         """What is left of the way to the goal, m, now, at `GAIN` and at the end, (3, C), of what is driven at times."""
@@ -225,10 +268,10 @@ class DodgeOutlooks:
         return NEARNESS * self._patience * nearness(time, near) + harm(time, counted)
 
     def _spare(self, batch: ZoneBatch, vehicle: Vehicle) -> Array:
-        """Clearance from each of L zones, (L,) m, below which a place counts as within them."""
+        """Clearance from each of L zones, (L, 1) m, below which a place counts as within them."""
         speeds = np.hypot(*batch.velocities.grid(np.zeros(1))[0].T)
         spare: Array = SPARE * self._patience * 2.0 * vehicle.radius * np.minimum(speeds / vehicle.max_speed, 1.0)
-        return spare
+        return spare[:, None]
 
     @staticmethod
     def box(moment: Moment) -> Box:
@@ -263,7 +306,7 @@ class DodgeOutlooks:
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
         gained = value_at(GAIN, time, (driven + vehicle.max_speed * over)[None]) - self._lost_by_going_on(moment, trip)
-        near = np.where(over > 0.0, np.inf, room.least)
+        near = np.where(over > 0.0, np.inf, room.less(self._nearer(ahead)))
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 
@@ -274,6 +317,23 @@ class DodgeOutlooks:
         if turns or not vehicle.max_curvature:
             return 0.0
         return 1.0 / (LIMIT_SHARE * Limits.of(moment.scenario, self._means.settings.limit_margin).curvature)
+
+
+def _that_stand(batch: ZoneBatch) -> ZoneBatch:
+    """Those of zones that are known to stand: walls, and what is parked."""
+    stands = ~np.any(batch.velocities.coefficients, axis=(1, 2, 3))
+    stands[batch.uncertain] = False
+    return batch.subset(np.flatnonzero(stands))
+
+
+def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Mask:
+    """Whether places (..., 2), m, are in the workspace, and clear of zones that stand."""
+    clear: Mask = box.room(place) >= 0.0
+    if standing.size:
+        points = place.reshape(-1, 2)
+        away = standing.distances(np.zeros(len(points)), points, 0.0).min(axis=1)
+        clear = clear & (away >= 0.0).reshape(clear.shape)
+    return clear
 
 
 def until_over(near: Array, driven: Driven) -> Array:

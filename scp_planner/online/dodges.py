@@ -70,9 +70,11 @@ class Room:
         return least
 
     def less(self, spare: Array) -> Array:
-        """The least of them, (C, J) m, where so much, (L,) m, is taken from those to each of all L zones."""
-        taken = np.append(spare, 0.0)[self.zones]  # the border is the last
-        least: Array = (self.each - taken[:, None, None]).min(axis=0, initial=np.inf)
+        """The least of them, (C, J) m, where so much, (L, J) or (L, 1) m, is taken from those to all L zones."""
+        if not spare.any():
+            return self.least
+        taken = np.concatenate([spare, np.zeros((1, spare.shape[1]))])[self.zones]  # the border is the last
+        least: Array = (self.each - taken[:, None]).min(axis=0, initial=np.inf)
         return least
 
     def nearest(self, dodge: int, sample: int) -> int:
@@ -139,10 +141,10 @@ class Family:
         place, heading = self.courses.along(self.lead, self.length, self.profiles.distance(times))
         return place.reshape(self.size, len(times), 2), heading.reshape(self.size, len(times))
 
-    def extents(self, batch: ZoneBatch, offset: Array, times: Array) -> Array:
+    def extents(self, batch: ZoneBatch, offset: Array, times: Array, unseen: float) -> Array:
         """How far ellipses of zones reach towards the vehicle.
 
-        They do not grow any more from when it stands.
+        They do not grow any more from when it stands, and has looked again.
 
         Parameters
         ----------
@@ -151,6 +153,8 @@ class Family:
             Of the vehicle from the centres of the U uncertain ones, m.
         times : (J,) array
             s from now.
+        unseen : float
+            Time to the next replan, s.
 
         Returns
         -------
@@ -159,7 +163,7 @@ class Family:
         """
         assert batch.covariances is not None
         count, profiles = self.length.shape
-        until = np.minimum(times, self.profiles.stands[:, None])
+        until = np.minimum(times, np.maximum(self.profiles.stands, unseen)[:, None])
         # (3, U, 1, P, J): the same for all courses.
         spread = batch.covariances.grid(until.ravel()).transpose(2, 1, 0)
         xx, xy, yy = np.ascontiguousarray(spread).reshape(3, -1, 1, profiles, len(times))
@@ -295,7 +299,7 @@ class Dodges:
             number -= family.size
         raise IndexError(f"there is no dodge {number}")
 
-    def room(self, batch: ZoneBatch, box: Box, vehicle: Vehicle) -> Room:
+    def room(self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float = 0.0) -> Room:
         """Look how far the vehicle keeps from all zones, and from the border of the workspace.
 
         Parameters
@@ -304,6 +308,8 @@ class Dodges:
             In the planning frame, inflated by the vehicle.
         box : Box
         vehicle : Vehicle
+        unseen : float
+            Time to the next replan, s.
 
         Returns
         -------
@@ -318,7 +324,7 @@ class Dodges:
             place = self.position
             if offset != 0.0:
                 place = place + offset * np.stack([np.cos(self.heading), np.sin(self.heading)], axis=-1)
-            found = [self._from_rounds(zones, place)]
+            found = [self._from_rounds(zones, place, unseen)]
             if len(others):
                 times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
                 away = shaped.distances(times, points, EXACT_WITHIN)
@@ -330,7 +336,7 @@ class Dodges:
         assert least is not None, "a vehicle has a disc"
         return Room(np.concatenate([rounds, others, border]), least)
 
-    def _from_rounds(self, batch: ZoneBatch, place: Array) -> Array:
+    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float) -> Array:
         """Distances to zones without outlines, (L, C, J) m, in the direction of their centres: never too large.
 
         Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow; and so would be those over
@@ -340,10 +346,12 @@ class Dodges:
         together = max(TOGETHER // place[..., 0].size, 1)
         for first in range(0, batch.size, together):
             some = np.arange(first, min(first + together, batch.size))
-            self._put_distances(batch.subset(some) if len(some) < batch.size else batch, place, distance[some[0] :])
+            self._put_distances(
+                batch.subset(some) if len(some) < batch.size else batch, place, unseen, distance[some[0] :]
+            )
         return distance
 
-    def _put_distances(self, batch: ZoneBatch, place: Array, out: Array) -> None:
+    def _put_distances(self, batch: ZoneBatch, place: Array, unseen: float, out: Array) -> None:
         """Put the distances to some zones, (l, C, J) m, at the beginning of an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
         offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
@@ -354,7 +362,7 @@ class Dodges:
             first = 0
             for family in self.families:
                 some = slice(first, first + family.size)
-                distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times)
+                distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times, unseen)
                 first += family.size
 
     def _within_reach(self, batch: ZoneBatch, longest: float) -> Index:

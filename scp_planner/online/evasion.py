@@ -237,6 +237,7 @@ class Evasion:
     def _looked(self, now: Replan) -> _SeenDodges:
         """What is seen in a moment, which is looked at once."""
         if self._view is None or self._view.moment is not now.moment:
+            self.outlooks.note(now.moment)
             dodges, begun = self._dodges(now.moment), self._begun(now)
             if now.late:
                 dodges = dodges.hurried(now.moment.batch.size)

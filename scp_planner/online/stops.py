@@ -6,6 +6,7 @@ it is the trip, and it lives in the space of the trip, so it is certified like o
 
 What a certificate of a stop says: up to the time at which the vehicle stands, no zone touches it, nor for a while after
 that. Of those that stand, zones do not grow any more: a vehicle that stands sees them come, and gets out of their way.
+Up to the next replan it sees nothing new, though: so far they grow in any case.
 """
 
 from __future__ import annotations
@@ -194,18 +195,17 @@ def standing_trip(like: Trip, frame: PlanningFrame, wait: float) -> Trip:
     return Trip(frame, Trajectory(Path(space, np.zeros(space.path_size)), np.zeros(space.acceleration_size), wait))
 
 
-def surely_clear(zones: ZoneBatch, position: Array, since: float, wait: float, ahead: float = 0.0) -> bool:
-    """Whether zones that do not grow any more surely keep clear of a place for a while: by the discs that cover them.
+def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, float], ahead: float = 0.0) -> bool:
+    """Whether zones that soon do not grow any more surely keep clear of a place: by the discs that cover them.
 
     Parameters
     ----------
     zones : ZoneBatch
     position : (2,) array
         m.
-    since : float
-        On the clock of the zones, s.
-    wait : float
-        s.
+    times : (since, grows, wait)
+        From when on, on the clock of the zones, how long they grow after that, and for how long they are to keep clear
+        of it, s.
     ahead : float
         How far from the place the vehicle's discs may be, m.
 
@@ -214,9 +214,10 @@ def surely_clear(zones: ZoneBatch, position: Array, since: float, wait: float, a
     bool
         Where a bound does not tell, False.
     """
+    since, grows, wait = times
     half = 0.5 * wait / WAIT_LOOKS
     middle: Array = since + half * np.arange(1.0, 2.0 * WAIT_LOOKS, 2.0)
-    reach = zones.reach(np.array([since]))[0] + ahead
+    reach = zones.reach(np.array([since + grows]))[0] + ahead
     offset = zones.centers.grid(middle) - position
     # No knot may lie inside of an interval, for the speed to be bounded; then it is left to the certificate.
     breaks = zones.centers.breakpoints[:, 1:-1]

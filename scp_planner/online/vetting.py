@@ -122,8 +122,10 @@ class Moment:
             motions=motions,
         )
 
-    def certify_standing(self, trip: Trip, since: float, wait: float) -> Certificate | None:
+    def certify_standing(self, trip: Trip, since: float, wait: float, unseen_until: float) -> Certificate | None:
         """Certify standing where a trip stands, against zones that do not grow any more: who stands sees them come.
+
+        But who stands already sees nothing new before the next replan.
 
         Parameters
         ----------
@@ -132,6 +134,8 @@ class Moment:
             Absolute time from which on it stands, s.
         wait : float
             How long, s.
+        unseen_until : float
+            Absolute time of the next replan, s, up to which they grow.
 
         Returns
         -------
@@ -142,14 +146,14 @@ class Moment:
             return None
         points, _ = trip.at(since)
         ahead = max(map(abs, self.scenario.vehicle.discs))
-        batch = self.batch_in(trip.frame)
-        if surely_clear(batch, points.path.position[0], since - trip.frame.time, wait, ahead):
+        batch, grows = self.batch_in(trip.frame), max(unseen_until - since, 0.0)
+        if surely_clear(batch, points.path.position[0], (since - trip.frame.time, grows, wait), ahead):
             return None
         (place,) = trip.frame.to_world(points.path.position).tolist()
         heading = trip.frame.vectors_to_world(points.path.direction)[0]
         frame = PlanningFrame((place[0], place[1]), math.atan2(heading[1], heading[0]), since)
         stands = standing_trip(trip, frame, wait)
-        still = foreseen(ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius), 0.0, {})
+        still = foreseen(ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius), grows, {})
         certificate = certify_trip(
             self.scenario, stands, self.zones, Scope(ends=Ends(0), precision=math.inf), batch=still
         )
@@ -415,13 +419,17 @@ class Vetting:
         certificate = self.certify_stop(now, stop, now.state.time)
         return Vetted(last, certificate, stop) if certificate.holds else None
 
+    def unseen_until(self, now: Moment) -> float:
+        """Absolute time of the next replan at the latest, s: zones grow up to then, whatever the vehicle does."""
+        return now.state.time + self.period
+
     def certify_stop(self, now: Moment, stop: Stop, since: float | None) -> Certificate:
         """Certify a stop from an absolute time on, s, or its start, until the vehicle has stood for long enough."""
         certificate = now.certify(stop.trip, since=since, until=stop.stands, ends=Ends.START, motions=self.motions)
         if not certificate.holds or self.wait <= 0.0:
             return certificate
         begins = max(stop.stands, now.state.time)
-        stands = now.certify_standing(stop.trip, begins, stop.stands + self.wait - begins)
+        stands = now.certify_standing(stop.trip, begins, stop.stands + self.wait - begins, self.unseen_until(now))
         return certificate if stands is None else replace(stands, limits=certificate.limits)
 
     def clear_for(self, now: Moment, stop: Stop) -> float:
@@ -429,7 +437,8 @@ class Vetting:
         trip = stop.trip
         times = np.linspace(now.state.time, stop.stands + self.wait, TRIP_SAMPLES)
         points, _ = trip.at(times)
-        batch = foreseen(now.batch_in(trip.frame), stop.stands - trip.frame.time, {})
+        grown = max(stop.stands, self.unseen_until(now)) - trip.frame.time
+        batch = foreseen(now.batch_in(trip.frame), grown, {})
         away = batch.distances(times - trip.frame.time, points.path.position, EXACT)
         entered = away.min(axis=1, initial=np.inf) < 0.0
         return float(times[entered.argmax()] - times[0]) if entered.any() else math.inf

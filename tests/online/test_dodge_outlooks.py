@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scenes import disc, scene
 
-from scp_planner.online.dodge_outlooks import Driven, until_over
+from scp_planner.online.dodge_outlooks import Driven, Outlook, until_over
+from scp_planner.online.dodge_worth import nearness
+from scp_planner.online.evasion import Evasion
+from scp_planner.online.means import Replan
+from scp_planner.online.planner import Planner
+from scp_planner.online.remaining import State
 
 
 def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
@@ -14,3 +22,29 @@ def test_end_of_a_dodge_is_looked_at_between_samples() -> None:
     driven = Driven(times, np.zeros((2, 4, 2)), np.zeros((2, 4)), np.array([1.4, 2.0]))
     found = until_over(np.tile(1.5 - times, (2, 1)), driven)
     assert found[0] == pytest.approx([1.5, 0.5, 0.1, np.inf]) and found[1] == pytest.approx([1.5, 0.5, -0.5, -0.5])
+
+
+def seen_after(*velocities: tuple[float, float]) -> tuple[Outlook, float, np.ndarray]:
+    """What is seen of dodges, and of a trip of 20 m, after walkers had these velocities, a tenth of a second each."""
+    planner = Planner(scene(disc("walker", (1.0, 1.5), velocities[0]), start={"speed": 0.0}))
+    evasion = Evasion(planner._means)
+    for look, velocity in enumerate(velocities):
+        state, now = State(0.1 * look, (0.0, 0.0), None, 0.0), 0.1 * (len(velocities) - 1)
+        place = (1.0 - now * velocity[0], 1.5 - now * velocity[1])  # in the end they all are at the same place
+        planner.update_motion("walker", {"position": place, "velocity": velocity})
+        moment = planner._means.moment(state)
+        view = evasion._looked(Replan(moment, 0.0, math.inf, None, look))
+    trip = Planner(scene(start={"speed": 0.0})).replan(state.time, (0.0, 0.0), None, 0.0).trip
+    return view.seen, evasion.outlooks.worth_of(moment, trip, view.dodges.times), view.dodges.times
+
+
+def test_who_has_just_changed_the_velocity_is_taken_to_come_nearer() -> None:
+    """By the change, for five thirds of a moment, of 0.8 s here; against the nearness of one who has not."""
+    steady, on_trip, times = seen_after((0.3, -1.0), (0.3, -1.0), (0.3, -1.0))
+    turned, then_on_trip, _ = seen_after((0.0, -1.0), (0.0, -1.0), (0.3, -1.0))
+    assert np.array_equal(turned.room.each, steady.room.each)
+    clearance = steady.room.each[0]
+    nearer = clearance - 0.3 * np.minimum(times, 0.8 * 5.0 / 3.0)
+    more = nearness(times / 0.8, nearer / 0.6) - nearness(times / 0.8, clearance / 0.6)
+    assert steady.worth - turned.worth == pytest.approx(2.0 * 0.6 * more, abs=1e-6)
+    assert more.max() > 0.1 and then_on_trip < on_trip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.dodge_courses import GRADUAL, PROMPT, Bend, Profiles
+from scp_planner.online.dodge_courses import GRADUAL, LIMIT_SHARE, PROMPT, Bend, Profiles
 from scp_planner.online.dodges import HURRIED, Dodges
+from scp_planner.online.planner import Planner
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
 from scp_planner.scenario.limits import Box, Limits
+from scp_planner.settings.online import OnlineSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
 
@@ -115,6 +118,35 @@ def test_distances_of_dodges_are_those_to_the_nearest_zone() -> None:
     assert np.all(whose == exact.argmin(axis=1)[near])
 
 
+@pytest.mark.parametrize("unseen", [0.0, 0.8])
+def test_zones_grow_until_the_vehicle_stands_and_has_looked_again(unseen: float) -> None:
+    """Of one whose velocity is not known: the region of two normal errors at 95 %, by hand."""
+    scenario = scene(confidence={"probability": 0.95, "level": "per_time"})
+    planner = Planner(scenario, online=OnlineSettings(manoeuvre=0.0))
+    planner.add_obstacle("a", {"disc": 0.3})
+    planner.update_obstacle("a", 0.0, (1.5, 0.0), (0.0, 0.0), covariance=np.diag([0.01, 0.01, 0.04, 0.04]))
+    zones = planner._means.moment(State(0.0, (0.0, 0.0), None, 0.0)).zones
+    frame, vehicle = PlanningFrame((0.0, 0.0), 0.0, 0.0), scenario.vehicle
+    dodges = dodges_of(None, 0.0, 0.0, vehicle.radius)
+    batch = ZoneBatch.of(zones, frame, vehicle.radius)
+    room = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle, unseen)
+    times = np.minimum(dodges.times, np.maximum((dodges.until - dodges.wait)[:, None], unseen))
+    away = np.linalg.norm(dodges.position - [1.5, 0.0], axis=-1)
+    expected = away - 0.3 - vehicle.radius - math.sqrt(-2.0 * math.log(0.05)) * np.sqrt(0.01 + 0.04 * times**2)
+    assert room.least == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4, 1.2])
+def test_dodges_speed_up_as_promptly_as_they_may(speed: float) -> None:
+    """However long they last: at the next replan another may be needed, and who is slow is hit."""
+    profiles = Profiles.of(speed, LIMITS, 0.6, 1.0)
+    for number in np.flatnonzero(profiles.fastest > speed).tolist():
+        drive = profiles.drive(number)
+        needed = (profiles.fastest[number] - speed) / (LIMIT_SHARE * LIMITS.acceleration)
+        assert drive.beta.max() == pytest.approx(LIMIT_SHARE * LIMITS.acceleration) or needed < profiles.span[number]
+        assert drive.beta[0] == pytest.approx(drive.beta.max())
+
+
 def crowd(count: int) -> list[dict[str, Any]]:
     places = np.random.default_rng(0).uniform(-6.0, 6.0, (count, 2)).tolist()
     return [disc(f"d{number}", (x, y), (0.1, -0.2)) for number, (x, y) in enumerate(places)]
@@ -130,9 +162,9 @@ def test_distances_to_many_zones_are_computed_some_at_a_time(monkeypatch: pytest
     counts: list[int] = []
     put = Dodges._put_distances
 
-    def counted(self: Dodges, batch: ZoneBatch, place: Any, out: Any) -> None:
+    def counted(self: Dodges, batch: ZoneBatch, place: Any, unseen: float, out: Any) -> None:
         counts.append(batch.size)
-        put(self, batch, place, out)
+        put(self, batch, place, unseen, out)
 
     monkeypatch.setattr(Dodges, "_put_distances", counted)
     parts = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)

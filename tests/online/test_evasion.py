@@ -12,6 +12,7 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.online.assumptions import _radii_towards
+from scp_planner.online.braking import straight_stop
 from scp_planner.online.decision import Waiting
 from scp_planner.online.evasion import Evasion
 from scp_planner.online.means import Replan
@@ -136,7 +137,24 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
     depth = 0.6 - np.abs(times - 2.2)
     harmful = 50.0 * np.where(depth > -0.025, depth + 0.125, 0.0) / (1.0 + 0.9 * times / 0.6)
     assert worth[-20.0] == pytest.approx(0.0, abs=0.01)
-    assert harmful.max() * 0.95 < -worth[-2.2] < harmful.max() + 3.0
+    assert harmful.max() * 0.95 < -worth[-2.2] < harmful.max() + 3.5
+
+
+@pytest.mark.parametrize(("spare", "safe"), [(-0.01, False), (0.01, True)])
+def test_who_stands_is_safe_only_from_whom_it_sees_come_at_the_next_replan(spare: float, safe: bool) -> None:
+    """The velocity of somebody near is not known: up to then the zone grows, by hand, however the vehicle stands."""
+    scenario = scene(start={"speed": 0.0}, confidence={"probability": 0.95, "level": "per_time"})
+    planner = Planner(scenario, online=OnlineSettings(period=PERIOD, stay_clear=0.3, manoeuvre=0.0))
+    away = 0.6 + SCALE * math.hypot(0.1, 0.5 * PERIOD) + spare
+    planner.add_obstacle("near", {"disc": 0.3})
+    planner.update_obstacle("near", 0.0, (0.0, away), (0.0, 0.0), covariance=np.diag([0.01, 0.01, 0.25, 0.25]))
+    means, state = planner._means, State(0.0, (0.0, 0.0), 0.0, 0.0)
+    moment, trip = means.moment(state), straight_stop(state, means.braking, means.settings, means.breakpoints)
+    stop = Stop(trip, trip.frame.time)
+    assert means.vetting.certify_stop(moment, stop, None).holds == safe
+    assert math.isinf(means.vetting.clear_for(moment, stop)) == safe
+    going_on = Evasion(means).outlooks.of_stop(moment, stop, np.linspace(0.0, 0.3, 31))
+    assert math.isinf(going_on.clear[0]) == safe
 
 
 def test_a_turn_that_was_begun_is_gone_on_with() -> None:

@@ -47,8 +47,8 @@ def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch
     looked: list[int] = []
     rounds = Dodges._from_rounds
 
-    def counted(self: Dodges, batch: Any, place: Any) -> Any:
-        found = rounds(self, batch, place)
+    def counted(self: Dodges, batch: Any, place: Any, unseen: float) -> Any:
+        found = rounds(self, batch, place, unseen)
         looked.append(found.size)
         return found
 

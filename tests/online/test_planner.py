@@ -194,7 +194,7 @@ def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.Mon
     begin(planner, scenario)
     post = float(follow(planner, 2.0).position(2.0)[0]) + 8.0
     planner.add_obstacle(disc("post", (post, 0.0), radius=1.2))
-    for k in range(21, 51):
+    for k in range(21, 61):
         follow(planner, k * PERIOD)
     planner.remove_obstacle("post")
     tried: list[int] = []
@@ -206,7 +206,7 @@ def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(decision.Decision, "_improve", counting)
     plans = {}
-    for k in range(51, 80):
+    for k in range(61, 90):
         plans[k] = follow(planner, k * PERIOD)
     every = planner.online.improve_every
     gaps = [(later - one, plans[one]) for one, later in pairwise(tried) if plans[one].outcome is Outcome.IMPROVED]
