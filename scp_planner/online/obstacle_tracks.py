@@ -363,9 +363,8 @@ class ObstacleTracks:
             sizing = self.sizes.of(tracks, np.where(suspected, NOTICED, believed))
             otherwise[sizing.others] = True
         zones = zones_together(tracks, roots, start, level, self.manoeuvre, suspicions, sizing)
-        each = zip(tracks, zones, suspected.tolist(), otherwise.tolist(), strict=True)
-        for track, zone, track.suspected, other in each:
-            track.zone = zone if other else None
+        for track, zone, suspect, other in zip(tracks, zones, suspected.tolist(), otherwise.tolist(), strict=True):
+            track.suspected, track.zone = suspect, zone if other else None
             track.foretold.clear() if banked else track.keep_foretold()
         return zones
 
