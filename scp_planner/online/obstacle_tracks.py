@@ -412,10 +412,10 @@ class ObstacleTracks:
         shaped = Embodied(track.id, track.shape, body, track.margin)
         zone = estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
         track.zone = None
-        if self.sizes is None or track.given is not None or not track.settled:
-            return zone
+        if self.sizes is None or track.given is not None or not track.settled or body.turning is not None:
+            return zone  # what a zone with its heading allows for is no covariance of a position alone
         track.keep_foretold()
-        sized = self.sizes.sized(track, zone, 0.0 if body.turning is None else 1.0)  # of headings nothing is compared
+        sized = self.sizes.sized(track, zone)
         track.zone = None if sized is zone else sized
         return sized
 

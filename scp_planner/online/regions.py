@@ -119,11 +119,11 @@ class RegionSizes:
         leads[:, 0] = np.minimum(leads[:, 0], 0.5 * leads[:, 1])
         return Sizing(leads, kinds, self.scales.scales([track.id for track in tracks], kinds))
 
-    def sized(self, track: ObstacleTrack, zone: ThreatZone, least: float = 0.0) -> ThreatZone:
-        """A zone that was made alone, with its covariances sized, by no less than that; it may be the same."""
+    def sized(self, track: ObstacleTrack, zone: ThreatZone) -> ThreatZone:
+        """A zone that was made alone, with its covariances sized; it may be the same."""
         assert track.predicted is not None, "it has a zone"
         sizing = self.of([track], np.array([ALONE]))
-        covariances, sizes = zone.covariances, np.maximum(sizing.sizes[0], least)
+        covariances, sizes = zone.covariances, sizing.sizes[0]
         if covariances is None or (sizes == 1.0).all():
             return zone
         level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])

@@ -15,7 +15,7 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.regions import MOST_COMPARED
 from scp_planner.online.track import Seen
 from scp_planner.scenario.models import Model
-from scp_planner.scenario.shapes import Disc
+from scp_planner.scenario.shapes import Disc, Rectangle
 from scp_planner.settings.online import Regions, Watch
 
 NOISE, STEP, COUNT, FRAMES, LEVEL = 0.1, 0.1, 4, 70, 0.5
@@ -128,3 +128,24 @@ def test_zones_are_sized_by_what_came() -> None:
             # zones of several pieces are sized linearly between their ends
             rel = 1e-6 if zone.covariances.coefficients.shape[1] == 1 else 0.05
             assert found[[0, 0, 1], [0, 1, 1]] == pytest.approx(scale * sized(flat, [size])[0], rel=rel, abs=1e-12)
+
+
+def test_zones_with_a_bounded_heading_are_those_of_the_model() -> None:
+    """A box that is driven in a way that no polynomial foretells, beside a disc that is: only the disc is sized."""
+    made = {}
+    for regions in Regions:
+        rng = np.random.default_rng(6)
+        watch = Watch(alarm_probability=0.0, gate_probability=0.0, regions=regions)
+        tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=watch)
+        for name, shape in (("box", Rectangle(rectangle=(2.0, 0.5))), ("disc", Disc(disc=0.3))):
+            tracks.add_unseen(name, shape, Model(order=1), 0.0, NOISE**2 * np.eye(2))
+        for number in range(120):
+            time = STEP * number
+            for k, name in enumerate(("box", "disc")):
+                x, y = rng.normal([3.0 * time, 4.0 * k + 0.5 * math.sin(time)], NOISE)
+                tracks.observe(name, time, (float(x), float(y)))
+            zones = tracks.zones(time)
+        made[regions] = {zone.id: zone.covariance(np.array([time + 1.0]))[0] for zone in zones}
+    adaptive, model = made[Regions.ADAPTIVE], made[Regions.MODEL]
+    assert np.array_equal(adaptive["box"], model["box"])
+    assert adaptive["disc"][0, 0] > 2.0 * model["disc"][0, 0]
