@@ -363,14 +363,13 @@ def regions(options: argparse.Namespace) -> int:
         {"family": family, "regions": str(way)} for family in (*online_noticing.FAMILIES, *recorded) for way in Regions
     ]
 
-    @lru_cache(maxsize=1)
-    def predictions(family: str) -> list[np.ndarray]:
-        if family in recorded:
-            return online_regions.of_recording(recorded[family])
-        return online_regions.of_family(family, options.count)
-
     def run(row: Row) -> Row:
-        counted = online_regions.coverage(predictions(row["family"]), Regions(row["regions"]))
+        family, way = row["family"], Regions(row["regions"])
+        if family in recorded:
+            found = online_regions.of_recording(recorded[family], way)
+        else:
+            found = online_regions.of_family(family, options.count, way, options.seed)
+        counted = online_regions.coverage(found)
         common.say(
             f"{row['family']}, {row['regions']}: " + ", ".join(f"{one.held / one.number:.3f}" for one in counted)
         )

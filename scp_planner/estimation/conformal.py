@@ -13,14 +13,17 @@ not used for fitting, and regions that are as large for the calm as for the rest
 follows what has come of the regions. After a miss it is raised by rate * (1 - alpha), after a hit lowered by
 rate * alpha: slowly for all tracks together, and faster for each track alone, whose level is never below that of all.
 So a restless track has larger regions than others; a calm one has not smaller ones, which its first manoeuvre would
-leave. After T steps the share of misses of a track is no more than (1 + rate) / (rate T) above alpha, whatever moves
+leave. What chance alone does is left out: levels of single tracks count from `SLACK` on, and regions stay as they are
+as long as that is right for a level within `BAND` of the one asked for. After T steps the share of misses of a track
+is no more than (1 + rate) / (rate T) above alpha, whatever moves
 and however, as long as no error is larger than `BEYOND` times the largest that is remembered, which is what a level of
 1 stands for. Its price: it is a promise in the long run and not for any one moment, what it learns of a horizon it
 learns that much later, and of those that are restless now and then fewer errors are outside than alpha.
 
 What is seen has an error of its own, of which a region of where things *are* must not be made up for. So an error is
 not compared with the region, but counts as the size that the region would have needed for the observation to be inside
-together with its noise (`region_score`).
+together with its noise (`region_score`). Where most of what is seen is noise, sizes hardly matter to that, and are
+known so little that nearly all are within the band.
 
 Regions that are too small do not become so many times as large, but larger by the same in every direction: what nobody
 foretold, such as a change of acceleration, adds to an error, however well the motion was known. A factor that is right
@@ -36,11 +39,12 @@ A. Angelopoulos, E. Candes, R. Tibshirani, *Conformal PID control for time serie
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.errors import EstimationError
 
 RATE = 0.005
@@ -50,9 +54,14 @@ ENOUGH = 10.0
 """Misses at the level asked for, that there must have been room for before regions follow the errors."""
 TOGETHER = 0.01
 """The rate of all tracks together, over that of each: their errors are many, and depend on each other."""
-NEWEST = 20_000
+SLACK = 0.2
+"""Share of alpha by which the level of one track may be below that of all before it counts: levels of tracks that are
+like all others go up and down by so much."""
+BAND = 0.1
+"""Share of a level within which a region is right as it is: quantiles of so few errors are not known better."""
+NEWEST = 5_000
 """Errors of all tracks that quantiles are of, for each horizon."""
-STALE = 0.02
+STALE = 0.05
 """Share of them that may be new before they are sorted anew."""
 BEYOND = 2.0
 """Multiple of the largest squared error that is the quantile for a level of 1."""
@@ -127,10 +136,8 @@ def factor_to_hold(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, b
 def region_score(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, border: float) -> Array:
     """Give what quantiles are of that regions of a covariance are sized by: above 1 outside, below 1 inside.
 
-    The region of size s is that of s C for s <= 1, and of C + (s - 1) I beyond, see the head of this module. Outside it
-    is the size that holds what is seen. Inside, where that is 0 as soon as the noise alone explains what is seen, it is
-    the squared error over that on the border, of region and noise together: so regions that were too large shrink, and
-    those that are much smaller than the noise, of which nothing can be learnt, stay.
+    The region of size s is that of s C for s <= 1, and of C + (s - 1) I beyond, see the head of this module. The score
+    is the least size that holds what is seen, together with the noise: 0 where that is explained by the noise alone.
 
     Parameters
     ----------
@@ -142,10 +149,21 @@ def region_score(offset: ArrayLike, covariance: ArrayLike, noise: ArrayLike, bor
     (n,)
     """
     both = np.add(covariance, noise)
-    (x, y), (xx, xy, yy) = np.transpose(offset), np.transpose(both)
-    square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
-    unit = np.broadcast_to([1.0, 0.0, 1.0], both.shape)
-    return np.where(square <= border, square / border, 1.0 + factor_to_hold(offset, unit, both, border))
+    inside = square_within(offset, both) <= border
+    scores = np.empty(len(inside))
+    z, whole, seen = (np.asarray(each, dtype=float) for each in (offset, covariance, noise))
+    # of what is inside by rounding only, sizes may come out above 1
+    scores[inside] = np.minimum(factor_to_hold(z[inside], whole[inside], seen[inside], border), 1.0)
+    out = ~inside
+    unit = np.broadcast_to([1.0, 0.0, 1.0], (int(out.sum()), 3))
+    scores[out] = 1.0 + factor_to_hold(z[out], unit, both[out], border)
+    return scores
+
+
+def square_within(offset: ArrayLike, covariance: ArrayLike) -> Array:
+    """Give z' C^-1 z of offsets (n, 2) and covariances (n, 3), elements xx, xy, yy."""
+    (x, y), (xx, xy, yy) = np.transpose(offset), np.transpose(covariance)
+    return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
 
 
 def sized(covariance: ArrayLike, sizes: ArrayLike) -> Array:
@@ -157,12 +175,17 @@ def sized(covariance: ArrayLike, sizes: ArrayLike) -> Array:
 class AdaptiveScales:
     """Scales of regions by track and horizon, which follow the misses of each.
 
+    Predictions of several kinds are told apart, as those of tracks that are believed and of others: each kind has
+    quantiles of its own, and as long as it has too few errors those of all.
+
     Parameters
     ----------
     alpha : float
         The share of misses that is aimed at, between 0 and 1.
     horizons : int
         H, how many horizons there are.
+    kinds : int
+        How many kinds of predictions there are.
     rate : float
         See RATE. Larger: faster, and scales that are never at rest.
 
@@ -172,81 +195,146 @@ class AdaptiveScales:
         If alpha is not between 0 and 1, or the rate is not a positive number.
     """
 
-    def __init__(self, alpha: float, horizons: int, rate: float = RATE) -> None:
+    def __init__(self, alpha: float, horizons: int, kinds: int = 1, rate: float = RATE) -> None:
         if not 0.0 < alpha < 1.0:
             raise EstimationError(f"alpha: {alpha!r} is not between 0 and 1")
         if not 0.0 < rate < math.inf:
             raise EstimationError(f"rate: {rate!r} is not a positive number")
-        self.alpha, self.rate, self.horizons = alpha, rate, horizons
-        self._all = [_Newest(alpha, math.ceil(ENOUGH / alpha)) for _ in range(horizons)]
-        self._own: dict[tuple[str, int], float] = {}
+        self.alpha, self.rate, self.horizons, self.kinds = alpha, rate, horizons, kinds
+        self._errors = [[_Newest() for _ in range(horizons)] for _ in range(kinds + (kinds > 1))]  # the last: of all
+        self._enough = math.ceil(ENOUGH / alpha)
+        self._every = np.full((kinds, horizons), alpha)
+        self._own = np.zeros((0, kinds, horizons))
+        self._rows: dict[str, int] = {}
+        self._free: list[int] = []
         self.seen = np.zeros(horizons, dtype=np.intp)
         """Errors of each horizon so far, (H,)."""
         self.missed = np.zeros(horizons, dtype=np.intp)
         """How many of them were outside, (H,)."""
 
-    def scales(self, name: str) -> Array:
-        """Give the factors of the variances of a track's regions, (H,)."""
-        return np.array([self._scale(name, horizon) for horizon in range(self.horizons)])
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Tracks that it knows."""
+        return tuple(self._rows)
 
-    def _scale(self, name: str, horizon: int) -> float:
-        every = self._all[horizon]
-        return every.quantile(self._own.get((name, horizon), every.alpha))
+    def scales(self, names: Sequence[str], kinds: Index | int = 0) -> Array:
+        """Give the sizes of tracks' regions.
 
-    def take_in(self, horizon: int, name: str, score: float) -> None:
-        """Learn from the error of a track over a horizon.
+        Parameters
+        ----------
+        names : sequence of str
+            n tracks.
+        kinds : (n,) array or int
+            Of what is predicted of each.
+
+        Returns
+        -------
+        (n, H) array
+        """
+        kind = np.broadcast_to(kinds, len(names))
+        sizes = np.ones((len(names), self.horizons))
+        which = sorted(set(kind.tolist()))
+        if len(names) and any(self._known(k, horizon) is not None for k in which for horizon in range(self.horizons)):
+            rows = self._rows_of(names)
+            for k in which:
+                some = kind == k
+                for horizon in range(self.horizons):
+                    sizes[some, horizon] = self._sizes(rows[some], k, horizon)
+        return sizes
+
+    def _rows_of(self, names: Sequence[str]) -> Index:
+        """Where the levels of tracks are, (n,)."""
+        new = [name for name in names if name not in self._rows]
+        for name in new:
+            if not self._free:
+                size = len(self._own)
+                more = max(size, 8)
+                self._own = np.concatenate([self._own, np.full((more, *self._own.shape[1:]), self.alpha)])
+                self._free = list(range(size + more - 1, size - 1, -1))
+            self._rows[name] = row = self._free.pop()
+            self._own[row] = self._every  # what others have taught
+        return np.array([self._rows[name] for name in names], dtype=np.intp)
+
+    def _known(self, kind: int, horizon: int) -> _Newest | None:
+        """The errors that quantiles of a kind are of; None if there are too few."""
+        own, every = self._errors[kind][horizon], self._errors[-1][horizon]
+        if own.count >= self._enough:
+            return own
+        return every if every.count >= self._enough else None
+
+    def _sizes(self, rows: Index, kind: int, horizon: int) -> Array:
+        errors, every = self._known(kind, horizon), self._every[kind, horizon]
+        if errors is None:
+            return np.ones(len(rows))
+        level = np.minimum(every, self._own[rows, kind, horizon] + SLACK * self.alpha)
+        least, most = errors.quantiles(level * (1.0 + BAND)), errors.quantiles(level * (1.0 - BAND))
+        return np.asarray(np.minimum(np.maximum(least, 1.0), most))
+
+    def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
+        """Learn from errors of tracks over a horizon.
 
         Parameters
         ----------
         horizon : int
-        name : str
-            Of the track.
-        score : float
-            Of the region before it is scaled, as `region_score` gives it: 1 is on its border.
+        names : sequence of str
+            Of n tracks, each once.
+        scores : (n,)
+            Of the regions before they are sized, as `region_score` gives them: 1 is on the border.
+        kinds : (n,) array or int
+            Of what was predicted of each.
         """
-        every, key = self._all[horizon], (name, horizon)
-        missed = score > self._scale(name, horizon)
-        missed_by_all = score > every.quantile(every.alpha)
-        own = self._own.get(key, every.alpha) + self.rate * (self.alpha - missed)
-        every.alpha = min(max(every.alpha + TOGETHER * self.rate * (self.alpha - missed_by_all), 0.0), 1.0)
-        self._own[key] = min(own, every.alpha)
-        every.add(score)
-        self.seen[horizon] += 1
-        self.missed[horizon] += missed
+        found, kind = np.asarray(scores, dtype=float), np.broadcast_to(kinds, len(names))
+        rows = self._rows_of(names)
+        for k in sorted(set(kind.tolist())):
+            some = kind == k
+            own, score = rows[some], found[some]
+            missed = score > self._sizes(own, k, horizon)
+            errors, every = self._known(k, horizon), self._every[k, horizon]
+            of_all = score > (1.0 if errors is None else errors.quantiles(np.array([every])))
+            moved = self._own[own, k, horizon] + self.rate * (self.alpha - missed)
+            every += TOGETHER * self.rate * float((self.alpha - of_all).sum())
+            self._every[k, horizon] = every = min(max(every, 0.0), 1.0)
+            self._own[own, k, horizon] = np.minimum(moved, every)
+            self.missed[horizon] += int(missed.sum())
+            self._errors[k][horizon].add(score)
+        if self.kinds > 1:
+            self._errors[-1][horizon].add(found)
+        self.seen[horizon] += len(found)
 
     def forget(self, name: str) -> None:
         """Forget a track."""
-        for horizon in range(self.horizons):
-            self._own.pop((name, horizon), None)
+        row = self._rows.pop(name, None)
+        if row is not None:
+            self._free.append(row)
 
 
 class _Newest:
-    """The newest errors of all tracks over a horizon, and the level of their regions."""
+    """The newest errors of all tracks over a horizon."""
 
-    def __init__(self, alpha: float, enough: int) -> None:
-        self.alpha = alpha
-        self._enough = enough
+    def __init__(self) -> None:
         self._errors = np.zeros(0)  # a ring
-        self._count = 0
+        self._place = 0
+        self.count = 0
         self._sorted = np.zeros(0)
         self._fresh = 0
 
-    def add(self, error: float) -> None:
-        """Add one; the oldest goes if there are too many."""
-        place = self._count % NEWEST
-        if place == len(self._errors):
-            self._errors = np.concatenate([self._errors, np.zeros(min(max(place, 256), NEWEST - place))])
-        self._errors[place] = error
-        self._count += 1
-        self._fresh += 1
+    def add(self, errors: Array) -> None:
+        """Add some, (n,); the oldest go if there are too many."""
+        new = errors[-NEWEST:]
+        if self.count < NEWEST and self.count + len(new) > len(self._errors):
+            size = min(max(2 * len(self._errors), len(new) + self.count, 256), NEWEST)
+            self._errors = np.concatenate([self._errors, np.zeros(size - len(self._errors))])
+        where = (self._place + np.arange(len(new))) % NEWEST
+        self._errors[where] = new
+        self._place = (self._place + len(new)) % NEWEST
+        self.count = min(self.count + len(new), NEWEST)
+        self._fresh += len(new)
 
-    def quantile(self, alpha: float) -> float:
-        """What the next error exceeds with a probability of alpha; 1 as long as there are too few."""
-        count = min(self._count, NEWEST)
-        if count < self._enough:
-            return 1.0
-        if not len(self._sorted) or self._fresh > STALE * count:
-            self._sorted, self._fresh = np.sort(self._errors[:count]), 0
+    def quantiles(self, alpha: Array) -> Array:
+        """What the next error exceeds with probabilities of alpha, (n,)."""
+        if not len(self._sorted) or self._fresh > STALE * self.count:
+            self._sorted, self._fresh = np.sort(self._errors[: self.count]), 0
         count = len(self._sorted)
-        place = math.ceil((1.0 - alpha) * (count + 1) - 1e-9 * count)
-        return float(self._sorted[max(place, 1) - 1] if place <= count else BEYOND * self._sorted[-1])
+        place = np.ceil((1.0 - alpha) * (count + 1) - 1e-9 * count)
+        found = self._sorted[np.clip(place, 1, count).astype(np.intp) - 1]
+        return np.where(place <= count, found, BEYOND * self._sorted[-1])

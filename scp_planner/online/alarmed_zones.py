@@ -15,7 +15,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.estimation.motion_estimate import standardised_speed
-from scp_planner.online.many_zones import Future, Level, future_of, lengths_of, made_zones, zones_of_mixtures
+from scp_planner.online.many_zones import Future, Level, Sizing, future_of, lengths_of, made_zones, zones_of_mixtures
 from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.noticing import Bank
 from scp_planner.online.suspicions import MOST_EVIDENCE, ONSETS, Changes, changed_motions, changes_of
@@ -47,18 +47,20 @@ class Alarmed:
         self.tracks, self.bank, self.deviation = tracks, bank, deviation
         self.slots = slots_of(tracks)
 
-    def zones(self, start: float, level: Level) -> list[ThreatZone]:
+    def zones(self, start: float, level: Level, sizing: Sizing | None = None) -> list[ThreatZone]:
         """Their zones from a time on, s, in order."""
         weave = self.bank.weave(self.slots)
         if not weave.any():
             return zones_of_mixtures(
-                self.tracks, self._mixture(self.bank.mixed(self.slots, self._at(start)), start), start, level
+                self.tracks, self._mixture(self.bank.mixed(self.slots, self._at(start)), start), start, level, sizing
             )
         made: dict[str, ThreatZone] = {}
         for each, swing in ((~weave, False), (weave, True)):
-            some = Alarmed([self.tracks[k] for k in np.flatnonzero(each).tolist()], self.bank, self.deviation)
+            index = np.flatnonzero(each)
+            some = Alarmed([self.tracks[k] for k in index.tolist()], self.bank, self.deviation)
             if some.tracks:
-                zones = some._weaving(start, level) if swing else some.zones(start, level)
+                own = None if sizing is None else sizing.among(index)
+                zones = some._weaving(start, level, own) if swing else some.zones(start, level, own)
                 made.update(zip((track.id for track in some.tracks), zones, strict=True))
         return [made[track.id] for track in self.tracks]
 
@@ -93,7 +95,7 @@ class Alarmed:
         where = (some + len(self.slots) * np.arange(many)[:, None]).ravel()
         return filters.blended(where, changed.after(leads), np.tile(share, many))
 
-    def _weaving(self, start: float, level: Level) -> list[ThreatZone]:
+    def _weaving(self, start: float, level: Level, sizing: Sizing | None) -> list[ThreatZone]:
         """Zones of those that weave."""
         bank, count = self.bank, len(self.tracks)
         span = SPAN * 2.0 * np.pi / float(bank.widening.swings.rates.max())
@@ -124,7 +126,8 @@ class Alarmed:
             _pieces(centers, later.centers[:, -1], widths),
             _pieces(moments, later.covariances[:, -1], widths),
         )
-        return made_zones(self.tracks, future, level.scales(count, lengths), future_of(near.of(slice(count)), start))
+        soon = future_of(near.of(slice(count)), start)
+        return made_zones(self.tracks, future, level.scales(count, lengths), sizing, soon)
 
 
 def slots_of(tracks: Sequence[ObstacleTrack]) -> Index:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,10 @@ from scp_planner.estimation.error_laws import ErrorLaw
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 
+KEPT = 64
+"""Predictions of a track that are kept, to see what comes of them."""
+UNJUDGED = -1
+"""Kind of predictions of which nobody asks what comes of them."""
 _CENTER_TERMS, _COVARIANCE_TERMS = POLYNOMIAL_TERMS, POLYNOMIAL_TERMS + 1  # random walks have one more
 
 
@@ -77,6 +82,101 @@ class Prediction:
         return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
 
 
+@dataclass(frozen=True)
+class Pieces:
+    """Predictions of n obstacles for times that are not near, of absolute time.
+
+    Attributes
+    ----------
+    slots : (n,)
+    breaks : (S + 1,) array
+        s.
+    centers : (n, S, P, 2) array
+        m.
+    covariances : (n, S, Q, 3) array
+        m^2.
+    """
+
+    slots: Index
+    breaks: Array
+    centers: Array
+    covariances: Array
+
+    def at(self, which: Index, times: Array) -> tuple[Array, Array]:
+        """Centers (2, n) m and covariances (3, n) m^2 of some of them at times (n,)."""
+        piece = np.clip(np.searchsorted(self.breaks, times, "right") - 1, 0, len(self.breaks) - 2)
+        lag = times - self.breaks[piece]
+        center, covariance = (
+            _at(part[which, piece].transpose(1, 2, 0), lag) for part in (self.centers, self.covariances)
+        )
+        return center, covariance
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Predictions that were made together.
+
+    Attributes
+    ----------
+    start : float
+        When, s.
+    kinds : (K,) array of int
+        What they are compared as; `UNJUDGED`: not at all.
+    origin : (K,) array
+        s.
+    center : (P, 2, K) array
+    covariance : (Q, 3, K) array
+    later : tuple of Pieces
+    """
+
+    start: float
+    kinds: Index
+    origin: Array
+    center: Array
+    covariance: Array
+    later: tuple[Pieces, ...]
+
+    def of(self, slots: Index) -> Index:
+        """Kinds of predictions of some obstacles, (n,)."""
+        room = len(self.kinds)
+        return np.where(slots < room, self.kinds[np.minimum(slots, room - 1)], UNJUDGED)
+
+    def at(self, slots: Index, times: Array) -> tuple[Array, Array]:
+        """Where they are expected at times (n,): (n, 2) m, and covariances (n, 3) m^2."""
+        lag = times - self.origin[slots]
+        center, covariance = _at(self.center[..., slots], lag), _at(self.covariance[..., slots], lag)
+        for pieces in self.later:
+            where = np.full(len(self.kinds), -1)
+            where[pieces.slots] = np.arange(len(pieces.slots))
+            which = where[slots]
+            some = np.flatnonzero(which >= 0)
+            if len(some):
+                center[:, some], covariance[:, some] = pieces.at(which[some], times[some])
+        return center.T, covariance.T
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What is seen of n obstacles, beside what had been predicted of it.
+
+    Attributes
+    ----------
+    which : (n,)
+        Of what is seen.
+    kinds : (n,)
+        Of the predictions.
+    offset : (n, 2) array
+        What is seen less what was predicted, m.
+    covariance : (n, 3) array
+        Of the prediction, m^2.
+    """
+
+    which: Index
+    kinds: Index
+    offset: Array
+    covariance: Array
+
+
 class Foretold:
     """Predictions of K obstacles, each in a slot of its own.
 
@@ -84,21 +184,34 @@ class Foretold:
     ----------
     known : (K,) bool
         Of whom there is one.
+    kinds : (K,) array of int
+        What they are compared as; `UNJUDGED`: not at all.
     """
 
     def __init__(self) -> None:
         self.known = np.zeros(0, dtype=bool)
+        self.kinds = np.zeros(0, dtype=np.intp)
         self._origin = np.zeros(0)
         self._center = np.zeros((_CENTER_TERMS, 2, 0))
         self._covariance = np.zeros((_COVARIANCE_TERMS, 3, 0))
+        self._later: list[Pieces] = []
+        self._kept: deque[_Frame] = deque(maxlen=KEPT)
 
     def grow(self, size: int) -> None:
         """Make room for so many in all."""
         for name, value in vars(self).items():
-            setattr(self, name, longer(value, size, -1))
+            if isinstance(value, np.ndarray):
+                setattr(self, name, longer(value, size, -1))
+
+    def clear(self, slot: int) -> None:
+        """Forget all that was predicted of the obstacle in a slot."""
+        self.known[slot], self.kinds[slot] = False, UNJUDGED
+        for frame in self._kept:
+            if slot < len(frame.kinds):
+                frame.kinds[slot] = UNJUDGED
 
     def put(self, slots: Index, origin: float, center: Array, covariance: Array) -> None:
-        """Take in predictions.
+        """Take in predictions, which are not compared unless they are of a kind.
 
         Parameters
         ----------
@@ -109,10 +222,52 @@ class Foretold:
         covariance : (n, Q, 3) m^2
             Elements xx, xy, yy. Not scaled, and without the noise of what is seen.
         """
-        self.known[slots], self._origin[slots] = True, origin
+        self.known[slots], self._origin[slots], self.kinds[slots] = True, origin, UNJUDGED
         for held, given in ((self._center, center), (self._covariance, covariance)):
             held[..., slots] = 0.0
             held[: given.shape[1], :, slots] = given.transpose(1, 2, 0)
+
+    def put_later(self, pieces: Pieces) -> None:
+        """Take in predictions of times that are not near."""
+        self._later.append(pieces)
+
+    def keep(self, start: float) -> None:
+        """Keep what is predicted now, at a time, s, to see what comes of it."""
+        while self._kept and self._kept[-1].start >= start:
+            self._kept.pop()
+        center, covariance = self._center.copy(), self._covariance.copy()
+        told = _Frame(start, self.kinds.copy(), self._origin.copy(), center, covariance, tuple(self._later))
+        self._kept.append(told)
+        self._later.clear()
+        self.kinds[:] = UNJUDGED
+
+    def compared(self, slots: Index, times: Array, positions: Array, lead: float, late: float) -> list[Compared]:
+        """Compare what is seen with the newest predictions that are older than a lead, but not by too much.
+
+        Parameters
+        ----------
+        slots : (n,)
+        times : (n,) s
+        positions : (n, 2) m
+        lead, late : float
+            How much older at least, and how much more than that at most, s.
+
+        Returns
+        -------
+        list of Compared
+            Of predictions that were made together; nothing of what there is no such prediction of.
+        """
+        starts = np.array([frame.start for frame in self._kept])
+        frames = np.searchsorted(starts, times - lead, "right") - 1
+        found = []
+        for number in sorted(set(frames.tolist()) - {-1}):
+            frame = self._kept[number]
+            kinds = frame.of(slots)
+            which = np.flatnonzero((frames == number) & (kinds != UNJUDGED) & (times - frame.start <= lead + late))
+            if len(which):
+                center, covariance = frame.at(slots[which], times[which])
+                found.append(Compared(which, kinds[which], positions[which] - center, covariance))
+        return found
 
     def squares(self, slots: Index | slice, times: Array, positions: Array, noise: Array) -> Array:
         """Squared standardised errors of what is seen, (n,).

@@ -8,14 +8,14 @@ from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.estimation.confidence import alpha_of_one, uniform_scale
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
-from scp_planner.online.foretold import Later, Prediction
+from scp_planner.online.foretold import Later, Pieces, Prediction
 from scp_planner.online.mixtures import Mixture, even
 from scp_planner.online.suspicions import Suspicions
 from scp_planner.online.track import ObstacleTrack
@@ -77,6 +77,7 @@ def zones_together(
     level: Level,
     manoeuvre: float = 0.0,
     suspicions: Suspicions | None = None,
+    sizing: Sizing | None = None,
 ) -> list[ThreatZone]:
     """Make the zones of polynomial motions of one order whose noise is known, all at once.
 
@@ -92,6 +93,7 @@ def zones_together(
         Standard deviation of a change of acceleration that may begin with the last observation, m/s^2.
     suspicions : Suspicions, optional
         Changes of acceleration that are likely by now.
+    sizing : Sizing, optional
 
     Returns
     -------
@@ -131,7 +133,35 @@ def zones_together(
 
     covariance = growth[:, :, None] * noise[:, None]
     future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
-    return made_zones(tracks, future, level.scales(count, lengths, terms))
+    return made_zones(tracks, future, level.scales(count, lengths, terms), sizing)
+
+
+@dataclass(frozen=True)
+class Sizing:
+    """What regions of n obstacles are sized by, see `scp_planner.online.regions`.
+
+    Attributes
+    ----------
+    leads : (n, H) array
+        Times ahead for which sizes are known, s; all but the first are the same for all.
+    kinds : (n,) array of int
+        Of the predictions.
+    sizes : (n, H) array
+        Linear between leads; see `scp_planner.estimation.conformal.sized`.
+    """
+
+    leads: Array
+    kinds: Index
+    sizes: Array
+
+    def among(self, some: Index) -> Sizing:
+        """Those of some obstacles."""
+        return Sizing(self.leads[some], self.kinds[some], self.sizes[some])
+
+    @property
+    def others(self) -> Index:
+        """Those whose regions are not right as they are."""
+        return np.flatnonzero((self.sizes != 1.0).any(axis=1))
 
 
 @dataclass(frozen=True)
@@ -154,7 +184,7 @@ class Future:
 
 
 def zones_of_mixtures(
-    tracks: Sequence[ObstacleTrack], mixtures: Mixture, start: float, level: Level
+    tracks: Sequence[ObstacleTrack], mixtures: Mixture, start: float, level: Level, sizing: Sizing | None = None
 ) -> list[ThreatZone]:
     """Make the zones of motions that mixtures of filters predict, all at once.
 
@@ -166,13 +196,14 @@ def zones_of_mixtures(
     start : float
         Absolute time from which on the zones hold, s.
     level : Level
+    sizing : Sizing, optional
 
     Returns
     -------
     list of ThreatZone
     """
     scales = level.scales(len(tracks), partial(lengths_of, mixtures))
-    return made_zones(tracks, future_of(mixtures, start), scales)
+    return made_zones(tracks, future_of(mixtures, start), scales, sizing)
 
 
 def future_of(mixtures: Mixture, start: float) -> Future:
@@ -237,7 +268,11 @@ def times_linear(
 
 
 def made_zones(
-    tracks: Sequence[ObstacleTrack], future: Future, scales: Array, soon: Future | None = None
+    tracks: Sequence[ObstacleTrack],
+    future: Future,
+    scales: Array,
+    sizing: Sizing | None = None,
+    soon: Future | None = None,
 ) -> list[ThreatZone]:
     """Zones of covariances that are so many times those of a future, and what is seen next is expected by it.
 
@@ -247,6 +282,8 @@ def made_zones(
     future : Future
         Of each.
     scales : (K,) array
+    sizing : Sizing, optional
+        Then it is kept what is predicted, to be compared with what comes.
     soon : Future, optional
         One piece for what is seen next, where the future has several.
 
@@ -254,13 +291,16 @@ def made_zones(
     -------
     list of ThreatZone
     """
-    first, near, start = tracks[0].estimator, soon or future, float(future.breaks[0])
-    center, covariance = near.centers[:, 0], near.covariances[:, 0]
-    if first is not None and first.bank is not None:
-        slots = [track.estimator.slot for track in tracks if track.estimator is not None]
-        first.bank.foretold.put(np.array(slots, dtype=np.intp), start, center, covariance)
+    start = float(future.breaks[0])
+    center, covariance = _foretold(tracks, future, sizing, soon)
     scaled = scales[:, None, None, None] * future.covariances
     breaks = future.breaks[None]
+    sized: dict[int, PiecewisePolynomials] = {}
+    if sizing is not None and len(sizing.others):
+        others = sizing.others
+        edges, pieces = sized_pieces(future, others, sizing)
+        pieces *= scales[others, None, None, None]
+        sized = {k: PiecewisePolynomials(edges[n, None], pieces[n, None]) for n, k in enumerate(others.tolist())}
     zones = []
     for k, track in enumerate(tracks):
         centers = PiecewisePolynomials(breaks, future.centers[k, None])
@@ -271,12 +311,73 @@ def made_zones(
                 track.id,
                 track.body.radius + track.margin,
                 centers,
-                PiecewisePolynomials(breaks, scaled[k, None]),
+                sized[k] if k in sized else PiecewisePolynomials(breaks, scaled[k, None]),
                 track.body.outlines,
                 until=start + HORIZON,
             )
         )
     return zones
+
+
+def _foretold(
+    tracks: Sequence[ObstacleTrack], future: Future, sizing: Sizing | None, soon: Future | None
+) -> tuple[Array, Array]:
+    """Let the bank of some tracks know what is predicted; centers and covariances of what is seen next."""
+    first, near = tracks[0].estimator, soon or future
+    center, covariance = near.centers[:, 0], near.covariances[:, 0]
+    if first is not None and first.bank is not None:
+        told = first.bank.foretold
+        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+        told.put(slots, float(future.breaks[0]), center, covariance)
+        if sizing is not None:
+            told.kinds[slots] = sizing.kinds
+            if soon is not None:
+                told.put_later(Pieces(slots, future.breaks, future.centers, future.covariances))
+    return center, covariance
+
+
+def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Array]:
+    """Covariances of some obstacles, (n,), sized linearly in time between leads, and constantly after the last.
+
+    Parameters
+    ----------
+    future : Future
+        Of K.
+    some : (n,)
+    sizing : Sizing
+        Of K. Where the future has several pieces, sizes are linear between their ends, and up to the last lead.
+
+    Returns
+    -------
+    (n, E + 1) array
+        Ends of the pieces, s.
+    (n, E, Q + 1, 3) array
+        Their coefficients, m^2.
+    """
+    leads, sizes = sizing.leads[some], sizing.sizes[some]
+    start, count = future.breaks[0], len(some)
+    if len(future.breaks) == 2:
+        begins = np.concatenate([np.zeros((count, 1)), leads], axis=1)
+        at = np.concatenate([sizes[:, :1], sizes, sizes[:, -1:]], axis=1)
+    else:
+        lead = leads.mean(axis=0)
+        edges = np.unique(np.append(future.breaks[:-1] - start, lead[-1]))
+        begins = np.broadcast_to(edges, (count, len(edges)))
+        weights = np.array([np.interp(np.append(edges, np.inf), lead, one) for one in np.eye(len(lead))])
+        at = sizes @ weights
+    piece = np.clip(np.searchsorted(future.breaks - start, begins[0], "right") - 1, 0, len(future.breaks) - 2)
+    ends = np.concatenate([begins, np.full((count, 1), future.breaks[-1] - start)], axis=1)
+    whole = future.covariances[some][:, piece]
+    powers, shift = whole.shape[2], begins - (future.breaks[piece] - start)
+    shifted = (shift_matrices(powers, shift.ravel()) @ whole.reshape(-1, powers, 3)).reshape(whole.shape)
+    pieces = np.zeros((count, len(piece), powers + 1, 3))
+    factor, more = np.minimum(at, 1.0), np.maximum(at - 1.0, 0.0)
+    widths = np.diff(ends, axis=1)
+    pieces[:, :, :-1] = factor[:, :-1, None, None] * shifted
+    pieces[:, :, 1:] += (np.diff(factor, axis=1) / widths)[:, :, None, None] * shifted
+    pieces[:, :, 0, [0, 2]] += more[:, :-1, None]
+    pieces[:, :, 1, [0, 2]] += (np.diff(more, axis=1) / widths)[:, :, None]
+    return start + ends, pieces
 
 
 def _least(sigma: Array) -> Array:

@@ -131,7 +131,7 @@ class Bank:
         for ring in (self._innovations, self._cut, self._evidence):
             ring[..., slot] = 0.0
         self._looks[0, :, slot] = self.last[slot] = -np.inf
-        self.foretold.known[slot] = False
+        self.foretold.clear(slot)
 
     def give_back(self, slot: int) -> None:
         """Leave a slot to others."""

@@ -20,11 +20,9 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale, outside_probability
-from scp_planner.estimation.conformal import AdaptiveScales
 from scp_planner.estimation.foretelling import foretell
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
-from scp_planner.online import regions
 from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
 from scp_planner.online.foresight import Learning
 from scp_planner.online.foretold import Prediction
@@ -32,6 +30,7 @@ from scp_planner.online.many_zones import Level, zones_together
 from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
+from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
 from scp_planner.online.track import (
@@ -113,7 +112,8 @@ class ObstacleTracks:
         self.manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
-        self.scales = AdaptiveScales(outside_probability(confidence.probability), len(regions.HORIZONS))
+        adaptive = self.watch.regions is Regions.ADAPTIVE
+        self.sizes = RegionSizes(outside_probability(confidence.probability)) if adaptive else None
         self._banks: dict[int, Bank] = {}
 
     def add(self, *obstacles: Obstacle) -> None:
@@ -206,7 +206,8 @@ class ObstacleTracks:
     def remove(self, name: str) -> None:
         """Forget an obstacle."""
         track = self.tracks.pop(name)
-        self.scales.forget(name)
+        if self.sizes is not None:
+            self.sizes.forget(name)
         if track.estimator is not None:
             track.estimator.close()
 
@@ -257,8 +258,8 @@ class ObstacleTracks:
             track.learn_anew(self.newcomers, self._make)
             return None
         track.suspects = []
-        if self.watch.regions is Regions.ADAPTIVE:
-            regions.learn(self.scales, [track], [one], self.newcomers)
+        if self.sizes is not None:
+            self.sizes.learn([track], [one], self.newcomers)
         track.insert(one, self.newcomers, self._make)
         if track.estimator is not None and track.estimator.bank is not None:
             self.judge_noise(track.estimator.bank.differences(np.array([track.estimator.slot])))
@@ -266,8 +267,8 @@ class ObstacleTracks:
 
     def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
-        if self.watch.regions is Regions.ADAPTIVE:
-            regions.learn(self.scales, tracks, seen, self.newcomers)
+        if self.sizes is not None:
+            self.sizes.learn(tracks, seen, self.newcomers)
         for track, one in zip(tracks, seen, strict=True):
             track.times.append(one.time)
             track.positions.append(one.position)
@@ -304,15 +305,11 @@ class ObstacleTracks:
         estimates = {track.id: self._estimate(track) for track in alone}
         foretell(estimates.values(), start, HORIZON)
         for track in tracks:
-            if track.fixed is not None:
-                continue
-            if track.id not in made:
+            if track.fixed is None and track.id not in made:
                 made[track.id] = self._alone(track, estimates[track.id], start, level, headings)
-            compared = track.given is None and track.predicted is not None
-            if self.watch.regions is Regions.ADAPTIVE and compared:
-                assert track.predicted is not None, "it is compared"
-                track.foretold.append(track.predicted)
-                track.zone = made[track.id] = regions.scaled(self.scales, track, made[track.id])
+        if self.sizes is not None:
+            for bank in self._banks.values():
+                bank.foretold.keep(start)
         every = ((made[track.id],) if track.fixed is None else self._given(track, estimated) for track in tracks)
         return tuple(chain.from_iterable(every))
 
@@ -334,18 +331,42 @@ class ObstacleTracks:
         for _, some in sorted(groups[_Kind.SETTLED].items()):
             roots = self._roots(some)
             suspicions = self._suspicions(some, level)
-            zones = zones_together(some, roots, start, level, self.manoeuvre, suspicions)
+            zones = self._settled_zones(some, roots, start, level, suspicions)
             made.update(zip((track.id for track in some), zones, strict=True))
-            for number, (track, zone) in enumerate(zip(some, zones, strict=True)):
-                track.suspected = suspicions is not None and bool(suspicions.probability[number] > 0.0)
-                track.zone = zone if track.suspected else None
         for order, some in sorted(groups[_Kind.ALARMED].items()):
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
-            for track, zone in zip(some, Alarmed(some, self._banks[order], deviation).zones(start, level), strict=True):
+            sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
+            zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
+            for track, zone in zip(some, zones, strict=True):
                 track.zone = made[track.id] = zone
+                track.foretold.clear()
         for order, some in sorted(groups[_Kind.NEW].items()):
+            for track in some:
+                track.zone = None
             made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)
         return made
+
+    def _settled_zones(
+        self,
+        tracks: Sequence[ObstacleTrack],
+        roots: SquareRoots,
+        start: float,
+        level: Level,
+        suspicions: Suspicions | None,
+    ) -> list[ThreatZone]:
+        """Zones of polynomial motions of one order."""
+        banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
+        suspected = np.zeros(len(tracks), dtype=bool) if suspicions is None else suspicions.probability > 0.0
+        otherwise, sizing = suspected.copy(), None
+        if self.sizes is not None:
+            believed = BELIEVED if banked else ALONE
+            sizing = self.sizes.of(tracks, np.where(suspected, NOTICED, believed))
+            otherwise[sizing.others] = True
+        zones = zones_together(tracks, roots, start, level, self.manoeuvre, suspicions, sizing)
+        for track, zone, suspect, other in zip(tracks, zones, suspected.tolist(), otherwise.tolist(), strict=True):
+            track.suspected, track.zone = suspect, zone if other else None
+            track.foretold.clear() if banked else track.keep_foretold()
+        return zones
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         """What the estimates of simple tracks of one order are made from."""
@@ -370,8 +391,6 @@ class ObstacleTracks:
 
     def _bounds_headings(self, tracks: Collection[ObstacleTrack]) -> bool:
         """Whether shapes that turn with an estimated motion are more than the discs that cover them."""
-        if self.watch.regions is Regions.ADAPTIVE:
-            return False  # regions that are scaled by what came of them are of positions alone
         return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
@@ -391,7 +410,14 @@ class ObstacleTracks:
             track.estimator.bank.foretold.put(slot, start, pieces.center, pieces.covariance)
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
         shaped = Embodied(track.id, track.shape, body, track.margin)
-        return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
+        zone = estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
+        track.zone = None
+        if self.sizes is None or track.given is not None or not track.settled or body.turning is not None:
+            return zone  # what a zone with its heading allows for is no covariance of a position alone
+        track.keep_foretold()
+        sized = self.sizes.sized(track, zone)
+        track.zone = None if sized is zone else sized
+        return sized
 
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""
@@ -443,7 +469,7 @@ class ObstacleTracks:
         common: dict[str, Any] = {"id": track.id, "shape": track.shape, "margin": track.margin}
         if track.fixed is not None:
             return Obstacle.model_construct(**common, motion=track.fixed, observations=None, model=track.model)
-        if track.zone is not None and (track.alarmed or track.suspected or self.watch.regions is Regions.ADAPTIVE):
+        if track.zone is not None:
             course = self._foretold(track.zone)
             return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
         if track.given is not None:

@@ -1,4 +1,8 @@
-"""Regions that follow what came of predictions, by obstacle and horizon: see `scp_planner.estimation.conformal`."""
+"""Regions that follow what came of predictions, by obstacle and horizon: see `scp_planner.estimation.conformal`.
+
+Predictions of three kinds are told apart: of motions that are believed, of those that are noticed or suspected to do
+otherwise, and of those that are made alone. What nobody foretold is missing in the first only.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.estimation.conformal import AdaptiveScales, region_score
 from scp_planner.estimation.error_laws import NormalErrors
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.many_zones import times_linear
+from scp_planner.online.many_zones import Sizing, times_linear
+from scp_planner.online.noticing import Bank
 from scp_planner.online.track import ObstacleTrack, Seen
 from scp_planner.settings.online import SceneNewcomers
 from scp_planner.threat_zones.zone import ThreatZone
@@ -22,38 +27,112 @@ HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
 """Units of time ahead, at which predictions are compared with what came: the next observation, and later ones."""
 LATENESS = 0.1
 """An observation is compared with a prediction for it that is no older than that by this share of the longest."""
+MOST_COMPARED = 64
+"""Of more obstacles that are seen together, so many at a time are compared, over one horizon, all in turns: errors that
+follow each other tell much the same."""
+BELIEVED, NOTICED, ALONE = 0, 1, 2
+"""Kinds of predictions."""
 _HORIZONS = HORIZONS.tolist()
 _LATE = LATENESS * max(_HORIZONS)
 
 
-def learn(
-    scales: AdaptiveScales, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers
-) -> None:
-    """Learn from what is seen of some obstacles, one observation of each, how large regions have to be."""
-    told: list[Prediction] = []
-    whom: list[tuple[int, str]] = []  # horizons and names
-    where: list[tuple[float, float, float]] = []
-    noise: list[Array] = []
-    for track, one in zip(tracks, seen, strict=True):
-        declared = track.noise_of(one.covariance, newcomers)
-        origins = [each.origin for each in track.foretold]
+class RegionSizes:
+    """What has come of predictions, and how large regions have to be for that.
+
+    Parameters
+    ----------
+    alpha : float
+        The share of misses that is aimed at, between 0 and 1.
+    """
+
+    def __init__(self, alpha: float) -> None:
+        self.scales = AdaptiveScales(alpha, len(_HORIZONS), kinds=3)
+        self._border = NormalErrors().pointwise_scale(alpha)
+        self._turn = 0
+
+    def learn(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
+        """Learn from what is seen of some obstacles of one bank or of none, one observation of each.
+
+        Parameters
+        ----------
+        tracks : sequence of ObstacleTrack
+            Before they take it in.
+        seen : sequence of Seen
+        newcomers : SceneNewcomers
+        """
+        alone = [number for number, track in enumerate(tracks) if track.foretold]
+        if alone:
+            self._learn_alone([tracks[k] for k in alone], [seen[k] for k in alone], newcomers)
+        first = tracks[0].estimator if len(tracks) else None
+        if first is not None and first.bank is not None:
+            every = range(len(_HORIZONS))
+            if len(tracks) > MOST_COMPARED:
+                turn, number = divmod(self._turn, len(_HORIZONS))
+                self._turn, every = self._turn + 1, range(number, number + 1)
+                some = [(turn * MOST_COMPARED + k) % len(tracks) for k in range(MOST_COMPARED)]
+                tracks, seen = [tracks[k] for k in some], [seen[k] for k in some]
+            self._learn_in(first.bank, tracks, seen, every)
+
+    def _learn_in(self, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], horizons: range) -> None:
+        slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
+        times, positions = np.array([one.time for one in seen]), np.array([one.position for one in seen])
+        declared = bank.noise_of(slots)[:, [0, 0, 1], [0, 1, 1]]
+        for number in horizons:
+            for found in bank.foretold.compared(slots, times, positions, _HORIZONS[number], _LATE):
+                names = [tracks[k].id for k in found.which.tolist()]
+                self._take_in(number, names, found.offset, found.covariance, declared[found.which], found.kinds)
+
+    def _learn_alone(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen], newcomers: SceneNewcomers) -> None:
         for number, horizon in enumerate(_HORIZONS):
-            before = bisect(origins, one.time - horizon) - 1
-            if before >= 0 and one.time - origins[before] <= horizon + _LATE:
-                told.append(track.foretold[before])
-                whom.append((number, track.id))
-                where.append((one.time, *one.position))
-                noise.append(declared)
-    if not told:
-        return
-    offsets, covariances = _errors(told, np.array(where))
-    xx, xy, yy = covariances.T
-    sound = (xx * yy > xy * xy) & (xx > 0.0)  # far from its origin the polynomial is no covariance
-    declared = np.array(noise)[:, [0, 0, 1], [0, 1, 1]]
-    border = NormalErrors().pointwise_scale(scales.alpha)
-    scores = region_score(offsets[sound], covariances[sound], declared[sound], border)
-    for k, score in zip(np.flatnonzero(sound).tolist(), scores.tolist(), strict=True):
-        scales.take_in(*whom[k], score)
+            told: list[Prediction] = []
+            which: list[int] = []
+            for k, (track, one) in enumerate(zip(tracks, seen, strict=True)):
+                origins = [each.origin for each in track.foretold]
+                before = bisect(origins, one.time - horizon) - 1
+                if before >= 0 and one.time - origins[before] <= horizon + _LATE:
+                    told.append(track.foretold[before])
+                    which.append(k)
+            if not told:
+                continue
+            declared = np.array([tracks[k].noise_of(seen[k].covariance, newcomers) for k in which])
+            offsets, covariances = _errors(told, np.array([(seen[k].time, *seen[k].position) for k in which]))
+            noise = declared[:, [0, 0, 1], [0, 1, 1]]
+            self._take_in(number, [tracks[k].id for k in which], offsets, covariances, noise, ALONE)
+
+    def _take_in(
+        self, horizon: int, names: Sequence[str], offset: Array, covariance: Array, noise: Array, kinds: Index | int
+    ) -> None:
+        xx, xy, yy = covariance.T
+        sound = (xx * yy > xy * xy) & (xx > 0.0)  # far from its origin the polynomial is no covariance
+        if not sound.all():
+            names = [names[k] for k in np.flatnonzero(sound).tolist()]
+            offset, covariance, noise = offset[sound], covariance[sound], noise[sound]
+            kinds = kinds if isinstance(kinds, int) else kinds[sound]
+        if len(names):
+            self.scales.take_in(horizon, names, region_score(offset, covariance, noise, self._border), kinds)
+
+    def of(self, tracks: Sequence[ObstacleTrack], kinds: Index) -> Sizing:
+        """Sizes of the regions of some obstacles, whose predictions are of kinds (n,)."""
+        leads = np.tile(HORIZONS, (len(tracks), 1))
+        # what is compared next is as far ahead as it was the last time
+        leads[:, 0] = [track.times[-1] - track.times[-2] if len(track.times) > 1 else 0.0 for track in tracks]
+        leads[:, 0] = np.minimum(leads[:, 0], 0.5 * leads[:, 1])
+        return Sizing(leads, kinds, self.scales.scales([track.id for track in tracks], kinds))
+
+    def sized(self, track: ObstacleTrack, zone: ThreatZone) -> ThreatZone:
+        """A zone that was made alone, with its covariances sized; it may be the same."""
+        assert track.predicted is not None, "it has a zone"
+        sizing = self.of([track], np.array([ALONE]))
+        covariances, sizes = zone.covariances, sizing.sizes[0]
+        if covariances is None or (sizes == 1.0).all():
+            return zone
+        level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])
+        added = level * np.maximum(sizes - 1.0, 0.0)
+        return replace(zone, covariances=times_linear(covariances, sizing.leads[0], np.minimum(sizes, 1.0), added))
+
+    def forget(self, name: str) -> None:
+        """Forget an obstacle."""
+        self.scales.forget(name)
 
 
 def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
@@ -74,17 +153,3 @@ def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:
         pieces = PiecewisePolynomials.stack([getattr(later[k], name) for k in pieced], value.shape[1])
         value[pieced] = pieces.at(np.arange(len(pieced)), where[pieced, 0])
     return where[:, 1:] - values[0], values[1]
-
-
-def scaled(scales: AdaptiveScales, track: ObstacleTrack, zone: ThreatZone) -> ThreatZone:
-    """A zone whose covariances are sized by what has come of predictions, linearly between the horizons."""
-    covariances = zone.covariances
-    if covariances is None or track.predicted is None:
-        return zone
-    level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])
-    leads = HORIZONS.copy()
-    if len(track.times) > 1:  # what is compared next is as far ahead as it was the last time
-        leads[0] = min(track.times[-1] - track.times[-2], 0.5 * leads[1])
-    sizes = scales.scales(track.id)
-    added = level * np.maximum(sizes - 1.0, 0.0)
-    return replace(zone, covariances=times_linear(covariances, leads, np.minimum(sizes, 1.0), added))

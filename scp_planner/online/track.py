@@ -20,7 +20,7 @@ from scp_planner.estimation.motion_estimate import MotionEstimate
 from scp_planner.estimation.motion_filter import MotionFilter
 from scp_planner.estimation.recursive import RecursiveEstimator, SquareRoots
 from scp_planner.estimation.tracked import tracked_motion
-from scp_planner.online.foretold import Prediction
+from scp_planner.online.foretold import KEPT, Prediction
 from scp_planner.online.noticing import Bank
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Model
@@ -33,8 +33,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 logger = logging.getLogger(__name__)
 
-KEPT = 64
-"""Predictions of a track that are kept, to see what comes of them."""
 MOST_LATE = 64
 """Later observations that one may come after, where a process model is learnt from them in order: then these are learnt
 again. What comes later still is left out; by then such a model has forgotten most of what it could tell."""
@@ -262,11 +260,12 @@ class ObstacleTrack:
     predicted : Prediction or None
         Where the next observation is expected.
     foretold : deque of Prediction
-        The last predictions, the newest last, where regions follow what came of them.
+        The last predictions that were made alone, the newest last, where regions follow what came of them.
     suspected : bool
         Whether its zone allows for a change of acceleration that is likely by now.
     zone : ThreatZone or None
-        The last one, as long as it has been noticed, or is suspected, to move otherwise than foretold.
+        The last one, as long as it is not what the estimate makes alone: it has been noticed, or is suspected, to move
+        otherwise than foretold, or is sized by what came of predictions.
     """
 
     id: str
@@ -324,6 +323,11 @@ class ObstacleTrack:
     def alarmed(self) -> bool:
         """Whether it has been noticed to move otherwise than foretold."""
         return self.estimator is not None and self.estimator.alarmed
+
+    def keep_foretold(self) -> None:
+        """Keep what is predicted of it, to see what comes of that."""
+        if self.predicted is not None:
+            self.foretold.append(self.predicted)
 
     @property
     def in_doubt(self) -> bool:

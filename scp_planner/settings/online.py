@@ -94,8 +94,7 @@ class Regions(StrEnum):
     MODEL = "model"
     """The motion that is estimated, whichever is noticed to hold."""
     ADAPTIVE = "adaptive"
-    """That, times scales that follow how often it was right, by obstacle and horizon; see
-    `scp_planner.estimation.conformal`."""
+    """That, and how often it was right, by obstacle and horizon; see `scp_planner.estimation.conformal`."""
 
 
 def _regions() -> tuple[str, ...]:
@@ -126,7 +125,7 @@ class Watch:
     gate_probability: float = GATE_PROBABILITY
     alarm_probability: float = RARE
     manoeuvre: float = MANOEUVRE
-    regions: Regions = Regions.MODEL
+    regions: Regions = Regions.ADAPTIVE
     changes: float = CHANGES
 
 
@@ -191,8 +190,8 @@ class OnlineSettings(Knobs):
         How often an obstacle is taken to change its acceleration, in a unit of time of the scene. Larger: zones allow
         for a change sooner, and for more that are none, see `scp_planner.online.suspicions`. 0: only after an alarm.
     regions : Regions
-        What the sizes of zones follow: ``model``, the motion that is noticed to hold; ``adaptive``, that times scales
-        that keep the level in the long run, see `scp_planner.estimation.conformal`.
+        What the sizes of zones follow: ``model``, the motion that is noticed to hold; ``adaptive``, that and how often
+        it was right, so that the level is kept in the long run, see `scp_planner.estimation.conformal`.
     forget_after : float
         An obstacle that has not been seen for so long has gone.
     """
@@ -216,7 +215,7 @@ class OnlineSettings(Knobs):
     alarm_probability: Annotated[float, Range(0.0, 0.1)] = RARE
     manoeuvre: Annotated[float, Range(0.0, 1000.0)] = MANOEUVRE
     changes: Annotated[float, Range(0.0, 1000.0)] = CHANGES
-    regions: Annotated[Regions, Choice(_regions)] = Regions.MODEL
+    regions: Annotated[Regions, Choice(_regions)] = Regions.ADAPTIVE
     forget_after: Annotated[float, Range(0.0, unit="s")] = math.inf
 
     def for_scene(self, units: Units) -> SceneOnlineSettings:

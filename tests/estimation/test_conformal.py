@@ -11,7 +11,14 @@ import pytest
 import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
-from scp_planner.estimation.conformal import AdaptiveScales, conformal_quantile, factor_to_hold, region_score, sized
+from scp_planner.estimation.conformal import (
+    AdaptiveScales,
+    conformal_quantile,
+    factor_to_hold,
+    region_score,
+    sized,
+    square_within,
+)
 from scp_planner.estimation.motion_fitting import fit_motion_model, prediction_errors
 from scp_planner.estimation.track_files import Track
 from scp_planner.estimation.tracks import Tracks
@@ -45,7 +52,7 @@ def test_misuse_is_refused(scores: list[float], alpha: float, what: str) -> None
 @pytest.mark.parametrize(("alpha", "rate"), [(1.5, 0.1), (0.1, 0.0)])
 def test_scales_refuse_misuse(alpha: float, rate: float) -> None:
     with pytest.raises(EstimationError):
-        AdaptiveScales(alpha, 1, rate)
+        AdaptiveScales(alpha, 1, rate=rate)
 
 
 @pytest.mark.parametrize("kind", ["calm", "growing", "bursts"])
@@ -59,7 +66,7 @@ def test_level_is_kept_in_the_long_run_whatever_comes(kind: str) -> None:
     }[kind]
     scales = AdaptiveScales(alpha, 1)
     for square in size * rng.chisquare(2, steps):
-        scales.take_in(0, "a", float(square))
+        scales.take_in(0, ["a"], [square])
     # the bound of the head of the module; and regions are not much larger than it takes
     bound = (1.0 + scales.rate) / (scales.rate * steps)
     assert 0.5 * alpha < scales.missed[0] / scales.seen[0] <= alpha + bound
@@ -69,9 +76,8 @@ def test_calm_track_has_no_smaller_regions_than_others() -> None:
     rng = np.random.default_rng(7)
     scales = AdaptiveScales(0.1, 1)
     for square in rng.chisquare(2, 1000):
-        scales.take_in(0, "calm", 0.1 * float(square))
-        scales.take_in(0, "restless", 4.0 * float(square))
-    calm, restless, new = (float(scales.scales(name)[0]) for name in ("calm", "restless", "new"))
+        scales.take_in(0, ["calm", "restless"], [0.1 * square, 4.0 * square])
+    calm, restless, new = scales.scales(["calm", "restless", "new"])[:, 0].tolist()
     assert calm == pytest.approx(new, rel=0.05) and restless > 1.2 * calm
 
 
@@ -96,18 +102,16 @@ def test_noise_alone_needs_no_region() -> None:
 
 
 def test_a_region_of_the_size_of_a_score_has_what_is_seen_on_its_border() -> None:
-    """The region and noise together outside of it, and inside the share of the border that it is at."""
+    """The region and noise together; noise alone, where that is enough."""
     rng = np.random.default_rng(6)
     z, shape = 3.0 * rng.standard_normal((500, 2)), np.tile([1.0, 0.3, 0.8], (500, 1))
     scores = region_score(z, shape, 0.5 * shape, 6.0)
-    out = scores > 1.0
-    assert 50 < out.sum() < 450
-    for covariance, border, which in (
-        (sized(shape, scores) + 0.5 * shape, np.full(500, 6.0), out),
-        (1.5 * shape, 6.0 * scores, ~out),
-    ):
-        square = np.einsum("na,nab,nb->n", z, np.linalg.inv(covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2)), z)
-        assert square[which] == pytest.approx(border[which])
+    assert 50 < (scores > 1.0).sum() < 450 and 10 < (scores == 0.0).sum()
+    covariance = sized(shape, scores) + 0.5 * shape
+    square = np.einsum("na,nab,nb->n", z, np.linalg.inv(covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2)), z)
+    assert square[scores > 0.0] == pytest.approx(6.0)
+    assert (square[scores == 0.0] <= 6.0).all()
+    assert square_within(z, covariance) == pytest.approx(square)
 
 
 def test_sizes_above_one_add_the_same_in_every_direction() -> None:
@@ -118,12 +122,49 @@ def test_sizes_above_one_add_the_same_in_every_direction() -> None:
 
 def test_new_track_begins_with_what_others_have_taught() -> None:
     scales = AdaptiveScales(0.1, 2)
-    assert scales.scales("new").tolist() == [1.0, 1.0]
-    for number in range(100):
-        scales.take_in(1, f"t{number}", 9.0)
-    assert scales.scales("new").tolist() == [1.0, 9.0]
+    assert scales.scales(["new"]).tolist() == [[1.0, 1.0]]
+    scales.take_in(1, [f"t{number}" for number in range(100)], np.full(100, 9.0))
+    assert scales.scales(["new"]).tolist() == [[1.0, 9.0]]
     scales.forget("t1")
-    assert scales.scales("t1").tolist() == [1.0, 9.0]
+    assert scales.scales(["t1"]).tolist() == [[1.0, 9.0]]
+
+
+def test_kinds_of_predictions_are_told_apart_once_there_are_enough_errors_of_each() -> None:
+    rng = np.random.default_rng(3)
+    scales, names = AdaptiveScales(0.1, 1, kinds=2), [f"t{number}" for number in range(50)]
+    for _ in range(3):
+        scales.take_in(0, names, 4.0 * rng.chisquare(2, 50), np.ones(50, dtype=int))
+    calm, restless = (float(scales.scales(["new"], kind)[0, 0]) for kind in (0, 1))
+    assert calm == pytest.approx(restless, rel=0.1) and calm > 10.0  # that of the only kind there is
+    for _ in range(10):
+        scales.take_in(0, names, rng.uniform(0.0, 1.0, 50), np.zeros(50, dtype=int))
+        scales.take_in(0, names, 4.0 * rng.chisquare(2, 50), np.ones(50, dtype=int))
+    calm, restless = (float(scales.scales(["new"], kind)[0, 0]) for kind in (0, 1))
+    assert calm < 1.0 and restless > 10.0
+
+
+def test_regions_that_are_right_are_left_as_they_are() -> None:
+    """Of errors that regions of 95 % have by 5 % but for chance, no more is known than that the regions are right."""
+    rng, names = np.random.default_rng(8), [f"t{number}" for number in range(40)]
+    shape, noise = np.tile([1.0, 0.0, 1.0], (40, 1)), np.tile([4.0, 0.0, 4.0], (40, 1))
+    border, found = -2.0 * math.log(0.05), []
+    scales = AdaptiveScales(0.05, 1)
+    for _ in range(200):
+        scores = region_score(math.sqrt(5.0) * rng.standard_normal((40, 2)), shape, noise, border)
+        scales.take_in(0, names, scores)
+        found.append(scales.scales(["new"])[0, 0])
+    assert np.mean(np.array(found[50:]) == 1.0) > 0.8
+
+
+def test_regions_that_are_too_large_shrink_to_what_they_should_be() -> None:
+    """Also where most of what is seen is noise: the least size that holds it has the right quantile."""
+    rng, names = np.random.default_rng(9), [f"t{number}" for number in range(40)]
+    shape, noise = np.tile([4.0, 0.0, 4.0], (40, 1)), np.tile([4.0, 0.0, 4.0], (40, 1))
+    scales = AdaptiveScales(0.05, 1)
+    for _ in range(400):
+        seen = math.sqrt(5.0) * rng.standard_normal((40, 2))  # 1 of it is the error of the prediction
+        scales.take_in(0, names, region_score(seen, shape, noise, -2.0 * math.log(0.05)))
+    assert 0.2 < scales.scales(["new"])[0, 0] < 0.4
 
 
 def walkers(count: int, seed: int) -> Tracks:

@@ -12,9 +12,10 @@ from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
 from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.obstacle_tracks import ObstacleTracks
+from scp_planner.online.regions import MOST_COMPARED
 from scp_planner.online.track import Seen
 from scp_planner.scenario.models import Model
-from scp_planner.scenario.shapes import Disc
+from scp_planner.scenario.shapes import Disc, Rectangle
 from scp_planner.settings.online import Regions, Watch
 
 NOISE, STEP, COUNT, FRAMES, LEVEL = 0.1, 0.1, 4, 70, 0.5
@@ -57,23 +58,53 @@ def score_of(told: Prediction, one: Seen) -> float:
 
 def test_what_came_of_a_frame_is_learnt_as_of_each_prediction_alone() -> None:
     rng, tracks = np.random.default_rng(4), tracks_of(Regions.ADAPTIVE)
-    expected = AdaptiveScales(1.0 - LEVEL, len(LEADS))
-    told: dict[str, list[Prediction]] = {str(k): [] for k in range(COUNT)}
+    expected = AdaptiveScales(1.0 - LEVEL, len(LEADS), kinds=3)
+    told: dict[str, list[tuple[Prediction, int]]] = {str(k): [] for k in range(COUNT)}
     for number in range(FRAMES):
         seen = frame_of(rng, number)
         assert sensor_frames.take_in(tracks, list(seen), list(seen.values())) == COUNT * [None]
-        for name, one in seen.items():
-            for horizon, lead in enumerate(LEADS):
-                before = [each for each in told[name] if each.origin <= one.time - lead]
-                if before and one.time - before[-1].origin <= lead + 0.4:
-                    expected.take_in(horizon, name, score_of(before[-1], one))
+        for horizon, lead in enumerate(LEADS):
+            found = {}
+            for name, one in seen.items():
+                before = [each for each in told[name] if each[0].origin <= one.time - lead]
+                if before and one.time - before[-1][0].origin <= lead + 0.4:
+                    found[name] = score_of(before[-1][0], one), before[-1][1]
+            if found:
+                scores, kinds = zip(*found.values(), strict=True)
+                expected.take_in(horizon, list(found), scores, np.array(kinds))
         tracks.zones(STEP * number)
         for name, track in tracks.tracks.items():
-            told[name] = [*told[name], *([track.foretold[-1]] if track.foretold else [])]
-    assert np.array_equal(tracks.scales.seen, expected.seen) and expected.seen.min() > 100
-    for name in told:
-        assert tracks.scales.scales(name) == pytest.approx(expected.scales(name), rel=1e-9)
-    assert np.ptp(expected.scales("0")) > 0.1
+            if track.settled and track.predicted is not None:
+                told[name].append((track.predicted, int(track.alarmed or track.suspected)))
+    assert tracks.sizes is not None
+    scales = tracks.sizes.scales
+    assert np.array_equal(scales.seen, expected.seen) and expected.seen.min() > 60
+    each = []
+    for kind in (0, 1):
+        sizes = scales.scales(list(told), kind)
+        assert sizes == pytest.approx(expected.scales(list(told), kind), rel=1e-9)
+        each.append(sizes)
+    assert np.ptp(each) > 0.1
+
+
+def test_of_very_many_some_are_compared_at_a_time_and_all_in_turn() -> None:
+    count, rng = MOST_COMPARED + 8, np.random.default_rng(2)
+    tracks = ObstacleTracks(sp.Confidence(level="per_time"), watch=Watch(regions=Regions.ADAPTIVE))
+    names = [str(number) for number in range(count)]
+    for name in names:
+        tracks.add_unseen(name, Disc(disc=0.3), Model(order=1), 0.0, NOISE**2 * np.eye(2))
+    compared: set[str] = set()
+    assert tracks.sizes is not None
+    scales = tracks.sizes.scales
+    for number in range(90):
+        before = scales.seen.copy()
+        seen = [Seen(STEP * number, (float(x), float(y))) for x, y in rng.normal(0.0, NOISE, (count, 2))]
+        sensor_frames.take_in(tracks, names, seen)
+        tracks.zones(STEP * number)
+        assert (scales.seen - before).max() <= MOST_COMPARED
+        compared |= set(scales.names)
+    assert compared == set(names)
+    assert scales.seen.min() >= 10 * MOST_COMPARED
 
 
 def test_zones_are_sized_by_what_came() -> None:
@@ -83,11 +114,38 @@ def test_zones_are_sized_by_what_came() -> None:
         for each in (tracks, plain):
             sensor_frames.take_in(each, list(seen), list(seen.values()))
         ours, zones = tracks.zones(STEP * number), plain.zones(STEP * number)
+    assert tracks.sizes is not None
     scale = -2.0 * math.log(1.0 - LEVEL)
     now = STEP * (FRAMES - 1)
     for mine, zone in zip(ours, zones, strict=True):
-        for lead, size in zip(LEADS[1:], tracks.scales.scales(mine.id)[1:], strict=True):
+        assert zone.covariances is not None
+        kind = int(tracks.tracks[mine.id].alarmed or tracks.tracks[mine.id].suspected)
+        (sizes,) = tracks.sizes.scales.scales([mine.id], kind)
+        for lead, size in zip(LEADS[1:], sizes[1:], strict=True):
             (covariance,) = zone.covariance(np.array([now + lead]))
             flat = covariance[[0, 0, 1], [0, 1, 1]][None] / scale
             (found,) = mine.covariance(np.array([now + lead]))
-            assert found[[0, 0, 1], [0, 1, 1]] == pytest.approx(scale * sized(flat, [size])[0], rel=1e-6, abs=1e-12)
+            # zones of several pieces are sized linearly between their ends
+            rel = 1e-6 if zone.covariances.coefficients.shape[1] == 1 else 0.05
+            assert found[[0, 0, 1], [0, 1, 1]] == pytest.approx(scale * sized(flat, [size])[0], rel=rel, abs=1e-12)
+
+
+def test_zones_with_a_bounded_heading_are_those_of_the_model() -> None:
+    """A box that is driven in a way that no polynomial foretells, beside a disc that is: only the disc is sized."""
+    made = {}
+    for regions in Regions:
+        rng = np.random.default_rng(6)
+        watch = Watch(alarm_probability=0.0, gate_probability=0.0, regions=regions)
+        tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=watch)
+        for name, shape in (("box", Rectangle(rectangle=(2.0, 0.5))), ("disc", Disc(disc=0.3))):
+            tracks.add_unseen(name, shape, Model(order=1), 0.0, NOISE**2 * np.eye(2))
+        for number in range(120):
+            time = STEP * number
+            for k, name in enumerate(("box", "disc")):
+                x, y = rng.normal([3.0 * time, 4.0 * k + 0.5 * math.sin(time)], NOISE)
+                tracks.observe(name, time, (float(x), float(y)))
+            zones = tracks.zones(time)
+        made[regions] = {zone.id: zone.covariance(np.array([time + 1.0]))[0] for zone in zones}
+    adaptive, model = made[Regions.ADAPTIVE], made[Regions.MODEL]
+    assert np.array_equal(adaptive["box"], model["box"])
+    assert adaptive["disc"][0, 0] > 2.0 * model["disc"][0, 0]
