@@ -66,6 +66,8 @@ def _vehicle(data: Data, rng: Rng) -> None:
     if rng.random() < SELDOM:
         least = 0.0 if start["speed"] == 0.0 else -0.5 * vehicle["max_deceleration"]
         start["acceleration"] = float(rng.uniform(least, 0.5 * vehicle["max_acceleration"]))
+        if rng.random() < 0.5:
+            vehicle["max_jerk"] = float(rng.uniform(1.0, 10.0))
 
 
 def _goal(data: Data, way: Way, rng: Rng) -> None:
