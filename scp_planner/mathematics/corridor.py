@@ -251,8 +251,7 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float)
     near, order = math.sqrt(flat), sorted(new, key=lambda one: one.area, reverse=True)
     # Boxes first, of all at once: most pieces are elsewhere.
     own = np.array([piece.box for piece in order])[:, None]
-    in_kept: Mask = (own - own[:, 0] <= near).all(axis=2)
-    in_others: Mask = (own - boxes <= near).all(axis=2)
+    in_kept, in_others = (np.all(own - other <= near, axis=2) for other in (own[:, 0], boxes))
     kept: list[int] = []
     for number, piece in enumerate(order):
         larger = [order[k] for k in kept if in_kept[number, k]]
