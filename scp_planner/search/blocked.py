@@ -54,8 +54,15 @@ class Cuts:
 
     def only(self, kept: Mask | Index) -> Cuts:
         """Return some of them."""
-        own = (self.line, self.delay, self.zone, self.lower, self.upper, self.middle)
-        return Cuts(*(each[kept] for each in own), self.lasting)
+        return Cuts(
+            self.line[kept],
+            self.delay[kept],
+            self.zone[kept],
+            self.lower[kept],
+            self.upper[kept],
+            self.middle[kept],
+            self.lasting,
+        )
 
 
 class Lines:
