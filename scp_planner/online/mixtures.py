@@ -208,9 +208,10 @@ class Mixture:
         moved = np.eye(3) + leads[:, None, None] * np.eye(3, k=1)
         moved[:, 0, 2] = 0.5 * leads * leads
         count = len(leads)
-        mean = np.einsum("tij,kja->tkia", moved, self.mean)
-        half = np.einsum("tij,kjalb->tkialb", moved, self.covariance)
-        covariance = np.einsum("tkialb,tml->tkiamb", half, moved)
+        mean = moved[:, None] @ self.mean
+        pairs = self.covariance.transpose(0, 2, 4, 1, 3)  # (K, 2, 2, 3, 3)
+        covariance = moved[:, None, None, None] @ pairs @ moved.transpose(0, 2, 1)[:, None, None, None]
+        covariance = covariance.transpose(0, 1, 4, 2, 5, 3)
         return Mixture(
             mean.reshape(-1, *self.mean.shape[1:]),
             covariance.reshape(-1, *self.covariance.shape[1:]),

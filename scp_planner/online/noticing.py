@@ -420,7 +420,9 @@ class Bank:
         offset = means - mean[:, None]
         spread = (weights[..., None, None] * part.spreads).sum(axis=1)
         covariance = np.einsum("nij,nab->niajb", spread, self._sigma[slots])
-        covariance += np.einsum("nm,nmia,nmjb->niajb", weights, offset, offset)
+        apart = offset.reshape(*weights.shape, -1)  # NUMPY-CALLS: products of matrices take a third of the time of sums
+        between = (weights[..., None] * apart).transpose(0, 2, 1) @ apart
+        covariance += between.reshape(covariance.shape)
         change = self._sigma[slots] / self._least[slots][:, None, None]
         return Mixture(mean, covariance, weights @ every, change)
 

@@ -28,8 +28,8 @@ HORIZONS = np.array([0.0, 1.0, 2.0, 4.0])
 LATENESS = 0.1
 """An observation is compared with a prediction for it that is no older than that by this share of the longest."""
 MOST_COMPARED = 64
-"""Of more obstacles that are seen together, so many at a time are compared, over one horizon, all in turns: errors that
-follow each other tell much the same."""
+"""Of more obstacles that are seen together, so many are compared every other time, over one horizon, all in turns:
+errors that follow each other tell much the same."""
 BELIEVED, NOTICED, ALONE = 0, 1, 2
 """Kinds of predictions."""
 _HORIZONS = HORIZONS.tolist()
@@ -67,8 +67,11 @@ class RegionSizes:
         if first is not None and first.bank is not None:
             every = range(len(_HORIZONS))
             if len(tracks) > MOST_COMPARED:
-                turn, number = divmod(self._turn, len(_HORIZONS))
-                self._turn, every = self._turn + 1, range(number, number + 1)
+                self._turn += 1
+                if self._turn % 2:
+                    return
+                turn, number = divmod(self._turn // 2, len(_HORIZONS))
+                every = range(number, number + 1)
                 some = [(turn * MOST_COMPARED + k) % len(tracks) for k in range(MOST_COMPARED)]
                 tracks, seen = [tracks[k] for k in some], [seen[k] for k in some]
             self._learn_in(first.bank, tracks, seen, every)

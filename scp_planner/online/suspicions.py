@@ -151,8 +151,10 @@ class Changes:
         mean = (weight[..., None, None] * moved).sum(axis=1)
         apart = moved - mean[:, None]
         changed = weight.sum(axis=1)
-        spread = np.einsum("kh,khi,khj->kij", weight * self.variance, self.course, self.course)
-        spread += np.einsum("kh,khia,khja->kij", weight, apart, apart)
+        onsets_last = self.course.transpose(0, 2, 1)
+        spread = (onsets_last * (weight * self.variance)[:, None]) @ self.course
+        for side in (apart[..., 0], apart[..., 1]):
+            spread += (side * weight[..., None]).transpose(0, 2, 1) @ side
         spread += (1.0 - changed)[:, None, None] * (mean @ mean.transpose(0, 2, 1))
         return Suspicions(changed, mean @ self.root.transpose(0, 2, 1), spread)
 

@@ -96,7 +96,7 @@ def test_of_very_many_some_are_compared_at_a_time_and_all_in_turn() -> None:
     compared: set[str] = set()
     assert tracks.sizes is not None
     scales = tracks.sizes.scales
-    for number in range(90):
+    for number in range(170):
         before = scales.seen.copy()
         seen = [Seen(STEP * number, (float(x), float(y))) for x, y in rng.normal(0.0, NOISE, (count, 2))]
         sensor_frames.take_in(tracks, names, seen)
