@@ -15,7 +15,7 @@ MOMENT_WIDTHS = 0.8
 """Widths that the vehicle drives in a moment, from a stand: so one that starts slowly looks ahead for longer."""
 GAIN = 5.0 / 3.0
 """Moments, at which the way to the goal is taken that a dodge gains: what comes later is decided by later replans."""
-NEARNESS = 2.0
+NEARNESS = 4.0
 """Widths of way that a moment of touching a zone is worth, if it were now."""
 CLOSE, CLOSER = 1.0 / 6.0, 1.0 / 20.0
 """Widths, and widths a moment: by so much more clearance nearness falls to 1 / e, now, and how this grows with time."""

@@ -46,5 +46,5 @@ def test_who_has_just_changed_the_velocity_is_taken_to_come_nearer() -> None:
     clearance = steady.room.each[0]
     nearer = clearance - 0.3 * np.minimum(times, 0.8 * 5.0 / 3.0)
     more = nearness(times / 0.8, nearer / 0.6) - nearness(times / 0.8, clearance / 0.6)
-    assert steady.worth - turned.worth == pytest.approx(2.0 * 0.6 * more, abs=1e-6)
+    assert steady.worth - turned.worth == pytest.approx(4.0 * 0.6 * more, abs=1e-6)
     assert more.max() > 0.1 and then_on_trip < on_trip

@@ -133,11 +133,14 @@ def test_standing_where_somebody_will_come_is_harmful() -> None:
         seen = Evasion(means)._looked(now).seen
         assert np.isinf(seen.clear[0]), "the first dodge stands"
         worth[start] = seen.worth[0]
-    times = np.linspace(0.0, 3.0, 3001)
+    moment = 0.48 + 0.5 / 1.5  # to drive 0.8 of its width from a stand, at 1.5 m/s2 up to 1 m/s
+    times = np.linspace(0.0, 5.0 * moment, 3001)
     depth = 0.6 - np.abs(times - 2.2)
-    harmful = 50.0 * np.where(depth > -0.025, depth + 0.125, 0.0) / (1.0 + 0.9 * times / 0.6)
+    harmful = 50.0 * np.where(depth > -0.025, depth + 0.125, 0.0) / (1.0 + 0.9 * times / moment)
+    closeness = np.exp(np.minimum(depth / 0.6, 1.0 / 6.0) / (1.0 / 6.0 + times / moment / 20.0))
+    near = 4.0 * 0.6 * np.trapezoid(closeness / (1.0 + 0.9 * times / moment), times / moment)
     assert worth[-20.0] == pytest.approx(0.0, abs=0.01)
-    assert harmful.max() * 0.95 < -worth[-2.2] < harmful.max() + 3.5
+    assert -worth[-2.2] == pytest.approx(harmful.max() + near, rel=0.05)
 
 
 @pytest.mark.parametrize(("spare", "safe"), [(-0.01, False), (0.01, True)])

@@ -192,7 +192,7 @@ def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.Mon
     scenario = scene(bounds={"min": (-2.0, -1.1), "max": (21.0, 1.1)})
     planner = Planner(scenario, online=OnlineSettings(iterations=6))
     begin(planner, scenario)
-    post = float(follow(planner, 2.0).position(2.0)[0]) + 8.0
+    post = float(follow(planner, 2.0).position(2.0)[0]) + 9.0
     planner.add_obstacle(disc("post", (post, 0.0), radius=1.2))
     for k in range(21, 61):
         follow(planner, k * PERIOD)
