@@ -26,6 +26,7 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
+PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
 _ALL = slice(None)
 _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
@@ -292,7 +293,7 @@ class ZoneBatch:
         """Put the distances to outlines into the array, (n, L) m, of those to their centres."""
         distance[:, self.shaped] -= self.extent[self.shaped]
         near = distance[:, self.shaped] < exact_below
-        if self.ground is not None:
+        if self.ground is not None and self._ground_pays(near):
             ground = self.ground.zones
             heights = self.ground.heights(points)
             bound = np.maximum(distance[:, ground], heights.least - self.radius[ground])
@@ -304,6 +305,13 @@ class ZoneBatch:
             offset = points[row] - self.centers.at(index, times[row])
             exact = self._outline_contacts(index, times[row], offset).distance
             distance[row, index] = exact - self.radius[index]
+
+    def _ground_pays(self, near: Mask) -> bool:
+        """Whether the lines of all edges that stand are looked at faster than the polygons that points are near to."""
+        assert self.ground is not None and self.outlines is not None
+        slots = self.outline_slot[self.ground.zones]
+        pairs = np.count_nonzero(near[:, slots], axis=0) @ self.outlines.counts[slots]
+        return bool(PAIR_COST * pairs > len(near) * len(self.ground.across))
 
     @cached_property
     def ground(self) -> Ground | None:
