@@ -312,12 +312,12 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
 
 
 def _names(part: object) -> KeysView[str]:
-    return _names_of(type(part))
+    return _names_of(cast(Any, type(part)))
 
 
 @cache
-def _names_of(kind: type) -> KeysView[str]:
-    fields: Mapping[str, object] = cast(Any, kind).model_fields
+def _names_of(kind: Any) -> KeysView[str]:
+    fields: Mapping[str, object] = kind.model_fields
     return fields.keys()
 
 

@@ -26,7 +26,7 @@ from scp_planner.trips.path import Path
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
-USUAL_CORNERS = 16  # of a zone; with more of them fewer are cut at a time
+USUAL_CORNERS = 5  # of a zone; with more of them fewer are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
 FEW_CELLS = 10_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at,
 FEW_CORNERS = 1000  # but where zones have more than so many corners

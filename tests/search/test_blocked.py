@@ -16,6 +16,7 @@ from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.sections import sections
 
 WALL = {
     "id": "wall",
@@ -144,19 +145,18 @@ def test_zones_of_many_corners_are_cut_in_parts_and_block_the_same(monkeypatch: 
     problem = problem_of(round_polygons(8, 200))
     grid = Grid.of(problem, Fineness())
     cut: list[int] = []
-    sections = blocked.sections
 
     def counted(zones: ZoneBatch, index: np.ndarray, *rest: np.ndarray) -> Interval:
         cut.append(len(index))
         return sections(zones, index, *rest)
 
-    monkeypatch.setattr(blocked, "sections", counted)
+    monkeypatch.setattr("scp_planner.search.blocked.sections", counted)
     monkeypatch.setattr(blocked, "MOST_CUT", 2000)
     in_parts, longest = Cells(problem, grid).free, max(cut)
     monkeypatch.setattr(blocked, "USUAL_CORNERS", 10**6)
     cut.clear()
     assert np.array_equal(Cells(problem, grid).free, in_parts)
-    assert longest <= blocked.MOST_CUT / 12 < max(cut)  # 200 corners are a dozen times the usual ones
+    assert longest <= blocked.MOST_CUT / 40 < max(cut)  # 200 corners are forty times the usual ones
 
 
 def test_a_search_among_many_corners_ends_with_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
