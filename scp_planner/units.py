@@ -5,7 +5,7 @@ Quantities are only multiplied and divided. `scp_planner.scenario.units` chooses
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,6 +96,11 @@ class Units:
     def place(self, point: Sequence[float]) -> Point:
         """World coordinates, m, from the start in units of length."""
         return (point[0] - self.origin[0]) / self.length, (point[1] - self.origin[1]) / self.length
+
+    def lines(self, lines: Iterable[Sequence[Sequence[float]]]) -> tuple[tuple[Point, ...], ...]:
+        """World coordinates, m, of polylines or polygons from the start in units of length."""
+        (x0, y0), length = self.origin, self.length
+        return tuple([tuple([((x - x0) / length, (y - y0) / length) for x, y in line]) for line in lines])
 
     def world(self, place: Sequence[float]) -> Point:
         """World coordinates, m, of a place from the start in units of length."""

@@ -79,7 +79,7 @@ def penalty_descent(
     deadline = np.inf if time_limit is None else began + time_limit
     units = NaturalUnits.of(scenario)
     check_obstacles(len(scenario.obstacles))
-    go_on = None if time_limit is None else asked_for_time(time_limit, deadline)
+    go_on = None if time_limit is None else asked_for_time(time_limit, began)
     inside = units.scenario(scenario, go_on)
     search = _Descents(inside, ZonesOf(inside, go_on), for_scene(settings, units), descent, seed, deadline)
     best = search.best(None if start is None else _as_start(search.problem, start, units))

@@ -98,7 +98,7 @@ def plan(
     check_obstacles(len(scenario.obstacles))
     limit = np.inf if time_limit is None else time_limit
     last_check = began + (1.0 + CHECKING) * limit + LEAST_CHECKING
-    go_on = asked_for_time(limit, last_check)
+    go_on = asked_for_time(limit, began)
     inside = units.scenario(scenario, go_on)
     any_time = at_any_time(inside)
     found = ZonesOf(any_time, go_on)

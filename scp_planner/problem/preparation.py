@@ -1,4 +1,4 @@
-"""How long it may take to make a scene ready: what is not ready when the time is over is refused, not planned late."""
+"""How long it may take to make a scene ready: what is not ready when little time is left is refused."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ import numpy as np
 from scp_planner.errors import TooLargeError
 from scp_planner.pauses import GoOn
 
+PREPARING, LEAST_PREPARING = 0.85, 0.01  # of the time limit, and s: after that the rest is too little to plan in
 
-def asked_for_time(limit: float, until: float) -> GoOn | None:
+
+def asked_for_time(limit: float, began: float) -> GoOn | None:
     """Return what is to be asked now and then whether to go on making a scene ready.
 
     Parameters
     ----------
     limit : float
         The time limit, s, which is told; inf: none.
-    until : float
-        Value of :func:`time.perf_counter` after which it refuses.
+    began : float
+        Value of :func:`time.perf_counter` at which it began.
 
     Returns
     -------
@@ -32,13 +34,14 @@ def asked_for_time(limit: float, until: float) -> GoOn | None:
     """
     if not np.isfinite(limit):
         return None
+    until = began + PREPARING * limit + LEAST_PREPARING
 
     def go_on() -> None:
         if perf_counter() > until:
             raise TooLargeError(
-                f"time_limit: {limit:g} s are over before all obstacles are ready to be looked at, and without them no"
-                " trip is safe: more time, fewer observations of each, fewer corners of polygons, or without obstacles"
-                " that are never met, it can be planned"
+                f"time_limit: most of {limit:g} s is over before all obstacles are ready to be looked at, and without"
+                " them no trip is safe: with more time, fewer observations of each, fewer corners of polygons, or"
+                " without obstacles that are never met, it can be planned"
             )
 
     return go_on

@@ -16,7 +16,7 @@ from typing import Any
 from scp_planner.errors import MISSING
 from scp_planner.mathematics import corridor, planar
 from scp_planner.scenario.obstacle_checks import headings_turn_slowly, one_position_a_time, times_increase
-from scp_planner.scenario.units import NaturalUnits
+from scp_planner.scenario.scale import units_of
 from scp_planner.scenario.validation import Objection, Unknown
 
 SCHEMA_VERSION = 1
@@ -235,7 +235,7 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
     if scenario.start.position == scenario.goal.position:
         return  # that is a fault of its own
     # In the units in which it is planned: then this is done.
-    units, radius = NaturalUnits.of(scenario), scenario.vehicle.radius
+    units, radius = units_of(scenario), scenario.vehicle.radius
     walls = corridor.known_outside(units.lines(polygons))
     for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
         position = getattr(scenario, place).position

@@ -12,10 +12,9 @@ first ones are powers of two gives the same plan to the bit, and other ratios, p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, KeysView, Mapping, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from math import dist, frexp, ldexp, sqrt
 from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
 from scp_planner.pauses import GoOn, with_pauses
@@ -26,6 +25,7 @@ from scp_planner.scenario.process_model import (
     RandomWalkVelocity,
     SingerAcceleration,
 )
+from scp_planner.scenario.scale import units_of
 from scp_planner.units import Point, Units, over
 
 if TYPE_CHECKING:
@@ -47,10 +47,6 @@ if TYPE_CHECKING:
 
 AnyPart = TypeVar("AnyPart", bound="Part")
 
-TRIP_LENGTH = 20.0  # units of length
-TOP_SPEED = 3.0  # units of length in a unit of time
-UNIT_BITS, FEWEST_UNIT_BITS = 46, 36  # of a unit: as many as a scene tells; the fewer, the farther away it is moved
-
 
 @dataclass(frozen=True)
 class NaturalUnits(Units):
@@ -62,14 +58,8 @@ class NaturalUnits(Units):
         if not hasattr(scenario, "vehicle"):  # the first that all who are given a scenario ask for
             made = "Scenario(**data) makes one of a dictionary, Scenario.load(path) reads one"
             raise TypeError(f"scenario: must be a Scenario, not {type(scenario).__name__}; {made}")
-        vehicle, start = scenario.vehicle, scenario.start
-        line = scenario.guide or (scenario.goal.position,)
-        trip = max(dist(start.position, point) for point in line)  # however winding it is
-        away = frexp(max(map(abs, start.position)) / trip)[1]
-        bits = min(max(UNIT_BITS - away, FEWEST_UNIT_BITS), UNIT_BITS)
-        length = _short(trip / TRIP_LENGTH, bits)
-        top = max(min(vehicle.max_speed, _within_reach(scenario, trip)), start.speed)
-        return cls(length, _short(TOP_SPEED * length / top, bits), start.position, start.time)
+        found = units_of(scenario)
+        return cls(found.length, found.time, found.origin, found.clock)
 
     @classmethod
     def to_check(cls, scenario: Scenario) -> NaturalUnits:
@@ -108,10 +98,6 @@ class NaturalUnits(Units):
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
             obstacles=tuple(map(self.obstacle, with_pauses(scenario.obstacles, go_on))),
         )
-
-    def lines(self, lines: Iterable[Sequence[Point]]) -> tuple[tuple[Point, ...], ...]:
-        """Return polylines or polygons in these units."""
-        return tuple(map(self._line, lines))
 
     def obstacle(self, obstacle: Obstacle) -> Obstacle:
         """Return an obstacle in these units."""
@@ -285,21 +271,6 @@ class NaturalUnits(Units):
         )
 
 
-def _short(unit: float, bits: int) -> float:
-    """A unit with its last bits rounded away, which a scene that is moved, turned or scaled has different."""
-    mantissa, exponent = frexp(unit)
-    return ldexp(round(ldexp(mantissa, bits)), exponent - bits)
-
-
-def _within_reach(scenario: Scenario, trip: float) -> float:
-    """Highest speed that can be reached on a trip of a length, m/s, and left again for that at the goal."""
-    start, end = scenario.start.speed, scenario.goal.speed
-    a, d = scenario.vehicle.max_acceleration, scenario.vehicle.max_deceleration
-    if end is None:
-        return sqrt(start**2 + 2.0 * a * trip)
-    return sqrt((2.0 * a * d * trip + d * start**2 + a * end**2) / (a + d))
-
-
 _SHAPE_SIZES = frozenset({"disc", "rectangle", "ellipse"})
 
 
@@ -312,12 +283,12 @@ def changed(part: AnyPart, **values: Any) -> AnyPart:
 
 
 def _names(part: object) -> KeysView[str]:
-    return _names_of(type(part))
+    return _names_of(cast(Any, type(part)))
 
 
 @cache
-def _names_of(kind: type) -> KeysView[str]:
-    fields: Mapping[str, object] = cast(Any, kind).model_fields
+def _names_of(kind: Any) -> KeysView[str]:
+    fields: Mapping[str, object] = kind.model_fields
     return fields.keys()
 
 

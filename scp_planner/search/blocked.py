@@ -26,8 +26,10 @@ from scp_planner.trips.path import Path
 STRETCH = 16  # delays that are looked at together
 MOST_LOOKS = 100_000  # at a time: lines, times and zones
 MOST_CUT = 20_000  # lines and delays of zones that are cut at a time
+USUAL_CORNERS = 5  # of a zone; with more of them fewer are cut at a time
 MOST_KEPT = 100_000  # cuts, of all zones
-FEW_CELLS = 10_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at
+FEW_CELLS = 10_000  # at a delay, that are looked at in no time: in smaller grids the clock is not looked at,
+FEW_CORNERS = 1000  # but where zones have more than so many corners
 MOST_MARKED = 1_000_000  # cells at a time
 
 
@@ -121,19 +123,27 @@ class Lines:
         still = np.isin(some, zones.standing)
         standing, moving = some[still], some[~still]
         every = np.arange(count)
-        for part in _parts(standing, count):
+        for part in _parts(standing, count * self._corners(standing)):
             line, zone = np.repeat(every, len(part)), np.tile(part, count)
             cuts = self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line)))
             yield replace(cuts, lasting=True)
         edges = np.arange(delays.start, delays.stop + 1, STRETCH)
         for part in _parts(moving, count * len(edges)):
             met = np.nonzero(self._near(part, edges))
-            most = MOST_CUT // STRETCH
+            most = max(1, MOST_CUT // (STRETCH * self._corners(part)))
             for begin in range(0, len(met[0]), most):
                 line, stretch, place = (index[begin : begin + most] for index in met)
                 delay = (edges[stretch][:, None] + np.arange(STRETCH)).ravel()
                 line, zone = np.repeat(line, STRETCH), np.repeat(part[place], STRETCH)
                 yield self.cuts(line, delay, zone, self.times(line, delay))
+
+    def _corners(self, some: Index) -> int:
+        """How many times the usual work it takes to cut the one of some zones with the most corners."""
+        outlines = self.zones.outlines
+        if outlines is None or len(some) == 0:
+            return 1
+        slots = self.zones.outline_slot[some]
+        return 1 + int(np.where(slots >= 0, outlines.counts[slots], 0).max()) // USUAL_CORNERS
 
     def _near(self, part: Index, edges: Index) -> Mask:
         """Whether zones come near lines in stretches of delays, (lines, stretches, zones)."""
@@ -199,8 +209,10 @@ class Cells:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the deadline has passed, if the grid is so large that it takes time."""
-        return self.shape[0] * self.shape[1] > FEW_CELLS and perf_counter() > self.deadline
+        """Whether the deadline has passed, where a large grid, or zones of many corners, take time."""
+        outlines = self.problem.zones.outlines
+        few = self.shape[0] * self.shape[1] <= FEW_CELLS and (outlines is None or len(outlines.corners) <= FEW_CORNERS)
+        return not few and perf_counter() > self.deadline
 
     def look(self, delays: int) -> None:
         """See to it that at so many delays cells are known; at further ones they may be as if free."""

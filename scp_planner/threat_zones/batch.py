@@ -26,6 +26,8 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
+FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
+PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
 _ALL = slice(None)
 _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
@@ -259,7 +261,7 @@ class ZoneBatch:
         (n, L) array
             m, negative inside.
         """
-        if self.ground is None:
+        if self.ground is None or not self._ground_pays(points, exact_below):
             return self._distances(times, points, exact_below)
         distance = np.empty((len(times), self.size))
         distance[:, self.ground.zones] = self.ground.distances(points) - self.radius[self.ground.zones]
@@ -330,6 +332,17 @@ class ZoneBatch:
             offset = points[row] - self.centers.at(index, times[row])
             exact = self._outline_contacts(index, times[row], offset).distance
             distance[row, index] = exact - self.radius[index]
+
+    def _ground_pays(self, points: Array, exact_below: float) -> bool:
+        """Whether the lines of all edges that stand are looked at faster than the polygons that points are near to."""
+        assert self.ground is not None and self.outlines is not None
+        edges = len(self.ground.across)
+        if edges <= FEW_EDGES:
+            return True
+        zones = self.ground.zones
+        apart = np.linalg.norm(points[:, None] - self._places[zones], axis=2)
+        near = np.count_nonzero(apart < exact_below + (self.radius + self.extent)[zones], axis=0)
+        return bool(PAIR_COST * (near @ self.outlines.counts[self.outline_slot[zones]]) > len(points) * edges)
 
     @cached_property
     def ground(self) -> Ground | None:

@@ -11,6 +11,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.outlines import Outlines
 
 AT_ONCE = 2**16  # numbers, half a megabyte
+FEWEST = 16  # points at once, of however many edges: else it takes longer to ask for each number than to compute it
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ class Ground:
 
     def _some_points(self, count: int) -> Iterator[slice]:
         """Yield parts of so many points that take little memory: fetching more costs ten times as much as filling."""
-        at_once = max(1, AT_ONCE // len(self.across))
+        at_once = max(FEWEST, AT_ONCE // len(self.across))
         for begin in range(0, count, at_once):
             yield slice(begin, min(begin + at_once, count))
 

@@ -15,7 +15,7 @@ LEAST_BEND = 0.2  # radii; tighter bends, which have no room, are averaged over 
 WINDOW = 1.5  # radii: width of the moving average
 SAMPLES_PER_WINDOW = 60
 MOST_SAMPLES = 500_000  # of the average: windows get wider on guides that would need more
-MOST_AT_ONCE = 4_000_000  # numbers in an array on the way to it
+MOST_AT_ONCE = 2**16  # numbers in an array on the way to it: half a megabyte, as fetching more memory takes longer
 FEW_CHANGES = 64  # of direction, that are looked at together
 MOST_PIECES = 3400  # of the heading's spline: what the tables of paths over it have room for
 

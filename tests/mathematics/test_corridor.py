@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from scenes import disc, scene
@@ -176,7 +178,7 @@ def test_what_lies_outside_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None
     """Reading a scenario and each plan of it need it."""
     outside, made = corridor.outside, []
 
-    def counted(polygons: list[planar.Point]) -> list[corridor.Polygon]:
+    def counted(polygons: Sequence[corridor.Polygon]) -> list[corridor.Polygon]:
         made.append(len(polygons))
         return outside(polygons)
 

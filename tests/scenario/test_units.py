@@ -15,7 +15,8 @@ import scp_planner as sp
 from scp_planner.certificate.verdict import UNITS
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.process_model import ProcessModel
-from scp_planner.scenario.units import TOP_SPEED, TRIP_LENGTH, NaturalUnits
+from scp_planner.scenario.scale import TOP_SPEED, TRIP_LENGTH
+from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.zone import ThreatZone
 
 POWERS = (2.0**-20, 2.0**-7, 2.0**3, 2.0**20)

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from scenes import CROSSERS, disc, scene
 
+from scp_planner.mathematics.intervals import Interval
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
+from scp_planner.search import blocked
 from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.grid import DELAYS, Fineness, Grid
 from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
+from scp_planner.threat_zones.sections import sections
 
 WALL = {
     "id": "wall",
@@ -127,3 +131,38 @@ def test_zones_that_reach_farther_than_any_index_block_whole_lines(count: int) -
     cells._mark(beyond, Cuts(line, line, line, far, 2.0 * far, far), line)
     cells._mark(beyond, Cuts(line, line, line, -2.0 * far, -far, far), line)
     assert not beyond.any()
+
+
+def round_polygons(count: int, corners: int) -> Scenario:
+    """Polygons of many corners that stand and that pass."""
+    angles = 2.0 * np.pi * np.arange(corners) / corners
+    shape = {"polygon": np.stack([0.5 * np.cos(angles), 0.3 * np.sin(angles)], axis=1).tolist()}
+    moves = [{"position": [3.0 + 1.5 * k, (-1.0) ** k], "velocity": [0.0, 0.3 * (k % 2)]} for k in range(count)]
+    return scene(*({"id": f"p{k}", "shape": shape, "motion": move} for k, move in enumerate(moves)))
+
+
+def test_zones_of_many_corners_are_cut_in_parts_and_block_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of(round_polygons(8, 200))
+    grid = Grid.of(problem, Fineness())
+    cut: list[int] = []
+
+    def counted(zones: ZoneBatch, index: np.ndarray, *rest: np.ndarray) -> Interval:
+        cut.append(len(index))
+        return sections(zones, index, *rest)
+
+    monkeypatch.setattr("scp_planner.search.blocked.sections", counted)
+    monkeypatch.setattr(blocked, "MOST_CUT", 2000)
+    in_parts, longest = Cells(problem, grid).free, max(cut)
+    monkeypatch.setattr(blocked, "USUAL_CORNERS", 10**6)
+    cut.clear()
+    assert np.array_equal(Cells(problem, grid).free, in_parts)
+    assert longest <= blocked.MOST_CUT / 40 < max(cut)  # 200 corners are forty times the usual ones
+
+
+def test_a_search_among_many_corners_ends_with_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    for corners, late in ((400, True), (4, False)):
+        problem = problem_of(round_polygons(6, corners))
+        cells = Cells(problem, Grid.of(problem, Fineness()), deadline=-1.0)
+        monkeypatch.setattr(blocked, "FEW_CELLS", 10**9)
+        assert cells.free is not None
+        assert cells.cut_off == late

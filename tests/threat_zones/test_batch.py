@@ -12,6 +12,7 @@ from shapely import Point, Polygon
 
 import scp_planner as sp
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.threat_zones import batch as batch_module
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.bounds import ZoneBounds
 
@@ -149,3 +150,24 @@ def test_what_overlapping_parts_share_is_told_once() -> None:
     assert contacts.distance[1:4] == pytest.approx(contacts.distance[0])
     # Of what is as near only both walls above share a point: not the disc, nor the wall below.
     assert several.singles(place, zone, contacts).tolist() == [0, 1, 3, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize("pair_cost", [0, 10**9])
+def test_walls_are_as_far_away_however_they_are_looked_at(pair_cost: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the lines of all edges, or polygon by polygon where a point is near to it."""
+    rng = np.random.default_rng(3)
+    angles = 2.0 * np.pi * np.arange(30) / 30.0
+    ring = np.stack([0.9 * np.cos(angles), 0.5 * np.sin(angles)], axis=1)
+    walls = [(ring + place).tolist() for place in rng.uniform([4.0, -5.0], [18.0, 5.0], (12, 2))]
+    (zone,) = sp.zones(scene(walls=walls))
+    monkeypatch.setattr(batch_module, "PAIR_COST", pair_cost)
+    monkeypatch.setattr(batch_module, "FEW_EDGES", 0)
+    batch = ZoneBatch.of([zone], FRAME, 0.0)
+    places = rng.uniform([0.0, -6.0], [20.0, 6.0], (200, 2))
+    found = batch.distances(np.zeros(200), places, 1.0)
+    true = np.array([[Polygon(wall).distance(Point(place)) for wall in walls] for place in places])
+    near = (true > 0.0) & (true < 1.0)
+    assert near.sum() > 50
+    assert found[near] == pytest.approx(true[near], abs=1e-9)
+    assert np.all(found[true >= 1.0] >= 1.0 - 1e-9)
+    assert np.all(found[true == 0.0] <= 1e-9)

@@ -115,7 +115,7 @@ def test_what_cannot_be_made_ready_in_time_is_refused_with_what_to_change(
 ) -> None:
     many = scene(*obstacles(40), vehicle={"max_speed": 2.0})
     FakeClock(1.0).rule(monkeypatch)
-    with pytest.raises(TooLargeError, match=r"time_limit: 0.5 s are over .* fewer observations"):
+    with pytest.raises(TooLargeError, match=r"time_limit: most of 0.5 s is over .* fewer observations"):
         method(many, time_limit=0.5)
 
 
