@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from scp_planner.errors import SamplesError as SamplesError
     from scp_planner.errors import ScenarioError as ScenarioError
     from scp_planner.errors import ScpPlannerError as ScpPlannerError
+    from scp_planner.errors import TooLargeError as TooLargeError
     from scp_planner.estimation.estimate import estimate_motion as estimate_motion
     from scp_planner.online.plan import OnlinePlan as OnlinePlan
     from scp_planner.online.plan import Outcome as Outcome
@@ -98,6 +99,7 @@ _MODULE_OF = {
     "Vehicle": "scenario.models",
     "Follower": "simulation.setup",
     "SimulationSettings": "simulation.setup",
+    "TooLargeError": "errors",
     "certify": "certificate.check",
     "estimate_motion": "estimation.estimate",
     "lower_bound": "certificate.lower_bound",

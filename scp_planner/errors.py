@@ -144,7 +144,7 @@ class SettingsError(_FaultyInputError):
 
 
 class TooLargeError(ScpPlannerError, ValueError):
-    """What is asked for would take more memory than is allowed; said before any of it is taken."""
+    """What is asked for would take more memory than is allowed, said before any of it is taken; or all of the time."""
 
 
 class EstimationError(ScpPlannerError, ValueError):

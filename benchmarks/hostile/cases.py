@@ -25,7 +25,7 @@ from benchmarks.hostile import calls, commands, drives
 from benchmarks.hostile.damage import ODD, cut, damaged
 from benchmarks.hostile.wild import Data, Wild, wild
 from scp_planner import builtin
-from scp_planner.errors import ScpPlannerError
+from scp_planner.errors import ScpPlannerError, TooLargeError
 from scp_planner.estimation.confidence import alpha_of_one, marginal_scale, region_scale
 from scp_planner.estimation.estimate import estimate_obstacle
 from scp_planner.scenario.models import Obstacle, Steering
@@ -158,7 +158,10 @@ def _try_scenario(case: Case) -> Outcome:
         scenario.save(Path(folder) / "again.yaml")
         if sp.Scenario.load(Path(folder) / "again.yaml") != scenario:
             return Outcome("legal", Fault.REFUSED, "what is saved is not what is loaded")
-        plan = sp.plan(scenario, time_limit=case.plan_time)
+        try:
+            plan = sp.plan(scenario, time_limit=case.plan_time)
+        except TooLargeError:
+            return Outcome("too large")
         plan.save(Path(folder) / "plan.json")
         sp.Plan.load(Path(folder) / "plan.json")
     return Outcome(plan.status.value)
@@ -175,7 +178,10 @@ def _try_wild(case: Case) -> Outcome:
         scenario = sp.Scenario(**drawn.scaled())
     except sp.ScenarioError:
         return Outcome("bad input")
-    plan = sp.plan(scenario, time_limit=case.plan_time)
+    try:
+        plan = sp.plan(scenario, time_limit=case.plan_time)
+    except TooLargeError:
+        return Outcome("too large")
     if not plan.reason and not plan.certified:
         return Outcome(plan.status.value, Fault.REFUSED, "neither certified nor a reason")
     return _checked(drawn, scenario, plan) if plan.certified else Outcome(plan.status.value)

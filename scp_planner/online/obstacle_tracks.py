@@ -12,7 +12,6 @@ import logging
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from enum import Enum
 from itertools import chain
 from typing import Any
 
@@ -32,6 +31,7 @@ from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
 from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
+from scp_planner.online.sorted_tracks import ZoneKind, learns, zone_kind
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
@@ -61,27 +61,6 @@ FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 INTERPOLATED = 0.01
 """...which loses so much of a variance in between, at most."""
-
-
-class _Kind(Enum):
-    """How zones of several tracks are made together."""
-
-    SETTLED = "polynomials from what was seen alone"
-    ALARMED = "mixtures of filters"
-    NEW = "polynomials from a prior, too"
-
-
-def _kind_of(track: ObstacleTrack, headings: bool) -> _Kind | None:
-    """How the zone of a track is made together with others; None if it is made alone."""
-    if track.fixed is not None or track.estimator is None or not track.simple:
-        return None
-    if track.alarmed:
-        return _Kind.ALARMED
-    if headings and track.body.turning is not None:
-        return None  # its heading is estimated, too
-    if track.settled:
-        return _Kind.SETTLED
-    return _Kind.NEW if track.model.order > 0 else None  # of order 0 no prior tells anything
 
 
 class ObstacleTracks:
@@ -322,25 +301,25 @@ class ObstacleTracks:
         self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
     ) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        groups: dict[_Kind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in _Kind}
+        groups: dict[ZoneKind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in ZoneKind}
         for track in tracks:
-            kind = _kind_of(track, headings)
+            kind = zone_kind(track, headings)
             if kind is not None:
                 groups[kind].setdefault(track.model.order, []).append(track)
         made: dict[str, ThreatZone] = {}
-        for _, some in sorted(groups[_Kind.SETTLED].items()):
+        for _, some in sorted(groups[ZoneKind.SETTLED].items()):
             roots = self._roots(some)
             suspicions = self._suspicions(some, level)
             zones = self._settled_zones(some, roots, start, level, suspicions)
             made.update(zip((track.id for track in some), zones, strict=True))
-        for order, some in sorted(groups[_Kind.ALARMED].items()):
+        for order, some in sorted(groups[ZoneKind.ALARMED].items()):
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
             sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
             for track, zone in zip(some, zones, strict=True):
                 track.zone = made[track.id] = zone
                 track.foretold.clear()
-        for order, some in sorted(groups[_Kind.NEW].items()):
+        for order, some in sorted(groups[ZoneKind.NEW].items()):
             for track in some:
                 track.zone = None
             made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)
@@ -421,7 +400,7 @@ class ObstacleTracks:
 
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""
-        some = [track for track in self.tracks.values() if _learns(track)]
+        some = [track for track in self.tracks.values() if learns(track)]
         change: dict[str, float] = {}
         if self.manoeuvre > 0.0:
             known = [track.id for track in some if track.simple and track.settled]
@@ -493,12 +472,6 @@ class ObstacleTracks:
             model = model.model_copy(update={"prior": prior})
         seen = Observations.model_construct(time=tuple(track.times), position=tuple(track.positions), covariance=each)
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)
-
-
-def _learns(track: ObstacleTrack) -> bool:
-    """Whether more is learnt of the polynomial motion of a track with each observation."""
-    observed = bool(track.times) and track.fixed is None and track.given is None
-    return observed and track.model.process is None and not (track.alarmed or track.suspected)
 
 
 def _remember(track: ObstacleTrack, seen: Observations) -> None:
