@@ -31,7 +31,7 @@ from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
 from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
-from scp_planner.online.sorted_tracks import ZoneKind, learns, zone_kind
+from scp_planner.online.sorted_tracks import TrackKind, learns, track_kind
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
@@ -301,25 +301,25 @@ class ObstacleTracks:
         self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
     ) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        groups: dict[ZoneKind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in ZoneKind}
+        groups: dict[TrackKind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in TrackKind}
         for track in tracks:
-            kind = zone_kind(track, headings)
+            kind = track_kind(track, headings)
             if kind is not None:
                 groups[kind].setdefault(track.model.order, []).append(track)
         made: dict[str, ThreatZone] = {}
-        for _, some in sorted(groups[ZoneKind.SETTLED].items()):
+        for _, some in sorted(groups[TrackKind.SETTLED].items()):
             roots = self._roots(some)
             suspicions = self._suspicions(some, level)
             zones = self._settled_zones(some, roots, start, level, suspicions)
             made.update(zip((track.id for track in some), zones, strict=True))
-        for order, some in sorted(groups[ZoneKind.ALARMED].items()):
+        for order, some in sorted(groups[TrackKind.ALARMED].items()):
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
             sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
             for track, zone in zip(some, zones, strict=True):
                 track.zone = made[track.id] = zone
                 track.foretold.clear()
-        for order, some in sorted(groups[ZoneKind.NEW].items()):
+        for order, some in sorted(groups[TrackKind.NEW].items()):
             for track in some:
                 track.zone = None
             made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)

@@ -7,7 +7,7 @@ from enum import Enum
 from scp_planner.online.track import ObstacleTrack
 
 
-class ZoneKind(Enum):
+class TrackKind(Enum):
     """How zones of several tracks are made together."""
 
     SETTLED = "polynomials from what was seen alone"
@@ -15,7 +15,7 @@ class ZoneKind(Enum):
     NEW = "polynomials from a prior, too"
 
 
-def zone_kind(track: ObstacleTrack, headings: bool) -> ZoneKind | None:
+def track_kind(track: ObstacleTrack, headings: bool) -> TrackKind | None:
     """Return how the zone of a track is made together with others.
 
     Parameters
@@ -26,18 +26,18 @@ def zone_kind(track: ObstacleTrack, headings: bool) -> ZoneKind | None:
 
     Returns
     -------
-    ZoneKind or None
+    TrackKind or None
         None if it is made alone.
     """
     if track.fixed is not None or track.estimator is None or not track.simple:
         return None
     if track.alarmed:
-        return ZoneKind.ALARMED
+        return TrackKind.ALARMED
     if headings and track.body.turning is not None:
         return None  # its heading is estimated, too
     if track.settled:
-        return ZoneKind.SETTLED
-    return ZoneKind.NEW if track.model.order > 0 else None  # of order 0 no prior tells anything
+        return TrackKind.SETTLED
+    return TrackKind.NEW if track.model.order > 0 else None  # of order 0 no prior tells anything
 
 
 def learns(track: ObstacleTrack) -> bool:

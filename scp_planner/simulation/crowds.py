@@ -19,7 +19,7 @@ from scp_planner.arrays import Array
 from scp_planner.scenario.models import Confidence, Goal, Model, Scenario, Start, Steering, Vehicle
 from scp_planner.scenario.process_model import ProcessModel, RandomWalkVelocity
 from scp_planner.scenario.shapes import Disc, Shape
-from scp_planner.settings.online import GiveWay, OnlineSettings
+from scp_planner.settings.online import GiveWay, OnlineSettings, Regions
 from scp_planner.simulation.people import Manner, OrcaPeople, Restlessness, RestlessPeople
 from scp_planner.simulation.sensors import Sensor
 from scp_planner.simulation.setup import SimulationSettings
@@ -114,7 +114,8 @@ def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
     """Settings of the planner among people who are seen well and turn at any moment.
 
     It gives way early, a stop stays clear for a moment, and no observation is taken for a fault of the sensor: who
-    turns at once would be, and the vehicle would heed where nobody is.
+    turns at once would be, and the vehicle would heed where nobody is. Zones are those of the model, which leave ways
+    through a crowd: those that are sized by what came of them fill it.
 
     Parameters
     ----------
@@ -133,6 +134,7 @@ def among_people(vehicle: Vehicle, step: float) -> OnlineSettings:
         gate_probability=0.0,
         alarm_probability=0.0,
         forget_after=FORGET_STEPS * step,
+        regions=Regions.MODEL,
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from time import perf_counter
-from typing import Any
+from typing import cast
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lu_factor, lu_solve
@@ -102,7 +102,7 @@ class _Sides:
         self.source = np.concatenate([uppers, lowers, size + kept])
         self.sign = np.ones(len(self.bounds))
         self.sign[len(uppers) : len(uppers) + len(lowers)] = -1.0
-        self._rows: Any = program.matrix if issparse(program.matrix) else csr_array(program.matrix)
+        self._rows = cast("csr_array", program.matrix if issparse(program.matrix) else csr_array(program.matrix))
         lengths = np.sqrt(self._rows.multiply(self._rows).sum(axis=1))[kept]
         self.lengths = np.concatenate([np.ones(len(uppers) + len(lowers)), np.maximum(lengths, 1e-12)])
 

@@ -89,7 +89,10 @@ def children_of(process: int) -> list[int]:
 
 def workers_of(process: int) -> list[int]:
     def is_worker(child: int) -> bool:
-        return b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
+        try:
+            return b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
+        except OSError:  # it has ended meanwhile
+            return False
 
     return [child for child in children_of(process) if is_worker(child)]
 
@@ -116,6 +119,8 @@ def test_interrupt_and_a_killed_worker_change_nothing_in_the_end(many: Path, tmp
     eventually(lambda: rows_in(table) >= 1)
     killed, spared = workers_of(process.pid)
     os.kill(killed, signal.SIGKILL)
+    # That it has died is told before another one takes its place, and before the row of whoever does its work.
+    eventually(lambda: len({*workers_of(process.pid)} - {killed, spared}) == 1)
     eventually(lambda: rows_in(table) >= 2)
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=PATIENCE)

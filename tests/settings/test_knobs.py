@@ -205,7 +205,7 @@ NOT_GIVEN = {
     "scp_planner.scp.record.LoopStatus",
     "scp_planner.baseline.descent_run.DescentStatus",
     "scp_planner.planning.plan.PlanStatus",
-    "scp_planner.online.obstacle_tracks._Kind",
+    "scp_planner.online.sorted_tracks.TrackKind",
     "scp_planner.online.plan.Outcome",
     "scp_planner.batch.executor.Fate",
     "scp_planner.solvers.interface.SolverStatus",
