@@ -101,7 +101,7 @@ class _Sides:
         self.source = np.concatenate([uppers, lowers, size + kept])
         self.sign = np.ones(len(self.bounds))
         self.sign[len(uppers) : len(uppers) + len(lowers)] = -1.0
-        self._rows = program.matrix if issparse(program.matrix) else csr_array(program.matrix)
+        self._rows: csr_array = program.matrix if issparse(program.matrix) else csr_array(program.matrix)
         lengths = np.sqrt(self._rows.multiply(self._rows).sum(axis=1))[kept]
         self.lengths = np.concatenate([np.ones(len(uppers) + len(lowers)), np.maximum(lengths, 1e-12)])
 
