@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from functools import cached_property
 from time import perf_counter
-from typing import cast
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, lu_factor, lu_solve
-from scipy.sparse import csr_array, issparse
+from scipy.sparse import csr_array
 
 from scp_planner.arrays import Array, Index
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
@@ -102,7 +101,7 @@ class _Sides:
         self.source = np.concatenate([uppers, lowers, size + kept])
         self.sign = np.ones(len(self.bounds))
         self.sign[len(uppers) : len(uppers) + len(lowers)] = -1.0
-        self._rows = cast("csr_array", program.matrix if issparse(program.matrix) else csr_array(program.matrix))
+        self._rows: csr_array = csr_array(program.matrix)  # of a sparse one no copy is made
         lengths = np.sqrt(self._rows.multiply(self._rows).sum(axis=1))[kept]
         self.lengths = np.concatenate([np.ones(len(uppers) + len(lowers)), np.maximum(lengths, 1e-12)])
 
