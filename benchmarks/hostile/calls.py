@@ -38,10 +38,10 @@ NORMAL = 0.75
 
 def draw(rng: np.random.Generator, scenario: Mapping[str, Any], odd: Sequence[Any]) -> list[Call]:
     """Draw calls, each with its method and arguments, for a planner of a scenario."""
-    start, goal = scenario["start"], scenario["goal"]
+    start, aim = scenario["start"], _aim(scenario["goal"])
     names = [each["id"] for each in scenario["obstacles"]] or ["nobody"]
     time, made = float(start["time"]), []
-    size = math.dist(start["position"], goal["position"])
+    size = math.dist(start["position"], aim)
 
     def number(usual: float) -> Any:
         return usual if rng.random() < NORMAL else ODD_NUMBERS[int(rng.integers(len(ODD_NUMBERS)))]
@@ -52,7 +52,7 @@ def draw(rng: np.random.Generator, scenario: Mapping[str, Any], odd: Sequence[An
         share = float(rng.uniform(0.0, 1.0))
         there = [
             a + share * (b - a) + float(rng.normal(0.0, 0.1 * size))
-            for a, b in zip(start["position"], goal["position"], strict=True)
+            for a, b in zip(start["position"], aim, strict=True)
         ]
         return [number(x) for x in there]
 
@@ -80,6 +80,13 @@ def draw(rng: np.random.Generator, scenario: Mapping[str, Any], odd: Sequence[An
             case _:
                 made.append({"method": "remove_obstacle", "arguments": {"obstacle": name}})
     return made
+
+
+def _aim(goal: Mapping[str, Any]) -> list[float]:
+    """Where a trip goes about: a goal that is a region need not say."""
+    if goal.get("position") is not None:
+        return list(goal["position"])
+    return [math.fsum(values) / len(values) for values in zip(*goal["region"], strict=True)]
 
 
 def _added(name: str, rng: np.random.Generator, odd: Sequence[Any], number: Callable[[float], Any]) -> dict[str, Any]:

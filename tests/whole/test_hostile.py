@@ -30,6 +30,14 @@ def test_a_seed_names_a_case(kind: Kind) -> None:
     assert json.dumps(first.data) != json.dumps(other.data)
 
 
+@pytest.mark.parametrize("kind", [Kind.SCENARIO, Kind.WILD, Kind.PLANNER, Kind.DRIVE])
+def test_whatever_is_drawn_can_be_made_into_a_case(kind: Kind) -> None:
+    """Also of goals that are regions without a place to aim at."""
+    assert any("position" not in wild(np.random.default_rng([seed, 0])).data["goal"] for seed in range(80))
+    for seed in range(80):
+        assert json.loads(json.dumps(make(kind, seed).data))
+
+
 def test_most_wild_scenarios_are_legal_and_they_have_every_feature() -> None:
     drawn = [wild(np.random.default_rng(seed)) for seed in range(120)]
     legal = 0
