@@ -204,7 +204,14 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
     if vehicle.get("max_curvature_rate") is not None:
         clock = np.arange(when_turning[0], when_turning[-1], RATE_WINDOW)
         changes = np.abs(np.diff(np.interp(clock, when_turning, signed))) / RATE_WINDOW
-        at_most("curvature_rate", changes, float(vehicle["max_curvature_rate"]), allowed.curvature_rate, clock[1:])
+        changes, clock = np.append(changes, 0.0), np.append(clock, when_turning[-1])  # none, of what is over before
+        at_most(
+            "curvature_rate",
+            changes,
+            float(vehicle["max_curvature_rate"]),
+            allowed.curvature_rate,
+            clock[-len(changes) :],
+        )
     if vehicle.get("max_lateral_acceleration") is not None:
         limit = float(vehicle["max_lateral_acceleration"])
         lateral = curvatures * turning_speeds**2

@@ -15,6 +15,7 @@ import numpy as np
 import scp_planner as sp
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.stops import standing_from
+from scp_planner.scenario.models import Steering
 from scp_planner.trips.trip import Trip
 from verification.dense_check import check_trip
 
@@ -83,6 +84,8 @@ def drive(scenario: sp.Scenario, options: Mapping[str, Any], deadline: float, re
 
 def _judge(found: Drive, scenario: sp.Scenario, plan: OnlinePlan, time: float, regions: Regions) -> None:
     data = scenario.to_dict()
+    if scenario.vehicle.steering != Steering.AHEAD:
+        data["start"]["heading"] = None  # it may set out backwards, or in any direction
     if plan.certified:
         aim = data if plan.outcome not in AWAY else _ending(data, plan.trip, plan.arrival_time)
         _check(found, aim, plan.trip, (time, plan.arrival_time), regions(scenario, plan.arrival_time), plan.outcome)

@@ -252,7 +252,9 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
             replace(task, scenario=timed, arrival_step=None), trajectory.space.guide, breakpoints, spans
         )
         space = again.problem.space
-        start = Trajectory.of(space, trajectory.theta, _driven_over(space, trajectory), trajectory.travel_time)
+        # Over other breakpoints the same mean accelerations may end before the trip does.
+        beta, limit = _driven_over(space, trajectory), again.problem.limits.acceleration
+        start = arriving(space, trajectory.theta, beta, limit, trajectory.travel_time)
         attempt = again.attempt(start, loop=again.patient_loop)
         if best.holds:
             return attempt if attempt.holds else best

@@ -135,3 +135,40 @@ def test_where_arrivals_count_in_steps_a_gain_within_one_is_none(among: Found) -
     steps = Found(CheckedRuns(replace(among.runs.task, arrival_step=0.3 * time)), among.best, among.most)
     assert not steps.may_count(0.05 * time)  # the steps are at 0.9 and 1.2 times the travel time
     assert steps.may_count(0.11 * time) and steps.may_count(np.inf)
+
+
+def test_accelerations_over_steps_of_time_that_would_end_early_lead_to_the_goal() -> None:
+    """Mean accelerations over whole seconds stop this vehicle before its goal: it ended in a ValueError."""
+    scenario = Scenario(
+        vehicle={
+            "radius": 0.232080959,
+            "max_speed": 3.679171684,
+            "max_acceleration": 0.657218027,
+            "max_deceleration": 5.776600229,
+            "max_curvature_rate": 1.881952617,
+        },
+        start={
+            "time": 0.0,
+            "position": [197.217085819, 108.035235246],
+            "heading": -1.138865163,
+            "speed": 3.679171684,
+            "acceleration": -0.627565719,
+        },
+        goal={
+            "position": [241.89493001, 79.937428012],
+            "heading": -1.848499974,
+            "speed": 0.090671582,
+            "arrival_step": 1.0,
+        },
+        speed_limits=[
+            {
+                "from": 26.944036973,
+                "to": 39.125023898,
+                "speed": 0.865445504,
+                "line": [[192.516675348, 110.47512125], [215.116568786, 96.841183715], [250.903547565, 74.434020084]],
+            }
+        ],
+    )
+    found = sp.plan(scenario)
+    assert found.certified
+    assert found.travel_time == pytest.approx(round(found.travel_time), abs=0.01)
