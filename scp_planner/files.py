@@ -212,7 +212,7 @@ def replacing(path: str | PathLike[str]) -> Iterator[Path]:
     name = target.with_name(f".{begin}.{secrets.token_hex(4)}.part{end}")
     try:
         # It is made in here, for an interrupt just after that would leave it.
-        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        _make_empty(name)
         yield name
         os.chmod(name, _usual_mode(target))
         os.replace(name, target)
@@ -261,9 +261,14 @@ def try_to_write(folder: Path) -> None:
     """
     name = folder / f".{secrets.token_hex(4)}.part"
     try:
-        os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        _make_empty(name)
     finally:
         name.unlink(missing_ok=True)
+
+
+def _make_empty(name: Path) -> None:
+    """Make an empty file, for the owner alone, that is not there yet."""
+    os.close(os.open(name, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
 
 
 def _usual_mode(target: Path) -> int:

@@ -216,8 +216,7 @@ def distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: A
         raise ValueError(f"obstacle {name!r}: only discs with observations of known covariance can be checked")
     if (obstacle.get("model") or {}).get("process") is not None:
         raise ValueError(f"obstacle {name!r}: it has process noise, which is not for this function")
-    centres, errors = observed(obstacle, times)
-    return distance_to_ellipses(positions - centres, region * errors) - float(obstacle["shape"]["disc"])
+    return distance_to_uncertain(obstacle, times, positions, region)
 
 
 def observed(obstacle: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
