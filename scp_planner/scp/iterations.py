@@ -110,6 +110,7 @@ class Iterations:
         self.penalties = setup.first_penalties()
         self.run = LoopRun(LoopStatus.ITERATION_LIMIT, start, self.penalties)
         self._progress = _Progress(0, start.worst_violation)
+        self._nearest = self._progress
         self._active: ActiveSet | None = None
         self._last: LastStep | None = None
         self._linearised: Linearised | None = None
@@ -271,6 +272,8 @@ class Iterations:
         """Whether the run has ended, and how; raises the penalties of what stays violated."""
         ended, parameters = self._outcome(step), self.setup.parameters
         violation = self.run.evaluation.worst_violation
+        if ended is None and self._lingers(number, violation):
+            return LoopStatus.INFEASIBLE
         if violation < max(parameters.progress * self._progress.violation, parameters.grave):
             self._progress = _Progress(number, violation)
         elif ended is None and number - self._progress.number >= parameters.patience:
@@ -280,6 +283,14 @@ class Iterations:
         if ended is None and number >= self.limits.hopeless_after and violation > parameters.hopeless:
             return LoopStatus.INFEASIBLE
         return ended
+
+    def _lingers(self, number: int, violation: float) -> bool:
+        """Whether the run has been near to feasibility for long, without getting there or nearer."""
+        parameters, best = self.setup.parameters, self._nearest
+        near = FEASIBILITY < violation < parameters.grave
+        if not near or violation < parameters.progress * best.violation:
+            self._nearest = _Progress(number, violation)
+        return number - self._nearest.number >= parameters.lingering
 
     def _outcome(self, step: Candidate) -> LoopStatus | None:
         """Whether nothing is left to gain, or not enough."""

@@ -48,6 +48,9 @@ class LoopParameters:
         Of the violation: what counts as nearer.
     grave : float
         Violations below this are no reason to lose patience.
+    lingering : int
+        Iterations within that, not feasible and without coming nearer, after which a run ends: it circles a place that
+        is a little too narrow.
     hopeless : float
         Largest violation, after some iterations, of runs that are given up where there are others.
     mended : float
@@ -96,6 +99,7 @@ class LoopParameters:
     patience: int = 3
     progress: float = 0.8
     grave: float = 5e-3
+    lingering: int = 20
     hopeless: float = 0.15
     mended: float = 2e-3
     short: float = 2.3

@@ -19,7 +19,8 @@ _CONTRADICTION = -6  # of the constraints taken as active at first: the guess, a
 _NO_BOUND = 1e30
 _AT_START = 1e-9  # a bound closer to the origin than this is first taken as active
 _STATUS = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
-_SETTINGS = {"primal_tol": 1e-9, "iter_limit": 2000}
+_PRIMAL_TOLERANCE = 1e-9
+_ITERATIONS = (500, 2)  # at most, and for each variable; what takes twice as many as others did runs in a cycle
 
 
 class DaqpSolver:
@@ -56,7 +57,8 @@ def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Soluti
     sense[size : size + equalities] = 0
     guessed = sense.any()
     sense[size : size + equalities] = _EQUALITY
-    settings = {**_SETTINGS, "time_limit": program.time_limit}
+    most = _ITERATIONS[0] + _ITERATIONS[1] * size
+    settings = {"primal_tol": _PRIMAL_TOLERANCE, "iter_limit": most, "time_limit": program.time_limit}
     x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **settings)
     status = _STATUS.get(int(flag), SolverStatus.FAILED)
     if flag == _CONTRADICTION and not guessed:

@@ -224,7 +224,7 @@ class Path:
             factor = -self.node_stretch * space.frame.curvature / self.node_speed * (space.length / tables.cells)
             rate += factor[:, None] * tables.node_rows
         nodes = rate.reshape(tables.cells, QUADRATURE_ORDER, -1)
-        return tables.running_sum @ np.matmul(tables.weights, nodes), nodes
+        return tables.running_sum(np.matmul(tables.weights, nodes)), nodes
 
     @cached_property
     def offset_coefficients(self) -> Array:

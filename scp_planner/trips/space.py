@@ -17,6 +17,7 @@ from scp_planner.trips.guide import Guide
 
 QUADRATURE_ORDER = 6  # Gauss nodes a cell: 4 left jumps of 1e-5 m/s in the speed over ground between cells
 CELLS_PER_SPAN = 5  # the ends of cells are the stations at which curvature is limited
+MANY_CELLS = 100  # up to here a product with a triangle is quicker than a cumulative sum along the first axis
 _POWERS = np.arange(1, QUADRATURE_ORDER + 1)
 MOST_BYTES = 512_000_000  # of the tables of one spline
 _ENTRY_BYTES = 8
@@ -113,8 +114,8 @@ class _Tables:
         nodes, self.antiderivative = _gauss_cell(QUADRATURE_ORDER)
         self.weights = self.antiderivative.sum(axis=0)
         self.node_weights = np.tile(self.weights, self.cells)
-        # A product with this matrix is quicker than a cumulative sum along the first axis.
-        self.running_sum = np.tri(self.cells + 1, self.cells, -1)
+        few = self.cells <= MANY_CELLS
+        self._running_sum = np.tri(self.cells + 1, self.cells, -1) if few else None
         self.node_parameters = ((np.arange(self.cells)[:, None] + nodes) / self.cells).ravel()
         self.node_rows = self.path.rows(self.node_parameters)
         self.node_slopes = self.path.derivative.rows(self.node_parameters)
@@ -128,6 +129,15 @@ class _Tables:
         self.leverage = _leverage(path_degree, path_spans)
         self.final_distance = self.acceleration.antiderivative.antiderivative.rows(np.ones(1))[0]
         self.final_speed = self.acceleration.antiderivative.rows(np.ones(1))[0]
+
+    def running_sum(self, parts: Array) -> Array:
+        """Sums of what cells contribute, (cells, n), up to their ends and from nothing, (cells + 1, n)."""
+        if self._running_sum is not None:
+            product: Array = self._running_sum @ parts
+            return product
+        sums = np.zeros((self.cells + 1, parts.shape[1]))
+        np.add.accumulate(parts, axis=0, out=sums[1:])
+        return sums
 
     def located(self, parameters: Array) -> tuple[Index, Array]:
         """Cells of normalised stations, and the weights of the cells' nodes in integrals up to there."""

@@ -48,7 +48,7 @@ def test_every_status_of_daqp_is_mapped(monkeypatch: pytest.MonkeyPatch, flag: i
 
 
 def test_daqp_ends_at_its_limit_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(daqp_solver._SETTINGS, "iter_limit", 50)
+    monkeypatch.setattr(daqp_solver, "_ITERATIONS", (50, 0))
     assert solver_named("daqp").solve(long_program()).status is SolverStatus.FAILED
 
 

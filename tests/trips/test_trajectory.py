@@ -17,8 +17,8 @@ pytestmark = pytest.mark.numerics
 BREAKS = (0.0, 0.1, 0.19, 0.4, 0.55, 0.8, 1.0)
 
 
-def space(acceleration_degree: int = 0, path_degree: int = 3, start_speed: float = 1.0) -> TripSpace:
-    return TripSpace(StraightGuide(20.0), start_speed, path_degree, 10, acceleration_degree, BREAKS)
+def space(acceleration_degree: int = 0, path_degree: int = 3, start_speed: float = 1.0, spans: int = 10) -> TripSpace:
+    return TripSpace(StraightGuide(20.0), start_speed, path_degree, spans, acceleration_degree, BREAKS)
 
 
 def random_trip(trips: TripSpace, seed: int = 0) -> Trajectory:
@@ -161,8 +161,9 @@ def test_a_standing_vehicle_has_some_time_for_its_distance() -> None:
     assert np.all((sigma > 0.18) & (sigma < 0.41))
 
 
-def test_gradients_of_the_arc_length_agree_with_differences() -> None:
-    trips = space()
+@pytest.mark.parametrize("spans", [10, 30], ids=["few-cells", "many-cells"])
+def test_gradients_of_the_arc_length_agree_with_differences(spans: int) -> None:
+    trips = space(spans=spans)
     trip = random_trip(trips)
     parameters = np.array([0.0, 0.1, 0.333, 0.77, 1.0])
     gradient = trip.path.arc_length_gradient(parameters)
