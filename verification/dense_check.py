@@ -11,8 +11,9 @@ What the differences can and cannot see
   so this is at most the exact mean speed over that time: an exact trip is never refused for rounding up. It falls
   short by a share of (turn between samples)^2 / 24, below 1e-9 at 5 rad/s.
 - **Acceleration along the path** is the difference of two such speeds about 4 ms apart: a weighted mean of
-  the exact acceleration over 5 ms, plus less than 1e-4 m/s2 from the chords: samples are added until what they
-  fall short by cannot be more. A jump is seen as a ramp, never as more than it is.
+  the exact acceleration over 5 ms, less what the chords may fall short by in the slower of the two: below 1e-4 m/s2, as
+  samples are added until it is, unless that takes over sixteen times as many. A jump is seen as a ramp, never as more
+  than it is.
 - **Curvature** is the turn between two neighbouring chords of about 3 mm by their mean length: a weighted
   mean over 6 mm. Chords are chosen by length, not by time, so that it stays sharp where the vehicle creeps
   or stops. A corner of angle phi, also one taken at standstill, shows as about phi / 3 mm.
@@ -45,11 +46,11 @@ from numpy.typing import ArrayLike
 from verification.arrivals import first_acceleration, goal_conditions
 from verification.differences import (
     ACCELERATION_WINDOW,
-    REVERSAL_LENGTH,
     Array,
     PositionFunction,
     ends,
     motion_limits,
+    shortfalls,
 )
 from verification.distances import clearances
 from verification.findings import DenseReport, Finding, Tolerances
@@ -135,19 +136,8 @@ def _sampled(position: PositionFunction, start_time: float, arrival_time: float,
 
 
 def _refinement(times: Array, positions: Array, allowed: Tolerances) -> int:
-    """How many times as many samples it takes for chords to fall short of their arcs by little enough.
-
-    A chord of speed v that turns by phi is short by v phi^2 / 24 of speed, and that is differenced.
-    """
-    chords = np.diff(positions, axis=0)
-    lengths = np.linalg.norm(chords, axis=1)
-    chords, lengths = chords[lengths > REVERSAL_LENGTH], lengths[lengths > REVERSAL_LENGTH]
-    if len(lengths) < 2:
-        return 1
-    headings = np.arctan2(chords[:, 1], chords[:, 0])
-    turns = np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi
-    step = float(times[1] - times[0])
-    short = float((np.maximum(lengths[1:], lengths[:-1]) / step * turns**2).max()) / 24.0
+    """How many times as many samples it takes for chords to fall short of their arcs by little enough."""
+    short = float(shortfalls(positions, float(times[1] - times[0])).max())
     ratio = short / (CHORD_SHARE * allowed.acceleration * ACCELERATION_WINDOW)
     return math.ceil(math.sqrt(min(ratio, 1.0 / np.finfo(float).eps)))
 

@@ -152,6 +152,24 @@ def points_by_length(positions: Array) -> NDArray[np.intp]:
     return np.unique(np.clip(chosen, 0, positions.shape[0] - 1))
 
 
+def shortfalls(positions: Array, step: float) -> Array:
+    """How much slower than a vehicle each chord between positions, (n, 2) m every step s, may be by its turn, (n - 1,).
+
+    A chord of speed v that turns by phi is short by v phi^2 / 24 of speed; one that hardly is one turns nowhere.
+    """
+    chords = np.diff(positions, axis=0)
+    lengths = np.linalg.norm(chords, axis=1)
+    short = np.zeros(len(lengths))
+    real = np.flatnonzero(lengths > REVERSAL_LENGTH)
+    if len(real) < 2:
+        return short
+    headings = np.arctan2(chords[real, 1], chords[real, 0])
+    turns = np.abs(np.remainder(np.diff(headings) + np.pi, 2.0 * np.pi) - np.pi)
+    turns = np.maximum(np.append(turns, 0.0), np.append(0.0, turns))
+    short[real] = lengths[real] / step * turns**2 / 24.0
+    return short
+
+
 def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allowed: Tolerances) -> list[Finding]:
     """Compare what the vehicle does with what it can, from positions (n, 2) m at equidistant times (n,) s."""
     vehicle = data["vehicle"]
@@ -175,8 +193,13 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
 
     rates = (speeds[apart:] - speeds[:-apart]) / (apart * step)
     between = (middles[apart:] + middles[:-apart]) / 2.0
-    at_most("acceleration", rates, float(vehicle["max_acceleration"]), allowed.acceleration, between)
-    at_most("deceleration", -rates, float(vehicle["max_deceleration"]), allowed.acceleration, between)
+    # The slower of two speeds may only seem so: it is that of chords, which turns make shorter than their arcs.
+    slow = shortfalls(positions, step)
+    summed = np.concatenate([[0.0], np.cumsum(slow)])
+    seeming = (summed[width:] - summed[:-width]) / (width * apart * step)
+    gaining, losing = rates - seeming[:-apart], -rates - seeming[apart:]
+    at_most("acceleration", gaining, float(vehicle["max_acceleration"]), allowed.acceleration, between)
+    at_most("deceleration", losing, float(vehicle["max_deceleration"]), allowed.acceleration, between)
     if vehicle.get("max_jerk") is not None:
         far = max(1, round(RATE_WINDOW / step))
         jerks = np.abs(rates[far:] - rates[:-far]) / (far * step)

@@ -102,7 +102,8 @@ class Report:
         if outcome.fault is None:
             return
         file = self.folder / f"{kind}-{seed}.json"
-        told = {"fault": outcome.fault, "detail": outcome.detail, "case": asdict(make(kind, seed, self.plan_time))}
+        case = asdict(make(kind, seed, self.plan_time))
+        told = {"fault": outcome.fault, "detail": outcome.detail, "case": case, "plan": outcome.plan}
         common.write_text(file, json.dumps(told, indent=1) + "\n")
         last = outcome.detail.strip().splitlines()[-1:] or [""]
         common.say(f"{kind} {seed}: {outcome.fault}: {last[0]}")

@@ -106,6 +106,8 @@ class Outcome:
         Warnings of numpy on the way.
     checked : int
         Certified plans that the dense check looked at.
+    plan : dict or None
+        The one that was refused: how far a search gets in its time is hardly ever the same again.
     """
 
     result: str
@@ -113,6 +115,7 @@ class Outcome:
     detail: str = ""
     warned: tuple[str, ...] = field(default=())
     checked: int = 0
+    plan: Data | None = None
 
 
 def make(kind: Kind, seed: int, plan_time: float = PLAN_TIME) -> Case:
@@ -209,7 +212,7 @@ def _checked(drawn: Wild, scenario: sp.Scenario, plan: sp.Plan) -> Outcome:
     )
     if report.ok:
         return Outcome("certified", checked=1)
-    return Outcome("certified", Fault.REFUSED, str(report), checked=1)
+    return Outcome("certified", Fault.REFUSED, str(report), checked=1, plan=plan.to_dict())
 
 
 def regions(scenario: sp.Scenario, until: float) -> dict[str, float]:

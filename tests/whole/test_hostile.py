@@ -121,6 +121,7 @@ def test_a_plan_that_is_wrongly_certified_is_found(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(sp, "plan", lambda *_, **__: plan)
     outcome = cases._try_wild(Case(Kind.WILD, 0, {"data": drawn.data, "length": drawn.length, "time": drawn.time}))
     assert outcome.fault is Fault.REFUSED and "clearance (d)" in outcome.detail
+    assert outcome.plan == plan.to_dict()
 
 
 @pytest.mark.parametrize("kind", Kind)
@@ -207,7 +208,7 @@ def test_the_command_writes_findings_and_what_it_came_to(
         for kind, seed in jobs:
             outcome = carry_out(make(kind, seed))
             if kind is Kind.PLAN and seed == 6:
-                outcome = replace(outcome, fault=Fault.HANG, detail="11 s")
+                outcome = replace(outcome, fault=Fault.HANG, detail="11 s", plan={"name": "that one"})
             yield kind, seed, outcome
 
     monkeypatch.setattr(command, "tried", tried)
@@ -215,6 +216,7 @@ def test_the_command_writes_findings_and_what_it_came_to(
     assert command.main([*asked, "--seed", "6"]) == 1
     told = json.loads((tmp_path / "plan-6.json").read_text())
     assert told["case"] == {"kind": "plan", "seed": 6, "data": make(Kind.PLAN, 6).data, "plan_time": 0.5}
+    assert told["plan"] == {"name": "that one"}
     assert (tmp_path / "findings.csv").read_text().splitlines()[1] == "plan,6,hang,11 s,plan-6.json"
     assert "| plan |     2 |" in capsys.readouterr().out
     assert command.main([*asked, "--seed", "50"]) == 0
