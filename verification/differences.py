@@ -194,12 +194,10 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
     rates = (speeds[apart:] - speeds[:-apart]) / (apart * step)
     between = (middles[apart:] + middles[:-apart]) / 2.0
     # The slower of two speeds may only seem so: it is that of chords, which turns make shorter than their arcs.
-    slow = shortfalls(positions, step)
-    summed = np.concatenate([[0.0], np.cumsum(slow)])
+    summed = np.concatenate([[0.0], np.cumsum(shortfalls(positions, step))])
     seeming = (summed[width:] - summed[:-width]) / (width * apart * step)
-    gaining, losing = rates - seeming[:-apart], -rates - seeming[apart:]
-    at_most("acceleration", gaining, float(vehicle["max_acceleration"]), allowed.acceleration, between)
-    at_most("deceleration", losing, float(vehicle["max_deceleration"]), allowed.acceleration, between)
+    for name, gained in (("acceleration", rates - seeming[:-apart]), ("deceleration", -rates - seeming[apart:])):
+        at_most(name, gained, float(vehicle[f"max_{name}"]), allowed.acceleration, between)
     if vehicle.get("max_jerk") is not None:
         far = max(1, round(RATE_WINDOW / step))
         jerks = np.abs(rates[far:] - rates[:-far]) / (far * step)
