@@ -83,6 +83,11 @@ def linearise_trips(
     batch = TripBatch.of(bases, problem.samples)
     bundle, points = batch.bundle, batch.points
     sites = [base.sites for base in bases]
+    # Trip by trip: limits of the same trip share what they look at.
+    optional = [
+        [_optional_rows(problem, limit, number, k, base) for number, limit in enumerate(problem.optional)]
+        for k, base in enumerate(bases)
+    ]
     rows = Rows.stack(
         [
             clearance_rows(problem, bundle, _clearance_sites(problem, bases, points, near)),
@@ -90,10 +95,7 @@ def linearise_trips(
             curvature_rows(problem, sites, zones.size + Limit.CURVATURE),
             box_rows(problem, stacked([base.box_gaps for base in bases]), zones.size + Limit.WORKSPACE_BOUNDS, near),
             goal_speed_rows(problem, bundle, zones.size + Limit.GOAL_SPEED),
-            *[
-                Rows.joined([_optional_rows(problem, limit, number, k, base) for k, base in enumerate(bases)])
-                for number, limit in enumerate(problem.optional)
-            ],
+            *[Rows.joined(list(of_trips)) for of_trips in zip(*optional, strict=True)],
         ]
     )
     return rows.shares((_usable(problem, rows, trusts) >= rows.gap).nonzero()[0], len(bases))

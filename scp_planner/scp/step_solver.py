@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+from scp_planner.solvers.working_rows import solved_with_few_rows
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,10 @@ class StepSolver:
         -------
         Solution or None
         """
-        solution = self.solver.solve(self._limited(program, deadline))
+        solution = solved_with_few_rows(self._limited(program, deadline), self.solver.solve)
         if solution.status is SolverStatus.FAILED and self.fallback is not None and perf_counter() < deadline:
-            solution = solver_named(self.fallback).solve(self._limited(program, deadline))
+            other = solver_named(self.fallback)
+            solution = solved_with_few_rows(self._limited(program, deadline), other.solve)
         return solution if solution.status is SolverStatus.OPTIMAL else None
 
     def _limited(self, program: QuadraticProgram, deadline: float) -> QuadraticProgram:

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from slopes import assert_rows, differences, moved, problem_and_trip
+from scenes import disc, scene
+from slopes import assert_rows, differences, moved, problem_and_trip, trip_near_the_guide
 
+from scp_planner import zones
+from scp_planner.problem.build import build_problem
+from scp_planner.problem.limits.discs import Discs
 from scp_planner.scp.bend_sites import bend_sites, station_sites
-from scp_planner.scp.evaluation import box_gaps, evaluate_trip
-from scp_planner.scp.linearisation import TrustRegion, linearise, rows_within
+from scp_planner.scp.evaluation import box_gaps, evaluate_trip, evaluate_trips
+from scp_planner.scp.linearisation import TrustRegion, linearise, linearise_trips, rows_within
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import STILL, curvature_rows, lateral_rows
 from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import KinematicRows
+from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
@@ -173,3 +179,24 @@ def test_a_straight_path_is_kept_from_bending_too_much_in_one_step() -> None:
         worst = float(np.abs(use @ z).max()) - 1.0
         assert worst > 0.0, "the step is to bend too much"
         assert float((rows.matrix @ z - rows.gap).max()) >= worst - 1e-3
+
+
+def test_discs_of_a_trip_are_looked_at_together_however_many_trips_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = scene(disc("a", (8.0, 0.6)), disc("b", (12.0, -0.8)), vehicle={"radius": 0.2, "discs": [-0.4, 0.0, 0.4]})
+    problem = build_problem(long, zones(long), Settings())
+    bases = evaluate_trips(problem, [trip_near_the_guide(problem, seed) for seed in range(3)], NEAR)
+    trust = TrustRegion(1.0, 3.0, 0.3)
+    alone = [linearise(problem, base, trust, NEAR) for base in bases]
+    looked: list[int] = []
+    gradient = Discs._gradient
+
+    def told(discs: Discs, trajectory: Trajectory, index: Array) -> Array:
+        looked.append(len(index))
+        return gradient(discs, trajectory, index)
+
+    monkeypatch.setattr(Discs, "_gradient", told)
+    together = linearise_trips(problem, bases, [trust] * 3, NEAR)
+    assert len(looked) == 3
+    for one, other in zip(together, alone, strict=True):
+        np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-12)
+        np.testing.assert_array_equal(one.key, other.key)

@@ -1,0 +1,98 @@
+"""Programs of very many rows, of which few matter: solved with those that may, until no other is violated.
+
+The answer is that of the whole program: what is best among fewer rows, and violates none of the others, is best of all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scp_planner.arrays import Array
+from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.preparation import given_up
+
+MANY = 3  # rows to a variable, from which on they are not all looked at
+WORTH = 4_000_000  # products of a program's rows, from which on choosing among them takes less than what it saves
+FIRST, MORE = 2, 1  # to a variable: rows that are looked at first, and of the violated ones that are added at once
+ROUNDS = 10  # after which all rows are taken
+TOLERANCE = 1e-9  # of a row, as solvers keep it
+
+
+def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticProgram], Solution]) -> Solution:
+    """Solve a program, with few of its rows where there are very many.
+
+    Parameters
+    ----------
+    program : QuadraticProgram
+    solve : callable
+        Of a solver.
+
+    Returns
+    -------
+    Solution
+        With the multipliers of all rows.
+    """
+    rows, size = program.matrix.shape
+    boxed = np.isfinite(program.lower).all() and np.isfinite(program.upper).all()
+    if rows <= MANY * size or rows * size**2 < WORTH or not boxed:
+        return solve(program)
+    until, active = perf_counter() + program.time_limit, program.active
+    kept = _first_rows(program)
+    for _ in range(ROUNDS):
+        left = until - perf_counter()
+        if left <= 0.0:
+            return given_up(program)
+        chosen = np.flatnonzero(kept)
+        found = solve(_with_rows(program, chosen, active, left))
+        if found.status is SolverStatus.INFEASIBLE:
+            return replace(given_up(program), status=found.status)
+        if found.status is not SolverStatus.OPTIMAL:
+            break
+        solution = _of_all_rows(program, chosen, found)
+        over = program.matrix @ found.x - program.bound
+        over[kept] = 0.0
+        violated = int((over > TOLERANCE).sum())
+        if not violated:
+            return solution
+        kept[_largest(over, min(violated, MORE * size))] = True
+        active = np.sign(solution.multipliers).astype(np.int8)
+    return solve(replace(program, time_limit=max(until - perf_counter(), 0.0)))
+
+
+def _first_rows(program: QuadraticProgram) -> NDArray[np.bool_]:
+    """Rows that hold with equality, that are taken as active at first, and that the least share of a step meets."""
+    rows, size = program.matrix.shape
+    middle, half = 0.5 * (program.upper + program.lower), 0.5 * (program.upper - program.lower)
+    most = program.matrix @ middle + np.abs(program.matrix) @ half  # of each row within the bounds
+    share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
+    kept = np.zeros(rows, dtype=bool)
+    kept[_largest(-share, FIRST * size)] = True
+    kept[: program.equalities] = True
+    if program.active is not None:
+        kept |= program.active[size:] != 0
+    return kept
+
+
+def _largest(values: Array, count: int) -> NDArray[np.intp]:
+    return np.argpartition(values, len(values) - count)[len(values) - count :]
+
+
+def _with_rows(
+    program: QuadraticProgram, chosen: NDArray[np.intp], active: NDArray[np.int8] | None, time_limit: float
+) -> QuadraticProgram:
+    size = len(program.gradient)
+    guess = None if active is None else np.concatenate([active[:size], active[size + chosen]])
+    matrix, bound = np.ascontiguousarray(program.matrix[chosen]), program.bound[chosen]
+    return replace(program, matrix=matrix, bound=bound, active=guess, time_limit=time_limit)
+
+
+def _of_all_rows(program: QuadraticProgram, chosen: NDArray[np.intp], found: Solution) -> Solution:
+    size = len(program.gradient)
+    multipliers = np.zeros(size + len(program.bound))
+    multipliers[:size], multipliers[size + chosen] = found.multipliers[:size], found.multipliers[size:]
+    return replace(found, multipliers=multipliers)
