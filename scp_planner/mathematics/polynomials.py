@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import groupby
 from math import comb
 
 import numpy as np
@@ -40,13 +41,18 @@ class PiecewisePolynomials:
         """Return all polynomials of several batches as one."""
         if not items:
             return cls(np.zeros((0, 2)), np.zeros((0, 1, 1, width)))
-        shapes = {item.coefficients.shape[1:] for item in items}
-        if len(shapes) == 1:
-            # np.concatenate of a thousand small arrays costs less than padding them one by one
-            return cls(
-                np.concatenate([item.breakpoints for item in items]),
-                np.concatenate([item.coefficients for item in items]),
+        # np.concatenate of a thousand small arrays costs less than padding them one by one
+        alike = [list(some) for _, some in groupby(items, key=lambda item: item.coefficients.shape[1:])]
+        items = [
+            some[0]
+            if len(some) == 1
+            else cls(
+                np.concatenate([one.breakpoints for one in some]), np.concatenate([one.coefficients for one in some])
             )
+            for some in alike
+        ]
+        if len(items) == 1:
+            return items[0]
         pieces = max(item.coefficients.shape[1] for item in items)
         powers = max(item.coefficients.shape[2] for item in items)
         breakpoints, coefficients = [], []
@@ -209,21 +215,20 @@ class PiecewisePolynomials:
         piece, elapsed = self.locate(index, times)
         return expanded(self.coefficients[index, piece], elapsed)
 
-    def size_bounds(self, times: Array, first: float, last: float) -> Array:
-        """Bounds of the sizes of all polynomials on intervals of time that have no breakpoints inside.
+    def size_bounds(self, first: float, last: float) -> Array:
+        """Bounds of the sizes of all polynomials on each of their pieces, as far as it is in a span of time.
 
         For symmetric matrices (xx, xy, yy) they bound the norm.
 
         Parameters
         ----------
-        times : (n,) array
-            Middles of the intervals, s.
         first, last : float
-            All intervals are between these, s.
+            s.
 
         Returns
         -------
-        (n, L) array, or (1, L) where it is the same for all times.
+        (L, S) array
+            See :meth:`of_pieces`.
         """
         count, pieces, order, width = self.coefficients.shape
         if pieces == 1:
@@ -247,11 +252,19 @@ class PiecewisePolynomials:
         for power in range(order - 2, -1, -1):
             bound *= radius
             bound += sizes[:, power]
+        return bound.reshape(count, pieces)
+
+    def of_pieces(self, values: Array, times: Array) -> Array:
+        """Return what holds at times, (n,) s, of values of all pieces, (L, S): (n, L), or (1, L) of single pieces."""
+        count, pieces = values.shape
         if pieces == 1:
-            return bound[None]
-        piece = (times[:, None, None] >= self.breakpoints[:, 1:-1]).sum(axis=2)
-        result: Array = bound.reshape(count, pieces)[np.arange(count), piece]
-        return result
+            return values.T
+        if self._common:
+            found: Array = values[:, self.breakpoints[0, 1:-1].searchsorted(times, "right")].T
+            return found
+        every = np.tile(np.arange(count), len(times))
+        piece, _ = self.locate(every, np.repeat(times, count))
+        return values[every, piece].reshape(len(times), count)
 
     def locate(self, index: Index, times: Array) -> tuple[Index, Array]:
         """Piece and time since its left end, of chosen polynomials at their times."""
@@ -262,10 +275,21 @@ class PiecewisePolynomials:
             piece = breaks[1:-1].searchsorted(times, "right")
             return piece, times - breaks[piece]
         if self._pieces is None:
-            piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
+            piece = self._bisected(index, times)
         else:
             piece = self._pieces[index, self._instants.searchsorted(times, "right")]
         return piece, times - self.breakpoints[index, piece]
+
+    def _bisected(self, index: Index, times: Array) -> Index:
+        """Piece of chosen polynomials at their times, by halves: comparing with all breakpoints takes much memory."""
+        first = np.zeros(len(times), dtype=np.intp)
+        beyond = np.full(len(times), self.coefficients.shape[1], dtype=np.intp)
+        for _ in range(self.coefficients.shape[1].bit_length()):
+            middle = (first + beyond) // 2
+            begun = self.breakpoints[index, middle] <= times
+            begun |= middle == 0  # the first piece is that of earlier times, too
+            first, beyond = np.where(begun, middle, first), np.where(begun, beyond, middle)
+        return first
 
 
 def expanded(coefficients: Array, shift: Array) -> Array:

@@ -10,7 +10,7 @@ import functools
 import itertools
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from scp_planner.errors import MISSING
@@ -236,12 +236,15 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
         return  # that is a fault of its own
     # In the units in which it is planned: then this is done.
     units, radius = units_of(scenario), scenario.vehicle.radius
-    walls = corridor.known_outside(units.lines(polygons))
+    inside, begin = units.lines(polygons), units.place(scenario.start.position)
+    corridor.known_outlines(inside, begin)
+    corridor.known_way(inside, begin, units.place(scenario.goal.position))
+    walls = corridor.known_outside(inside)
     for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
         position = getattr(scenario, place).position
         discs = _disc_centres(getattr(scenario, place), scenario)
-        inside = [units.place(centre) for centre in discs]
-        room = units.length * min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in inside)
+        centres = [units.place(centre) for centre in discs]
+        room = units.length * min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in centres)
         in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
         if in_it and room < radius - reach:
             text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"
@@ -335,7 +338,8 @@ def start_is_free(scenario: Any) -> Iterator[Objection]:
         if shape is None or not _is_exact(motion):
             continue  # observed, or faulty, or a prediction
         try:
-            seen_from = _from_centre if _known(motion, "time") is None else _seen_from_course(shape)
+            on_course = _known(motion, "time") is not None
+            seen_from = functools.partial(_from_course, _length(shape)) if on_course else _from_centre
             distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
         except Unknown:
             continue
@@ -464,13 +468,8 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
     return (x, y), math.atan2(vy, vx)
 
 
-def _seen_from_course(shape: Any) -> Callable[[planar.Point, Any, float], tuple[planar.Point, float]]:
-    """See points from the centre of a shape on a course."""
-    return functools.partial(_from_course, _length(shape))
-
-
 def _length(shape: Any) -> float:
-    """How long a shape is that heads along its motion, m; 0 for others."""
+    """How long a shape is that heads along its motion, m; 0 for others: which way they head makes no difference."""
     if hasattr(shape, "rectangle"):
         return math.hypot(*shape.rectangle)
     return 2.0 * max(shape.ellipse) if hasattr(shape, "ellipse") else 0.0
@@ -484,9 +483,10 @@ def _from_course(length: float, point: planar.Point, course: Any, time: float) -
 
     if any(True for rule in (times_increase, one_position_a_time) for _ in rule(course)):
         raise Unknown("time")
-    centre = course_polynomials(course.time, course.position)
-    now = np.array([time])
-    if course.heading is not None:
+    centre, now = course_polynomials(course.time, course.position), np.array([time])
+    if length == 0.0:
+        pointing = centre  # it is the same in all directions, or does not turn
+    elif course.heading is not None:
         if any(True for _ in headings_turn_slowly(course)):
             raise Unknown("heading")
         from scp_planner.mathematics.courses import course_pointing
