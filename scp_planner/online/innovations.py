@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Reals
 from scp_planner.settings.online import RARE
 
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -51,7 +51,7 @@ def cut(innovations: Array) -> Array:
     return np.stack([share * x, share * y, within])
 
 
-def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) -> Array:
+def windows_of(x: Reals, y: Reals, squares: Reals, probability: float = RARE) -> Reals:
     """How improbable the newest innovations are, window by window.
 
     Parameters
@@ -69,13 +69,13 @@ def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) ->
     return larger_of(trends_of(x, y), squares, probability)
 
 
-def larger_of(trends: Array, squares: Array, probability: float) -> Array:
+def larger_of(trends: Reals, squares: Reals, probability: float) -> Reals:
     """What `windows_of` gives, of trends that are known (..., windows, n)."""
-    sizes: Array = _members(squares.dtype, probability) @ squares
+    sizes: Reals = _members(squares.dtype, probability) @ squares
     return np.maximum(sizes, trends / (-2.0 * np.log(probability)), out=sizes)
 
 
-def trends_of(x: Array, y: Array) -> Array:
+def trends_of(x: Reals, y: Reals) -> Reals:
     """Squared trends of the newest innovations, window by window: (..., windows, n), chi-square with 2 degrees."""
     weights = _weights(x.dtype).T
     trends, others = weights @ x, weights @ y

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, Reals
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
 from scp_planner.online.innovations import WINDOWS, cut, larger_of, trends_of, windows_of
@@ -45,6 +46,7 @@ _RINGS = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks")
 
 
 _States = TypeVar("_States", FilterStates, SwingStates)
+_Reals = TypeVar("_Reals", Array, NDArray[np.float32])
 Where = Index | slice
 """Some slots."""
 
@@ -210,13 +212,11 @@ class Bank:
         self.last[where] = times
         place = _Places.of(where, before % _RING)
         seen = np.stack([times, positions[:, 0], positions[:, 1]])
-        place.put(self._looks, seen)
-        place.put(self._looks[:, _RING:], seen)
+        place.put_twice(self._looks, seen)
         place.put(self._innovations, innovations)
         looked_at = cut(innovations)
-        for rings, part in ((self._cut, looked_at[:, 0]), (self._filters_cut, looked_at[:, 1:])):
-            place.put(rings, part)
-            place.put(rings[..., _RING:, :], part)
+        place.put_twice(self._cut, looked_at[:, 0])
+        place.put_twice(self._filters_cut, looked_at[:, 1:])
         _Places.of(where, before % EVIDENCE).put(self._evidence, evidence)
         self.count[where] += 1
         self._notice(where, slots)
@@ -475,7 +475,12 @@ class _Places:
         """Put values (..., n) at these places of rings (..., ring, K)."""
         rings[..., self.place, self.where] = values
 
-    def rows(self, rings: Array) -> Array:
+    def put_twice(self, rings: Reals, values: Array) -> None:
+        """The same for double rings (..., 2 ring, K)."""
+        rings[..., self.place, self.where] = values
+        rings[..., self.place + _RING, self.where] = values
+
+    def rows(self, rings: _Reals) -> _Reals:
         """What is in double rings (..., 2 ring, K) from these places on, (..., ring, n)."""
         if isinstance(self.place, int):
             return rings[..., self.place : self.place + _RING, self.where]

@@ -24,6 +24,6 @@ def test_innovations_are_cut_along_their_direction() -> None:
 
 def test_windows_say_the_same_with_half_of_the_digits() -> None:
     seen = cut(2.0 * np.random.default_rng(7).standard_normal((2, 5, WINDOWS[-1], 40)))
-    whole, half = windows_of(*seen, 1e-6), windows_of(*seen.astype(np.float32), 1e-6)
+    whole, half = windows_of(*seen), windows_of(*seen.astype(np.float32))
     assert half.dtype == np.float32
     assert np.abs(half - whole).max() < 1e-5 * whole.max()
