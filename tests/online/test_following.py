@@ -33,11 +33,11 @@ def room_left(scenario: Scenario, plan: Plan, since: float, tube: TrackingTube) 
     off = tube.standing + tube.per_speed * speed + tube.per_lateral * speed**2 * np.abs(curvature)
     least = np.inf
     for obstacle in scenario.obstacles:
-        motion = obstacle.motion
-        assert isinstance(motion, sp.Motion)
+        motion, shape = obstacle.motion, obstacle.shape
+        assert isinstance(motion, sp.Motion) and isinstance(shape, sp.Disc)
         center = np.add(motion.position, times[:, None] * np.array(motion.velocity))
         center += 0.5 * times[:, None] ** 2 * np.array(motion.acceleration)
-        away = np.linalg.norm(plan.position(times) - center, axis=1) - scenario.vehicle.radius - obstacle.shape.disc
+        away = np.linalg.norm(plan.position(times) - center, axis=1) - scenario.vehicle.radius - shape.disc
         least = min(least, float((away - off).min()))
     return least
 
