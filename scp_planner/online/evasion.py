@@ -20,6 +20,7 @@ from scp_planner.online.braking import braking_of
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.dodge_odds import STEADY, odds, odds_of_stop
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
+from scp_planner.online.dodge_worth import a_moment
 from scp_planner.online.dodges import BORDER, Dodges
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
@@ -123,9 +124,9 @@ class Evasion:
         return self._still_good(now) or self._first_safe(now, now.moment, view.dodges, view.seen, view.seen.worth)
 
     def least_harmful(self, now: Replan) -> Dodge:
-        """Return what does best where nothing is safe: it keeps clear of most of what is not known."""
+        """Return what does best where nothing is safe, see `_ranks`."""
         view = self._looked(now)
-        return self._made(now.moment, view.dodges, view.seen, int(np.lexsort((view.seen.worth, self._odds(now)))[-1]))
+        return self._made(now.moment, view.dodges, view.seen, int(np.lexsort((view.seen.worth, self._ranks(now)))[-1]))
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where no new dodge does better; None where one does.
@@ -146,8 +147,9 @@ class Evasion:
         if view.begun is None or view.going_on is None:
             return None
         found = self._gone_on_with(now.moment, view.going_on, view.begun)
-        better = view.going_on.worth[0] < view.seen.worth.max() if found.safe else self._evades_better(now, view.begun)
-        return None if better else found
+        if found.safe or not self._stands_soon(now):
+            return found if view.going_on.worth[0] >= view.seen.worth.max() else None
+        return None if self._evades_better(now, view.begun) else found
 
     def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
         """What was begun, if it is certified, worth nearly as much as all new that is clear, and more than least, m.
@@ -225,8 +227,17 @@ class Evasion:
                 return going_on
         seen = self.outlooks.of(moment, view.dodges)
         now.lap("evasion")
-        # Of those the one that keeps clear of most of the whole zones: it is no time to gain way.
-        return self._first_safe(now, moment, view.dodges, seen, self._odds(now))
+        # Of those the one that does least harm in whole zones: it is no time to gain way.
+        return self._first_safe(now, moment, view.dodges, seen, self._ranks(now))
+
+    def _stands_soon(self, now: Replan) -> bool:
+        """Whether the vehicle may stand within a moment, among zones that hardly grow then."""
+        vehicle = now.moment.scenario.vehicle
+        return braking_of(vehicle).time(now.moment.state.speed) <= a_moment(vehicle)
+
+    def _ranks(self, now: Replan) -> Array:
+        """What speaks for each dodge where nothing is safe: its worth, or its odds where it could as well stand."""
+        return self._odds(now) if self._stands_soon(now) else self._looked(now).seen.worth
 
     def _odds(self, now: Replan) -> Array:
         """Of the dodges of a moment, see `odds`."""
@@ -237,7 +248,9 @@ class Evasion:
         return view.odds
 
     def _evades_better(self, now: Replan, begun: Stop) -> bool:
-        """Whether any dodge does clearly better than what was begun, where neither is safe."""
+        """Whether any dodge does clearly better than what was begun, where neither is safe and it may stand soon."""
+        if not self._stands_soon(now):
+            return False
         odds_now = odds_of_stop(now.moment, begun, self._looked(now).dodges.times)
         return bool(odds_now + STEADY < self._odds(now).max())
 
