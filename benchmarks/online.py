@@ -6,6 +6,7 @@
     python -m benchmarks.online crowds      through recorded crowds, beside two simpler ways to drive
     python -m benchmarks.online noticing    obstacles and sensors that are not what they are taken for
     python -m benchmarks.online regions     how often the truth is in its region, among them and in recordings
+    python -m benchmarks.online answers     how soon a change of acceleration is answered, beside the best of all tests
     python -m benchmarks.online faults      solvers that fail, observations that vanish, jump, come late or twice
 
 Each writes a CSV file, a row a run, as it goes on; called again it goes on from there. ``--fresh`` begins anew.
@@ -32,7 +33,7 @@ from typing import Any
 import numpy as np
 
 import scp_planner as sp
-from benchmarks import families, online_crowds, online_noticing, online_regions
+from benchmarks import families, online_answers, online_crowds, online_noticing, online_regions
 from benchmarks.facts import facts_of
 from benchmarks.online_faults import injected_run
 from scp_planner.online.planner import Planner
@@ -384,23 +385,36 @@ def regions(options: argparse.Namespace) -> int:
 
 
 def region_table(rows: Sequence[Row]) -> str:
-    """Coverage of the truth and of what is seen, in %, and radius in m, by family, way and lead time."""
+    """Coverage of the truth, between bounds, and of what is seen, in %, and radius in m, by family and lead time."""
     leads = online_regions.LEADS
     table = []
     for row in rows:
         cells = []
         for lead in leads:
             number, held, met, area = (float(row[f"{what}_{lead:g}"]) for what in ("number", "held", "met", "area"))
-            shares = f"{100.0 * held / number:.1f} / {100.0 * met / number:.1f} %"
+            low, high = (100.0 * float(row[f"{what}_{lead:g}"]) for what in ("low", "high"))
+            shares = f"{100.0 * held / number:.1f} ({low:.0f} to {high:.0f}) / {100.0 * met / number:.1f} %"
             cells.append(f"{shares}, {np.sqrt(area / number):.2f} m")
         table.append([row["family"], row["regions"], *cells])
     return common.table(["family", "regions", "next", *(f"{lead:g} s" for lead in leads[1:])], table)
 
 
+def answers(options: argparse.Namespace) -> int:
+    """How soon a change of acceleration of 0.5 m/s2 is answered, beside the best that any test can do."""
+    headings = ["looks after it", "answered, %", "false answers, %", "best of all tests, %", "held 1 s ahead, %"]
+    found = online_answers.answers(range(options.seed, options.seed + options.count))
+    table = [
+        [one.looks, *(common.number(100.0 * v, 1) for v in (one.answered, one.false, one.best, one.held))]
+        for one in found
+    ]
+    sys.stdout.write(common.table(headings, table) + "\n")
+    return 0
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 12, faults: 500}
+    counts = {replan: 2000, loops: 1000, levels: 200, crowds: 200, noticing: 100, regions: 12, answers: 25, faults: 500}
     for command, count in counts.items():
         sub = commands.add_parser(command.__name__, help=(command.__doc__ or "").splitlines()[0].replace("%", "%%"))
         sub.set_defaults(run=command)

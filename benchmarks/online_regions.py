@@ -38,6 +38,7 @@ STEP = 0.1  # s between observations, at least
 RECORDED_NOISE = 0.1  # m, added to recorded positions
 LONGEST = 400.0  # s of a recording
 PAUSE = 3.0  # s from one recorded scene to the next
+SIGMAS = 1.96  # of bounds that hold with a probability of 95 %
 LOST = 2.5  # steps after which one that is not seen has gone
 
 
@@ -51,12 +52,16 @@ class Counted:
         Predictions; of these how many had the truth in their region, and how many what was seen of it in theirs.
     area : float
         Sum of the areas of their regions over pi, m2.
+    low, high : float
+        Between which the share that holds is, with a probability of 95 %, by how much obstacles differ; see `between`.
     """
 
     number: int = 0
     held: int = 0
     met: int = 0
     area: float = 0.0
+    low: float = 0.0
+    high: float = 1.0
 
 
 def known(regions: Regions) -> ObstacleTracks:
@@ -84,9 +89,9 @@ def predictions(
 
     Returns
     -------
-    list of (m, 9) arrays
+    list of (m, 10) arrays
         For each lead time: when a prediction was made, s; by how much what was seen and what was true is off, m; the
-        covariance of the region, over the border, and the variance of the noise, m2.
+        covariance of the region, over the border, and the variance of the noise, m2; the number of the obstacle.
     """
     names, places, step = list(seen), np.array(list(seen.values())), float(np.median(np.diff(times)))
     there = ~np.isnan(places).any(axis=2)
@@ -118,10 +123,10 @@ def predictions(
                     center, covariance = zone.center(at)[0], zone.covariance(at)[0][[0, 0, 1], [0, 1, 1]] / BORDER
                     offsets = places[row, due] - center, truth[row, due] - center
                     noise = track.noise_factor * online_noticing.NOISE**2
-                    rows[lead].append(np.array([time, *np.concatenate(offsets), *covariance, noise]))
+                    rows[lead].append(np.array([time, *np.concatenate(offsets), *covariance, noise, row]))
                     later[lead].append((row, due))
     kept = [[used[where] for where in each] for each in later]  # what was left out as an outlier says nothing
-    return [np.array(each).reshape(-1, 9)[np.array(keep, dtype=bool)] for each, keep in zip(rows, kept, strict=True)]
+    return [np.array(each).reshape(-1, 10)[np.array(keep, dtype=bool)] for each, keep in zip(rows, kept, strict=True)]
 
 
 def judged(rows: Array, since: float) -> Counted:
@@ -132,7 +137,34 @@ def judged(rows: Array, since: float) -> Counted:
     met = square_within(late[:, 1:3], regions + noise) <= BORDER
     xx, xy, yy = regions.T
     area = BORDER * np.sqrt(xx * yy - xy * xy)
-    return Counted(len(late), int(held.sum()), int(met.sum()), float(area.sum()))
+    low, high = between(held, late[:, 9])
+    return Counted(len(late), int(held.sum()), int(met.sum()), float(area.sum()), low, high)
+
+
+def between(held: Array, whose: Array) -> tuple[float, float]:
+    """Bounds of a share, with a probability of 95 %, of what depends on what else is of the same obstacle.
+
+    Wilson's, for as many independent predictions as would differ as much as obstacles do from each other (E. B. Wilson,
+    J. Amer. Statist. Assoc. 22 (1927); L. Kish, *Survey Sampling*, Wiley (1965)); where all hold, one of each obstacle.
+
+    Parameters
+    ----------
+    held : (n,) bool
+    whose : (n,)
+        Of which obstacle each is.
+
+    Returns
+    -------
+    tuple of float
+    """
+    names, number = np.unique(whose, return_inverse=True)
+    each, share, count = np.bincount(number), float(held.mean()), len(names)
+    off = np.bincount(number, held - share)
+    variance = float(off @ off) / len(held) ** 2 * count / max(count - 1, 1)
+    size = share * (1.0 - share) / variance if variance > 0.0 else float(len(each))
+    middle, root = share + 0.5 * SIGMAS**2 / size, math.sqrt(share * (1.0 - share) / size + (0.5 * SIGMAS / size) ** 2)
+    low, high = (max(0.0, min((middle + way * SIGMAS * root) / (1.0 + SIGMAS**2 / size), 1.0)) for way in (-1.0, 1.0))
+    return low, high
 
 
 def of_family(family: str, count: int, regions: Regions, first: int = 0) -> list[Array]:
@@ -154,6 +186,7 @@ def of_family(family: str, count: int, regions: Regions, first: int = 0) -> list
             seen[own] = course(times) + size[:, None] * noise.standard_normal((len(times), 2))
             courses[own] = _delayed(course, begin)
         for lead, rows in enumerate(predictions(tracks, courses, begin + times, seen, 2)):
+            rows[:, 9] += number * len(world)
             every[lead].append(rows)
     return [np.concatenate(each) for each in every]
 

@@ -63,6 +63,8 @@ NEWEST = 5_000
 """Errors of all tracks that quantiles are of, for each horizon."""
 STALE = 0.05
 """Share of them that may be new before they are sorted anew."""
+LEAST = 0.1
+"""The least size of a region: what noise that is declared too large explains tells nothing of where things are."""
 BEYOND = 2.0
 """Multiple of the largest squared error that is the quantile for a level of 1."""
 
@@ -268,7 +270,7 @@ class AdaptiveScales:
             return np.ones(len(rows))
         level = np.minimum(every, self._own[rows, kind, horizon] + SLACK * self.alpha)
         least, most = errors.quantiles(level * (1.0 + BAND)), errors.quantiles(level * (1.0 - BAND))
-        return np.asarray(np.minimum(np.maximum(least, 1.0), most))
+        return np.asarray(np.maximum(np.minimum(np.maximum(least, 1.0), most), LEAST))
 
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
         """Learn from errors of tracks over a horizon.

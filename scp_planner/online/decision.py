@@ -83,7 +83,7 @@ class Decision:
     def is_there(self, place: tuple[float, float]) -> bool:
         """Whether a position, (2,), is the goal: nearly there or within its radius, and the tracking error."""
         goal = self._means.given.goal
-        return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._means.online.tracking_error
+        return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._means.following.largest
 
     def answer(self, now: Replan) -> OnlinePlan:
         """Give the plan of one replan."""

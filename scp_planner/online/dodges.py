@@ -299,7 +299,9 @@ class Dodges:
             number -= family.size
         raise IndexError(f"there is no dodge {number}")
 
-    def room(self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float = 0.0) -> Room:
+    def room(
+        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float = 0.0, near: Index | None = None
+    ) -> Room:
         """Look how far the vehicle keeps from all zones, and from the border of the workspace.
 
         Parameters
@@ -310,12 +312,15 @@ class Dodges:
         vehicle : Vehicle
         unseen : float
             Time to the next replan, s.
+        near : array of int, optional
+            Which zones are looked at; None: all that any dodge may come near to.
 
         Returns
         -------
         Room
         """
-        near = self._within_reach(batch, max(map(abs, vehicle.discs)))
+        if near is None:
+            near = self._within_reach(batch, max(map(abs, vehicle.discs)))
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
         zones, shaped = batch.subset(rounds), batch.subset(others)

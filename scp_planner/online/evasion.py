@@ -18,7 +18,9 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, SPANS, DodgeProfiles, Profiles
+from scp_planner.online.dodge_odds import STEADY, odds, odds_of_stop
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
+from scp_planner.online.dodge_worth import a_moment
 from scp_planner.online.dodges import BORDER, Dodges
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
@@ -87,13 +89,14 @@ class Dodge:
 
 @dataclass(frozen=True)
 class _SeenDodges:
-    """A moment, its dodges, and what is seen of them and of what was begun before, if the vehicle is on that."""
+    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that; and their odds."""
 
     moment: Moment
     dodges: Dodges
     seen: Outlook
     begun: Stop | None
     going_on: Outlook | None
+    odds: Array | None = None
 
 
 class Evasion:
@@ -124,9 +127,9 @@ class Evasion:
         return self._still_good(now) or self._first_safe(now, now.moment, view.dodges, view.seen, view.seen.worth)
 
     def least_harmful(self, now: Replan) -> Dodge:
-        """Return what does best where nothing is safe: by what it gains, and how soon and deep it enters zones."""
+        """Return what does best where nothing is safe, see `_ranks`."""
         view = self._looked(now)
-        return self._made(now.moment, view.dodges, view.seen, int(np.argmax(view.seen.worth)))
+        return self._made(now.moment, view.dodges, view.seen, int(np.lexsort((view.seen.worth, self._ranks(now)))[-1]))
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where no new dodge does better; None where one does.
@@ -144,9 +147,12 @@ class Evasion:
             None, too, where the vehicle is not on what it drove last, or that is over.
         """
         view = self._looked(now)
-        if view.begun is None or view.going_on is None or view.going_on.worth[0] < view.seen.worth.max():
+        if view.begun is None or view.going_on is None:
             return None
-        return self._gone_on_with(now.moment, view.going_on, view.begun)
+        found = self._gone_on_with(now.moment, view.going_on, view.begun)
+        if found.safe or not self._stands_soon(now):
+            return found if view.going_on.worth[0] >= view.seen.worth.max() else None
+        return None if self._evades_better(now, view.begun) else found
 
     def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
         """What was begun, if it is certified, worth nearly as much as all new that is clear, and more than least, m.
@@ -216,7 +222,7 @@ class Evasion:
         Dodge or None
         """
         view = self._looked(now)
-        if view.begun is not None:
+        if view.begun is not None and not self._evades_better(now, view.begun):
             seen = self.outlooks.of_stop(moment, view.begun, view.dodges.times)
             going_on = self._gone_on_with(moment, seen, view.begun)
             now.lap("certificate")
@@ -225,7 +231,31 @@ class Evasion:
         seen = self.outlooks.of(moment, view.dodges)
         now.lap("evasion")
         # Of those the one that does least harm in whole zones: it is no time to gain way.
-        return self._first_safe(now, moment, view.dodges, seen, view.seen.worth)
+        return self._first_safe(now, moment, view.dodges, seen, self._ranks(now))
+
+    def _stands_soon(self, now: Replan) -> bool:
+        """Whether the vehicle may stand within a moment, among zones that hardly grow then."""
+        vehicle = now.moment.scenario.vehicle
+        return braking_of(vehicle).time(now.moment.state.speed) <= a_moment(vehicle)
+
+    def _ranks(self, now: Replan) -> Array:
+        """What speaks for each dodge where nothing is safe: its worth, or its odds where it could as well stand."""
+        return self._odds(now) if self._stands_soon(now) else self._looked(now).seen.worth
+
+    def _odds(self, now: Replan) -> Array:
+        """Of the dodges of a moment, see `odds`."""
+        view = self._looked(now)
+        if view.odds is None:
+            view = self._view = replace(view, odds=odds(now.moment, view.dodges, self.outlooks.box(now.moment)))
+        assert view.odds is not None
+        return view.odds
+
+    def _evades_better(self, now: Replan, begun: Stop) -> bool:
+        """Whether any dodge does clearly better than what was begun, where neither is safe and it may stand soon."""
+        if not self._stands_soon(now):
+            return False
+        odds_now = odds_of_stop(now.moment, begun, self._looked(now).dodges.times)
+        return bool(odds_now + STEADY < self._odds(now).max())
 
     def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: Outlook, worth: Array) -> Dodge | None:
         """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""

@@ -11,10 +11,11 @@ relationships over time*, J. R. Statist. Soc. B 37 (1975)). Two things are teste
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Reals
 from scp_planner.settings.online import RARE
 
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -23,27 +24,22 @@ WILD = 4.0
 """Standard deviations to which innovations are cut: an outlier alone makes no alarm of a probability of `RARE`."""
 
 
-@lru_cache(maxsize=1)
-def _weights() -> Array:
+@lru_cache(maxsize=2)
+def _weights(kind: np.dtype[Any]) -> Array:
     """Weights of the trend in each window, (ring, windows), oldest first: squares 1, 4, 9 ..., of length 1."""
     weights = np.zeros((WINDOWS[-1], len(WINDOWS)))
     for column, window in enumerate(WINDOWS):
         weights[WINDOWS[-1] - window :, column] = np.arange(1, window + 1) ** 2
-    return weights / np.linalg.norm(weights, axis=0)
+    return np.asarray(weights / np.linalg.norm(weights, axis=0), dtype=kind)
 
 
-@lru_cache(maxsize=1)
-def _members() -> Array:
-    """Which innovations are in each window, 1 or 0, (ring, windows)."""
-    return np.asarray(_weights() > 0.0, dtype=float)
-
-
-@lru_cache(maxsize=4)
-def _limits(probability: float) -> Array:
-    """Quantiles of chi-square for the size of each window, (windows,)."""
+@lru_cache(maxsize=8)
+def _members(kind: np.dtype[Any], probability: float) -> Array:
+    """One over the quantile of chi-square for the size of each window, (windows, ring); 0 of what is not in it."""
     from scipy.special import gammainccinv
 
-    return np.asarray(2.0 * gammainccinv(np.array(WINDOWS, dtype=float), probability))
+    limits = 2.0 * gammainccinv(np.array(WINDOWS, dtype=float), probability)
+    return np.asarray(((_weights(np.dtype(float)) > 0.0) / limits).T, dtype=kind)
 
 
 def cut(innovations: Array) -> Array:
@@ -55,7 +51,7 @@ def cut(innovations: Array) -> Array:
     return np.stack([share * x, share * y, within])
 
 
-def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) -> Array:
+def windows_of(x: Reals, y: Reals, squares: Reals, probability: float = RARE) -> Reals:
     """How improbable the newest innovations are, window by window.
 
     Parameters
@@ -73,14 +69,17 @@ def windows_of(x: Array, y: Array, squares: Array, probability: float = RARE) ->
     return larger_of(trends_of(x, y), squares, probability)
 
 
-def larger_of(trends: Array, squares: Array, probability: float) -> Array:
+def larger_of(trends: Reals, squares: Reals, probability: float) -> Reals:
     """What `windows_of` gives, of trends that are known (..., windows, n)."""
-    sizes: Array = (_members() / _limits(probability)).T @ squares
+    sizes: Reals = _members(squares.dtype, probability) @ squares
     return np.maximum(sizes, trends / (-2.0 * np.log(probability)), out=sizes)
 
 
-def trends_of(x: Array, y: Array) -> Array:
+def trends_of(x: Reals, y: Reals) -> Reals:
     """Squared trends of the newest innovations, window by window: (..., windows, n), chi-square with 2 degrees."""
-    trends = (_weights().T @ x) ** 2
-    trends += (_weights().T @ y) ** 2
+    weights = _weights(x.dtype).T
+    trends, others = weights @ x, weights @ y
+    trends *= trends
+    others *= others
+    trends += others
     return np.asarray(trends)

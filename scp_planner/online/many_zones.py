@@ -374,9 +374,14 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
     factor, more = np.minimum(at, 1.0), np.maximum(at - 1.0, 0.0)
     widths = np.diff(ends, axis=1)
     pieces[:, :, :-1] = factor[:, :-1, None, None] * shifted
-    pieces[:, :, 1:] += (np.diff(factor, axis=1) / widths)[:, :, None, None] * shifted
+    # of what was seen twice at one time the first piece is empty
+    slopes = [
+        np.divide(np.diff(each, axis=1), widths, out=np.zeros_like(widths), where=widths > 0.0)
+        for each in (factor, more)
+    ]
+    pieces[:, :, 1:] += slopes[0][:, :, None, None] * shifted
     pieces[:, :, 0, [0, 2]] += more[:, :-1, None]
-    pieces[:, :, 1, [0, 2]] += (np.diff(more, axis=1) / widths)[:, :, None]
+    pieces[:, :, 1, [0, 2]] += slopes[1][:, :, None]
     return start + ends, pieces
 
 

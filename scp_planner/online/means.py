@@ -12,6 +12,7 @@ import numpy as np
 
 from scp_planner.certificate.verdict import Ends
 from scp_planner.online.braking import braking_of, straight_stop, time_from_a_stand
+from scp_planner.online.following import Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
 from scp_planner.online.plan import OnlinePlan, Outcome
@@ -104,6 +105,7 @@ class Means:
         Of the loop.
     online : SceneOnlineSettings
     inbox : Inbox
+    following : Following
     units : NaturalUnits
         Of the scene.
     solver : QpSolver
@@ -127,20 +129,21 @@ class Means:
         settings: SceneSettings,
         online: SceneOnlineSettings,
         inbox: Inbox,
+        following: Following,
         units: NaturalUnits,
         solver: QpSolver,
     ) -> None:
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
-        self.solver, self.obstacles = solver, inbox.obstacles
+        self.solver, self.obstacles, self.following = solver, inbox.obstacles, following
         getting_away = time_from_a_stand(given.vehicle, CLEAR_WIDTHS * 2.0 * given.vehicle.radius)
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
         period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
-        self.vetting = Vetting(period, online.safety is Safety.STOP, online.tracking_error, units, self.wait)
+        self.vetting = Vetting(period, online.safety is Safety.STOP, following.largest, units, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
-        self.spare = settings.clearance_margin
+        self.spare = settings.clearance_margin + following.room
         if online.give_way is GiveWay.EARLY:
             self.spare += SPARE_WIDTHS * 2.0 * given.vehicle.radius
         self._foresight = online.period + online.reaction_time + stopping + 0.5 * COMMITMENT
@@ -152,7 +155,7 @@ class Means:
         self.inbox.take_in()
         self.inbox.forget(state.time)
         zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
-        return Moment(state, self.scenario_at(state), zones)
+        return Moment(state, self.scenario_at(state), zones, self.following.tube)
 
     def scenario_at(self, state: State) -> Scenario:
         """Return what is left of the scenario, without obstacles."""
@@ -176,7 +179,11 @@ class Means:
 
     def problem(self, now: Replan) -> Problem:
         """Return the problem of a moment, among foreseen zones."""
-        problem = build_problem(now.moment.scenario, (), self.settings, self.breakpoints)
+        scenario = now.moment.scenario
+        if self.following.room > 0.0:  # from the border of the workspace too
+            roomy = scenario.vehicle.model_copy(update={"radius": scenario.vehicle.radius + self.following.room})
+            scenario = scenario.model_copy(update={"vehicle": roomy})
+        problem = build_problem(scenario, (), self.settings, self.breakpoints)
         batch = self.foreseen(now.moment.batch)
         return problem.among(batch.inflated(np.full(batch.size, self.spare)))
 

@@ -20,8 +20,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index, Mask, Reals
 from scp_planner.estimation.recursive import RecursiveEstimator
 from scp_planner.online.foretold import Foretold, longer
 from scp_planner.online.innovations import WINDOWS, cut, larger_of, trends_of, windows_of
@@ -40,11 +41,12 @@ LITTLE = 1e-3
 UNSURE = 1e-9
 """Of what nothing is known yet, but for rounding."""
 _RING = WINDOWS[-1]
-_RINGS = ("_innovations", "_cut", "_evidence", "_looks")
+_RINGS = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks")
 """Arrays (..., ring, K)."""
 
 
 _States = TypeVar("_States", FilterStates, SwingStates)
+_Reals = TypeVar("_Reals", Array, NDArray[np.float32])
 Where = Index | slice
 """Some slots."""
 
@@ -102,7 +104,9 @@ class Bank:
         # Rings, in which observation number n is at the place n modulo their length. What windows look at is there
         # twice, one ring after the other: so the newest are always in a row.
         self._innovations = np.zeros((2, 1 + levels, _RING, 0))
-        self._cut = np.zeros((3, 1 + levels, 2 * _RING, 0))
+        self._cut = np.zeros((3, 2 * _RING, 0))  # of the polynomial motions
+        # NUMPY-CALLS: of filters it is only asked whether they hold, for which half of the digits will do
+        self._filters_cut = np.zeros((3, levels, 2 * _RING, 0), dtype=np.float32)
         self._looks = np.zeros((3, 2 * _RING, 0))  # times and positions
         self._evidence = np.zeros((1 + levels, EVIDENCE, 0))
         self._since = np.zeros(0, dtype=np.intp)  # observations since an alarm
@@ -128,7 +132,7 @@ class Bank:
         self.polynomials.reset(slot)
         for array in (self.count, self.alarmed, self.weights, self.trend, self._since):
             array[slot] = 0
-        for ring in (self._innovations, self._cut, self._evidence):
+        for ring in (self._innovations, self._cut, self._filters_cut, self._evidence):
             ring[..., slot] = 0.0
         self._looks[0, :, slot] = self.last[slot] = -np.inf
         self.foretold.clear(slot)
@@ -140,7 +144,8 @@ class Bank:
     def set_noise(self, factor: float) -> None:
         """Take the variance of the noise for so many times what is declared."""
         self._innovations *= np.sqrt(self.noise / factor)
-        self._cut[...] = np.concatenate(2 * [cut(self._innovations)], axis=-2)
+        both = np.concatenate(2 * [cut(self._innovations)], axis=-2)
+        self._cut[...], self._filters_cut[...] = both[:, 0], both[:, 1:]
         self.noise = factor
         for slot, sigma in enumerate(self._sigma):
             self.polynomials.set_covariance(slot, factor * sigma)
@@ -207,12 +212,11 @@ class Bank:
         self.last[where] = times
         place = _Places.of(where, before % _RING)
         seen = np.stack([times, positions[:, 0], positions[:, 1]])
-        place.put(self._looks, seen)
-        place.put(self._looks[:, _RING:], seen)
+        place.put_twice(self._looks, seen)
         place.put(self._innovations, innovations)
         looked_at = cut(innovations)
-        place.put(self._cut, looked_at)
-        place.put(self._cut[..., _RING:, :], looked_at)
+        place.put_twice(self._cut, looked_at[:, 0])
+        place.put_twice(self._filters_cut, looked_at[:, 1:])
         _Places.of(where, before % EVIDENCE).put(self._evidence, evidence)
         self.count[where] += 1
         self._notice(where, slots)
@@ -313,7 +317,7 @@ class Bank:
     def _notice(self, where: Where, slots: Index) -> None:
         """Alarm those whose polynomial motion does not hold, and weigh the filters of those that are alarmed."""
         begin = self.count[where] % _RING  # the oldest
-        x, y, squares = _Places.of(where, begin).rows(self._cut[:, 0])
+        x, y, squares = _Places.of(where, begin).rows(self._cut)
         trends = trends_of(x, y)
         worst = larger_of(trends, squares, self.alarm_probability)
         most = worst.max(axis=0)
@@ -358,7 +362,8 @@ class Bank:
         rows = np.arange(_RING)[:, None]
         place, looked_at = (begin + rows) % _RING, cut(found)
         self._innovations[:, swings:, place, slots] = found
-        self._cut[:, swings:, place, slots] = self._cut[:, swings:, place + _RING, slots] = looked_at
+        for twice in (place, place + _RING):
+            self._filters_cut[:, self._walks :, twice, slots] = looked_at
         self._evidence[swings:, :, slots] = 0.0
         self._evidence[swings:, (self.count[slots] - _RING + rows) % EVIDENCE, slots] = evidence
 
@@ -381,12 +386,12 @@ class Bank:
 
     def _hold(self, slots: Index, begin: Index) -> Mask:
         """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
-        whole = slice(0, len(self.count))
-        among = whole if 2 * len(slots) > len(self.count) and (begin == begin[0]).all() else _run(slots)
-        place = np.broadcast_to(begin[:1], len(self.count)) if among is whole else begin
-        x, y, squares = _Places.of(among, place).rows(self._cut[:, 1:])
+        most = 2 * len(slots) > len(self.count) and bool((begin == begin[0]).all())
+        # most are all: it costs less to look where they are
+        places = _Places(slice(0, len(self.count)), int(begin[0])) if most else _Places.of(_run(slots), begin)
+        x, y, squares = places.rows(self._filters_cut)
         holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
-        return holds[:, slots] if among is whole else holds  # most are all: it costs less to look where they are
+        return holds[:, slots] if most else holds
 
     def weave(self, slots: Index) -> Mask:
         """Whether those that weave count among the filters of some obstacles, (n,)."""
@@ -470,7 +475,12 @@ class _Places:
         """Put values (..., n) at these places of rings (..., ring, K)."""
         rings[..., self.place, self.where] = values
 
-    def rows(self, rings: Array) -> Array:
+    def put_twice(self, rings: Reals, values: Array) -> None:
+        """The same for double rings (..., 2 ring, K)."""
+        rings[..., self.place, self.where] = values
+        rings[..., self.place + _RING, self.where] = values
+
+    def rows(self, rings: _Reals) -> _Reals:
         """What is in double rings (..., 2 ring, K) from these places on, (..., ring, n)."""
         if isinstance(self.place, int):
             return rings[..., self.place : self.place + _RING, self.where]

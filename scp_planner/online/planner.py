@@ -31,10 +31,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
 from scp_planner.online.directions import direction
+from scp_planner.online.following import Following
 from scp_planner.online.inbox import MOST_NOTES, Inbox, Sighting
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.obstacle_tracks import ObstacleTracks
@@ -71,6 +73,9 @@ class Planner:
     online : OnlineSettings, optional
     solver : str or QpSolver, optional
         Overrides ``settings.solver``: a name, or a solver of one's own.
+    tube : TrackingTube, optional
+        The tube round its plans that the vehicle stays in, as `fit_tracking_tube` calibrates it, in place of
+        ``online.tracking_error``: so it need not keep as far away when it drives slowly, or stands.
 
     Attributes
     ----------
@@ -80,11 +85,16 @@ class Planner:
         With the period that the scene decides, if that was left open.
     doubts : deque of str
         Which assumptions of what was promised of the last plan did not hold, the newest last.
+    tube : TrackingTube or None
+        What a vehicle that drives may be off besides; the vehicle of `scenario` is larger by what it may be off when it
+        stands.
 
     Raises
     ------
     ValueError
-        If no solver has that name.
+        If no solver has that name, or there is a tube and a tracking error.
+    EstimationError
+        If the vehicle may drive or turn faster than the tube was recorded for.
     """
 
     def __init__(
@@ -93,6 +103,7 @@ class Planner:
         settings: Settings | None = None,
         online: OnlineSettings | None = None,
         solver: str | QpSolver | None = None,
+        tube: TrackingTube | None = None,
     ) -> None:
         self._units = units = NaturalUnits.of(scenario)
         scenario = units.scenario(scenario)
@@ -103,6 +114,12 @@ class Planner:
         online = OnlineSettings() if online is None else of_kind(online, OnlineSettings)
         self._online = online.for_scene(units)
         self.online = replace(online, period=self._online.period * units.time)
+        if tube is not None and online.tracking_error > 0.0:
+            raise ValueError(f"tube, online.tracking_error: {online.tracking_error!r}; give one of them")
+        self.tube = None if tube is None else replace(tube, standing=0.0)
+        within = None if tube is None else tube.inside(units)
+        following = Following.of(scenario.vehicle, self._online.tracking_error, within)
+        scenario = scenario.model_copy(update={"vehicle": following.vehicle})
         self.plan: OnlinePlan | None = None
         self._last: OnlinePlan | None = None
         self._zones: tuple[ThreatZone, ...] = ()
@@ -118,10 +135,9 @@ class Planner:
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
         self._inbox = Inbox(self._obstacles, units, self._online.forget_after)
         self.doubts = deque[str](maxlen=MOST_NOTES)
-        self._means = Means(
-            self.given, self.settings, self._online, self._inbox, units, solver or solver_named(settings.solver)
-        )
-        self._assumptions = Assumptions(self._means.vetting.period, self._online.tracking_error, units)
+        chosen = solver or solver_named(settings.solver)
+        self._means = Means(self.given, self.settings, self._online, self._inbox, following, units, chosen)
+        self._assumptions = Assumptions(self._means.vetting.period, following.largest, units)
         self._decision = Decision(self._means)
         self._state: State | None = None
         self._clock: float | None = None
@@ -304,7 +320,7 @@ class Planner:
     def scenario(self) -> Scenario:
         """What the last plan was made for: the state, what has been observed, and the planner's margin.
 
-        `scp_planner.certify` of this and of a plan that begins now says what the planner says.
+        `scp_planner.certify` of this, of a plan that begins now and of ``tube`` says what the planner says.
         """
         made = self.given
         if self._state is not None:

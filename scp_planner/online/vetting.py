@@ -20,6 +20,7 @@ from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.braking import Braking, braking_of
@@ -67,11 +68,14 @@ class Moment:
     scenario : Scenario
         That starts with this state; without obstacles.
     zones : tuple of ThreatZone
+    tube : TrackingTube or None
+        What the vehicle may be off its trips when it drives.
     """
 
     state: State
     scenario: Scenario
     zones: tuple[ThreatZone, ...]
+    tube: TrackingTube | None = None
 
     @cached_property
     def frame(self) -> PlanningFrame:
@@ -96,7 +100,7 @@ class Moment:
 
     def with_smaller_zones(self, share: float) -> Moment:
         """The same moment with the zones of a lower level: their ellipses are so much smaller, of all obstacles."""
-        return Moment(self.state, self.scenario, tuple(_smaller(zone, share**2) for zone in self.zones))
+        return replace(self, zones=tuple(_smaller(zone, share**2) for zone in self.zones))
 
     @property
     def growing(self) -> bool:
@@ -117,7 +121,7 @@ class Moment:
             self.scenario,
             trip,
             self.zones,
-            Scope(since, until, ends, math.inf),
+            Scope(since, until, ends, math.inf, tube=self.tube),
             batch=self.batch_in(trip.frame),
             motions=motions,
         )

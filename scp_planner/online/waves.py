@@ -215,7 +215,7 @@ class SwingStates(SlotStates):
         else:
             self.mean[...] = np.einsum("kmij,jamk->iamk", moved[which], self.mean)
             self.spread[...] = np.einsum("kmij,jmk->imk", triangles[which], self.spread)
-        self.spread += steps.noise[..., which] / unit
+        self.spread += (steps.noise if some == 1 else steps.noise[..., which]) / unit
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
         """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""

@@ -107,7 +107,7 @@ class Drive:
             elif len(by_id.get(name, ())) > obstacle.model.order:
                 obstacles.append(self._observed(obstacle, by_id.pop(name)))
         scenario = self.scenario.model_copy(update={"obstacles": tuple(obstacles)})
-        self.planner = Planner(scenario, self.chosen.settings, self.online, self.chosen.solver)
+        self.planner = Planner(scenario, self.chosen.settings, self.online, self.chosen.solver, self.follower.tube)
         for observations in by_id.values():
             self._tell(
                 [
@@ -215,7 +215,7 @@ class Drive:
     def _drive(self, plan: OnlinePlan, now: float, following: float) -> bool:
         """Drive for one cycle; return whether the vehicle has arrived."""
         switch = now + self.follower.reaction_time if self.driven is not None else now
-        drift = self._drift()
+        drift = self._drift(self.follower.largest_error(self.driven or plan, now))
         unit, start = self.units.time, self.scenario.start.time
         little = NO_TIME_AT_ALL * unit
         looks = [sensor.looks(now + little, following, start) for sensor in self.sensors]
@@ -242,18 +242,18 @@ class Drive:
         self.offset = self.stage.position - plan.position(time)
         self.driven = plan
 
-    def _drift(self) -> Array:
-        if self.follower.tracking_error <= 0.0:
+    def _drift(self, most: float) -> Array:
+        if most <= 0.0:
             return np.zeros(2)
         # Half of the largest error in a cycle, in any direction
         angle, size = self.drift_rng.uniform(0.0, 2.0 * math.pi), math.sqrt(self.drift_rng.uniform())
-        pace = 0.5 * self.follower.tracking_error / self.period
+        pace = 0.5 * most / self.period
         return pace * size * np.array([math.cos(angle), math.sin(angle)])
 
     def _move(self, plan: OnlinePlan, time: float, dt: float, drift: Array) -> None:
         if np.any(self.offset) or np.any(drift):
             self.offset = (self.offset + drift * dt) * math.exp(-dt / (WAY_BACK_TIME * self.units.time))
-            size, most = float(np.hypot(*self.offset)), self.follower.tracking_error
+            size, most = float(np.hypot(*self.offset)), self.follower.largest_error(plan, time)
             if size > most > 0.0:
                 self.offset *= most / size
             elif most == 0.0 and size < NOWHERE * self.units.length:

@@ -9,6 +9,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from scp_planner.estimation.tracking import TrackingTube
+from scp_planner.planning.plan import Plan
 from scp_planner.scenario.models import Model, Scenario
 from scp_planner.scenario.shapes import Shape
 from scp_planner.settings.online import OnlineSettings
@@ -28,10 +30,21 @@ class Follower:
         Largest distance from the plan, m.
     reaction_time : float
         From a replan to the moment from which its plan is followed, s.
+    tube : TrackingTube, optional
+        It stays in this, in place of the tracking error; the planner is told.
     """
 
     tracking_error: float = 0.0
     reaction_time: float = 0.0
+    tube: TrackingTube | None = None
+
+    def largest_error(self, plan: Plan, time: float) -> float:
+        """Largest distance from where a plan has the vehicle at a time, s: m."""
+        if self.tube is None:
+            return self.tracking_error
+        speed, curvature = float(plan.speed(time)), float(plan.curvature(time))
+        lateral = min(speed**2 * abs(curvature), self.tube.max_lateral)
+        return float(self.tube.radius(min(max(speed, 0.0), self.tube.max_speed), lateral))
 
 
 @dataclass(frozen=True)

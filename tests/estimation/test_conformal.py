@@ -12,6 +12,7 @@ import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.conformal import (
+    LEAST,
     AdaptiveScales,
     conformal_quantile,
     factor_to_hold,
@@ -201,3 +202,10 @@ def test_zones_follow_what_came_of_them() -> None:
             (zone,) = tracks.zones(0.1 * number)
         sizes.append(zone.covariance(0.1 * number + np.array([0.0, 1.0, 2.0]))[:, 0, 0])
     assert np.all(sizes[1] > 10.0 * sizes[0])
+
+
+def test_regions_do_not_vanish_where_noise_explains_all_that_is_seen() -> None:
+    scales = AdaptiveScales(0.05, 1)
+    for _ in range(300):
+        scales.take_in(0, ["one", "two"], [0.0, 0.0])
+    assert np.array_equal(scales.scales(["one", "two", "new"]), np.full((3, 1), LEAST))

@@ -20,3 +20,10 @@ def test_innovations_are_cut_along_their_direction() -> None:
     x, y, squares = cut(innovations)
     assert np.allclose(x, [0.3, 0.6 * WILD, 0.0]) and np.allclose(y, [0.4, -0.8 * WILD, 0.0])
     assert np.allclose(squares, x * x + y * y)
+
+
+def test_windows_say_the_same_with_half_of_the_digits() -> None:
+    seen = cut(2.0 * np.random.default_rng(7).standard_normal((2, 5, WINDOWS[-1], 40)))
+    whole, half = windows_of(*seen), windows_of(*seen.astype(np.float32))
+    assert half.dtype == np.float32
+    assert np.abs(half - whole).max() < 1e-5 * whole.max()

@@ -11,6 +11,7 @@ import scp_planner as sp
 from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
 from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Prediction
+from scp_planner.online.many_zones import Future, Sizing, sized_pieces
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.regions import MOST_COMPARED
 from scp_planner.online.track import Seen
@@ -149,3 +150,18 @@ def test_zones_with_a_bounded_heading_are_those_of_the_model() -> None:
     adaptive, model = made[Regions.ADAPTIVE], made[Regions.MODEL]
     assert np.array_equal(adaptive["box"], model["box"])
     assert adaptive["disc"][0, 0] > 2.0 * model["disc"][0, 0]
+
+
+def test_zones_of_what_was_seen_twice_at_one_time_are_sized_like_others() -> None:
+    future = Future(np.array([2.0, 50.0]), np.zeros((2, 1, 3, 2)), np.tile([1.0, 0.0, 1.0], (2, 1, 3, 1)))
+    leads = np.array([[0.0, 1.0, 2.0, 4.0], [1e-9, 1.0, 2.0, 4.0]])
+    sizes = np.array([[1.5, 2.0, 2.0, 3.0]] * 2)
+    edges, pieces = sized_pieces(future, np.arange(2), Sizing(leads, np.zeros(2, dtype=np.intp), sizes))
+    assert np.all(np.isfinite(pieces))
+    for lag in (0.5, 1.7, 3.0, 9.0):
+        at = [
+            sum(pieces[k, piece, n] * (2.0 + lag - edges[k, piece]) ** n for n in range(pieces.shape[2]))
+            for k in (0, 1)
+            for piece in [int(np.searchsorted(edges[k], 2.0 + lag, "right")) - 1]
+        ]
+        assert np.allclose(at[0], at[1], atol=1e-6)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import scp_planner
-from benchmarks import common, families, online, online_crowds, planning, sizes
+from benchmarks import common, families, online, online_answers, online_crowds, online_regions, planning, sizes
 from benchmarks.peers import __main__ as peers
 from benchmarks.peers.base import JUDGE, Attempt, judge
 from benchmarks.peers.casadi_ipopt import ArcTrip
@@ -320,3 +320,28 @@ def test_more_effort_is_compared_plan_by_plan(tmp_path: Path, capsys: pytest.Cap
     (row,) = common.read_csv(tmp_path / "random.csv")
     assert float(row["with_effort"]) <= 1.0001 * float(row["travel_time"])
     assert "faster with effort" in capsys.readouterr().out
+
+
+def test_no_test_answers_sooner_than_the_one_that_is_told_everything() -> None:
+    rng, looks, false = np.random.default_rng(3), 8, 0.02
+    signal = 0.5 * online_answers.CHANGE * (0.1 * np.arange(1, looks + 1)) ** 2
+    # The logarithm of the ratio of likelihoods, up to a factor and a constant, of looks with and without the change.
+    without = (0.1 * rng.standard_normal((200_000, looks))) @ signal
+    changed = (signal + 0.1 * rng.standard_normal((200_000, looks))) @ signal
+    power = float((changed > np.quantile(without, 1.0 - false)).mean())
+    assert abs(power - online_answers.best_power(looks, false)) < 0.01
+    third, _, _, tenth, *_, last = online_answers.answers(range(2))
+    assert third.best < 0.02 and third.answered < 0.1  # nothing can be known after three looks
+    assert tenth.answered < tenth.best and last.answered > 0.9
+
+
+def test_bounds_of_a_share_are_those_of_how_much_obstacles_differ() -> None:
+    rng, inside, runs = np.random.default_rng(8), 0, 2_000
+    whose = np.repeat(np.arange(60), 10)
+    for _ in range(runs):
+        likely = rng.beta(9.0, 1.0, 60)[whose]  # 0.9 in the mean, and alike for all that is of one obstacle
+        low, high = online_regions.between(rng.random(600) < likely, whose)
+        inside += low <= 0.9 <= high
+    assert 0.92 < inside / runs < 0.98
+    low, high = online_regions.between(np.ones(240, dtype=bool), np.repeat(np.arange(24), 10))
+    assert high == 1.0 and 0.84 < low < 0.88  # as of 24 that are independent
