@@ -104,7 +104,7 @@ class DodgeOutlooks:
 
         Who has just changed the velocity is taken to change it once more in the same direction.
         """
-        turning = np.flatnonzero(self._change.any(axis=1)[room.zones] & (room.zones != BORDER))
+        turning = np.flatnonzero(np.append(self._change.any(axis=1), False)[room.zones])  # the border is the last
         if not turning.size:
             return room.least
         zones = room.zones[turning]

@@ -66,3 +66,11 @@ def test_a_trip_is_worth_less_only_if_who_turns_turns_towards_it() -> None:
     now = (0.0, -1.0)
     on_trip = {x: seen_after((x, -1.0), (x, -1.0), now)[1] for x in (-0.6, 0.0, 0.6)}
     assert on_trip[0.6] < on_trip[0.0] - 1e-3, "turns back to where the vehicle sets out from"
+
+
+def test_nobody_turns_where_there_is_nobody_but_a_border() -> None:
+    planner = Planner(scene(start={"speed": 0.0}, bounds={"min": (-5.0, -5.0), "max": (30.0, 5.0)}))
+    view = Evasion(planner._means)._looked(
+        Replan(planner._means.moment(State(0.0, (0.0, 0.0), None, 0.0)), 0.0, math.inf, None, 0)
+    )
+    assert np.isfinite(view.seen.worth).all() and view.seen.room.each.shape[0] == 1
