@@ -33,9 +33,13 @@ class Pieces:
         wide = after > before
         return cls((0.5 * (before + after))[wide], (0.5 * (after - before))[wide])
 
-    def part(self, index: slice) -> Pieces:
+    def part(self, index: slice | Mask) -> Pieces:
         """Return some of the intervals."""
         return Pieces(self.middle[index], self.half[index])
+
+    def with_more(self, more: Pieces) -> Pieces:
+        """Return these intervals and, after them, others."""
+        return Pieces(np.concatenate([self.middle, more.middle]), np.concatenate([self.half, more.half]))
 
     def halves(self, keep: Mask) -> Pieces:
         """Return the halves of some of the intervals."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.clearance import VehicleDisc
 from scp_planner.certificate.enclosures import Pieces
@@ -24,6 +25,21 @@ class PartOfMotion:
 
     pieces: Pieces
     discs: tuple[VehicleDisc, ...]
+
+    def cut(self, checked: CheckedTrip, knots: Array) -> PartOfMotion:
+        """Return the same with the pieces cut in which knots (n,), in normalised time, lie; the new ones come last."""
+        begins, ends = self.pieces.middle - self.pieces.half, self.pieces.middle + self.pieces.half
+        cut = np.zeros(len(ends), dtype=bool)
+        cut[np.searchsorted(ends, knots)] = True
+        parts = Pieces.between(np.sort(np.concatenate([begins[cut], ends[cut], knots])))
+        # What lies between two pieces that are cut is none of them, unless it is cut, too
+        here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)]
+        parts = Pieces(parts.middle[here], parts.half[here])
+        enclosure = checked.enclosed(parts)
+        return PartOfMotion(
+            self.pieces.part(~cut).with_more(parts),
+            tuple(disc.part(~cut).with_more(VehicleDisc.on(enclosure, disc.offset)) for disc in self.discs),
+        )
 
 
 @dataclass(frozen=True)
@@ -71,7 +87,7 @@ class KeptMotion:
         )
 
     def part(self, checked: CheckedTrip) -> PartOfMotion | None:
-        """Return the pieces that cover what is checked; None if there are none, or a zone's knot lies in one.
+        """Return the pieces that cover what is checked, none across a zone's knot; None if there are none.
 
         The first piece may begin before what is to be checked: then it is kept clear of all the more, or if it is not,
         nothing follows from that.
@@ -80,10 +96,10 @@ class KeptMotion:
         part = slice(int(np.searchsorted(finishes, checked.first, "right")), int(np.searchsorted(begins, checked.last)))
         if part.start >= part.stop:
             return None
+        found = PartOfMotion(self.pieces.part(part), tuple(disc.part(part) for disc in self.discs))
         knots = checked.zone_knots()
-        if np.any((knots > begins[part.start]) & (knots < finishes[part.stop - 1])):
-            return None
-        return PartOfMotion(self.pieces.part(part), tuple(disc.part(part) for disc in self.discs))
+        inside = (knots > begins[part.start]) & (knots < finishes[part.stop - 1])
+        return found.cut(checked, knots[inside]) if inside.any() else found
 
 
 class Motions:
