@@ -9,7 +9,7 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.online.dodge_outlooks import UNREST, Driven, Outlook, until_over
-from scp_planner.online.dodge_worth import NEARNESS, nearness
+from scp_planner.online.dodge_worth import GAIN, NEARNESS, nearness
 from scp_planner.online.evasion import Evasion
 from scp_planner.online.means import Replan
 from scp_planner.online.planner import Planner
@@ -43,12 +43,12 @@ def nearer_by(change: np.ndarray, times: np.ndarray, place: np.ndarray, course: 
     """By how much nearer somebody comes at places and times, who changes the velocity so much once more, (C, J) m."""
     offset = place - course
     away = offset / np.linalg.norm(offset, axis=-1, keepdims=True)
-    return UNREST * np.maximum(away @ change, 0.0) * np.minimum(times, 0.8 * 5.0 / 3.0)
+    return UNREST * np.maximum(away @ change, 0.0) * np.minimum(times, 0.8 * GAIN)
 
 
 @pytest.mark.parametrize("before", [(0.0, -1.0), (0.6, -1.0), (0.3, -0.7)])
 def test_who_has_just_changed_the_velocity_is_taken_to_go_on_with_that(before: tuple[float, float]) -> None:
-    """By the change, for five thirds of a moment, of 0.8 s here; against the nearness of one who has not."""
+    """By the change, for as long as way is gained, in moments of 0.8 s here; against the nearness of one who has not."""
     now = (0.3, -1.0)
     steady, _, times, places = seen_after(now, now, now)
     turned, _, _, _ = seen_after(before, before, now)
