@@ -27,13 +27,17 @@ class PartOfMotion:
     discs: tuple[VehicleDisc, ...]
 
     def cut(self, checked: CheckedTrip, knots: Array) -> PartOfMotion:
-        """Return the same with the pieces cut in which knots (n,), in normalised time, lie; the new ones come last."""
+        """Return the same with the pieces cut in which knots (n,), in normalised time, lie; the new ones come last.
+
+        And where what is checked begins: zones that change with time may be none before.
+        """
         begins, ends = self.pieces.middle - self.pieces.half, self.pieces.middle + self.pieces.half
+        knots = np.append(knots, max(checked.first, begins[0]))
         cut = np.zeros(len(ends), dtype=bool)
         cut[np.searchsorted(ends, knots)] = True
         parts = Pieces.between(np.sort(np.concatenate([begins[cut], ends[cut], knots])))
         # What lies between two pieces that are cut is none of them, unless it is cut, too
-        here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)]
+        here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)] & (parts.middle > checked.first)
         parts = Pieces(parts.middle[here], parts.half[here])
         enclosure = checked.enclosed(parts)
         return PartOfMotion(

@@ -110,7 +110,8 @@ def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside() -> None:
         assert part is not None
         order = np.argsort(part.pieces.middle)
         middle, half = part.pieces.middle[order], part.pieces.half[order]
-        assert middle[0] - half[0] <= checked.first and middle[-1] + half[-1] == pytest.approx(checked.last)
+        ends = middle[0] - half[0], middle[-1] + half[-1]
+        assert ends == pytest.approx((checked.first, checked.last))
         assert (middle - half)[1:] == pytest.approx((middle + half)[:-1], abs=1e-12)
         inside = np.abs((knots - FRAME.time)[:, None] / lasts - middle) < half - 1e-12
         assert not inside.any()
