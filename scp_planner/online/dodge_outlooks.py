@@ -63,6 +63,8 @@ class Outlook:
         From which zones.
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
+    leaves : (C,) array
+        From when on each keeps clear until it is over, s from now; inf for those that never do.
     now, soon, then : (C,) arrays
         What is left of the way to the goal, m, as the vehicle can turn: now, at `GAIN`, and at the end.
     worth : (C,) array
@@ -73,6 +75,7 @@ class Outlook:
     least: Array
     room: Room
     clear: Array
+    leaves: Array
     now: Array
     soon: Array
     then: Array
@@ -219,6 +222,8 @@ class DodgeOutlooks:
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
         entered = until_over(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
+        last = np.where(entered.any(axis=1), entered.shape[1] - entered[:, ::-1].argmax(axis=1), 0)
+        leaves = np.append(driven.times, np.inf)[last]
         width = 2.0 * vehicle.radius
         time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
@@ -227,7 +232,7 @@ class DodgeOutlooks:
         closer = self._closer(moment, driven.times, driven.position, room)
         worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
         worth -= LOST * self._way_lost(moment, driven)
-        return Outlook(least, room, clear, left[0], left[1], left[2], worth)
+        return Outlook(least, room, clear, leaves, left[0], left[1], left[2], worth)
 
     def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
         """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""

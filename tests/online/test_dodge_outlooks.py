@@ -48,7 +48,7 @@ def nearer_by(change: np.ndarray, times: np.ndarray, place: np.ndarray, course: 
 
 @pytest.mark.parametrize("before", [(0.0, -1.0), (0.6, -1.0), (0.3, -0.7)])
 def test_who_has_just_changed_the_velocity_is_taken_to_go_on_with_that(before: tuple[float, float]) -> None:
-    """By the change, for as long as way is gained, in moments of 0.8 s here; against the nearness of one who has not."""
+    """By the change, for as long as way is gained, in moments of 0.8 s; against the nearness of one who has not."""
     now = (0.3, -1.0)
     steady, _, times, places = seen_after(now, now, now)
     turned, _, _, _ = seen_after(before, before, now)
