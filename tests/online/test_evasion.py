@@ -191,8 +191,8 @@ def test_what_was_begun_is_gone_on_with_where_nothing_is_clearly_better(number: 
     evasion = Evasion(means)
     now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 1.0)), 0.0, math.inf, None, 0)
     dodges = evasion._looked(now).dodges
-    at_top_speed = 5  # for the time of two widths
-    trip = dodges.trip(number * len(dodges.families[0].profiles.stands) + at_top_speed, now.moment.frame)
+    profiles = dodges.families[0].profiles
+    trip = dodges.trip(number * len(profiles.stands) + int(np.argmax(profiles.way)), now.moment.frame)
     points, _ = trip.at(0.1)
     x, y = trip.frame.to_world(points.path.position)[0].tolist()
     stop = Stop(trip, trip.trajectory.travel_time)
