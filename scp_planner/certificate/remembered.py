@@ -10,9 +10,10 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.clearance import VehicleDisc
-from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.enclosures import Pieces, disc_in_the_middle
 from scp_planner.certificate.verdict import Ends, LimitUse
 from scp_planner.scenario.models import Scenario
+from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trip import Trip
 
@@ -39,11 +40,18 @@ class PartOfMotion:
         # What lies between two pieces that are cut is none of them, unless it is cut, too
         here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)] & (parts.middle > checked.first)
         parts = Pieces(parts.middle[here], parts.half[here])
-        enclosure = checked.enclosed(parts)
-        return PartOfMotion(
-            self.pieces.part(~cut).with_more(parts),
-            tuple(disc.part(~cut).with_more(VehicleDisc.on(enclosure, disc.offset)) for disc in self.discs),
-        )
+        trajectory, lasts = checked.trajectory, checked.trajectory.travel_time
+        drive = trajectory.drive_at(parts.middle)
+        points = trajectory.path.points(trajectory.path.exact.parameter_at(drive.distance))
+        curvature = trajectory.path.bend(points).curvature if any(disc.offset for disc in self.discs) else np.zeros(1)
+        # What bounds a second derivative on a piece bounds it on parts of that.
+        whole, discs, nothing = np.searchsorted(ends, parts.middle), [], np.zeros(len(parts.middle))
+        for disc in self.discs:
+            place, velocity = disc_in_the_middle(points, drive.speed, curvature, disc.offset)
+            bound = disc.center.acceleration[whole]
+            center = MovingPoint(lasts * parts.middle, lasts * parts.half, place, velocity, bound)
+            discs.append(disc.part(~cut).with_more(VehicleDisc(disc.offset, center, nothing, nothing)))
+        return PartOfMotion(self.pieces.part(~cut).with_more(parts), tuple(discs))
 
 
 @dataclass(frozen=True)

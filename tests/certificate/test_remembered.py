@@ -20,6 +20,7 @@ from reference_trips import (
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import CheckedTrip, Scope
+from scp_planner.certificate.clearance import VehicleDisc
 from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -94,9 +95,11 @@ def test_zones_that_change_while_it_is_driven_change_no_verdict(seed: int) -> No
     assert 3 < sum(verdicts) < 27
 
 
-def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside() -> None:
+@pytest.mark.parametrize("offsets", [(0.0,), (-0.2, 0.3)])
+def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside(offsets: tuple[float, ...]) -> None:
     trip, rng = random_trip(0), np.random.default_rng(0)
     free, motions, lasts = the_scene(), Motions(), trip.trajectory.travel_time
+    free = free.model_copy(update={"vehicle": free.vehicle.model_copy(update={"discs": offsets})})
     assert certify_trip(free, trip, (), motions=motions).holds
     motion = motions.of(trip)
     near = the_scene(passing(Reference(trip), 1, 3.0).obstacle(0.1))
@@ -120,7 +123,10 @@ def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside() -> None:
             heading = points.path.direction / np.linalg.norm(points.path.direction, axis=1, keepdims=True)
             assert disc.center.position == pytest.approx(points.path.position + offset * heading, abs=1e-7)
             assert disc.center.time == pytest.approx(lasts * part.pieces.middle)
-            assert len(disc.off) == len(disc.center.acceleration) == len(middle)
+            fresh = VehicleDisc.on(checked.enclosed(part.pieces), offset)
+            assert disc.center.velocity == pytest.approx(fresh.center.velocity, abs=1e-9)
+            assert (disc.center.acceleration >= fresh.center.acceleration - 1e-9).all()
+            assert len(disc.off) == len(disc.most_off) == len(middle)
 
 
 def test_a_trip_is_known_by_all_that_it_depends_on() -> None:
