@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import way_on
@@ -94,7 +94,6 @@ class DodgeOutlooks:
         self._means = means
         self._patience = 1.0
         self._change = np.zeros((0, 2))  # of the velocity of each obstacle, of late, (L, 2) m/s
-        self._haste = np.zeros(0)  # how much faster each is than the vehicle may be, (L,); 1 of who is not
         self._unrest = Unrest(UNREST_LASTS * a_moment(means.given.vehicle))
 
     def note(self, moment: Moment) -> None:
@@ -102,33 +101,23 @@ class DodgeOutlooks:
         batch = moment.batch
         velocities = moment.frame.vectors_to_world(batch.velocities.grid(np.zeros(1))[0])
         self._change = self._unrest.note(moment.state.time, batch.ids, velocities)
-        self._haste = np.maximum(np.hypot(*velocities.T) / self._means.given.vehicle.max_speed, 1.0)
 
     def _closer(self, moment: Moment, times: Array, place: Array, room: Room) -> Array:
-        """The clearance, (C, J) m, that nearness is judged by at places (C, J, 2) and times (J,), s from now.
+        """The least clearance, (C, J) m, at places (C, J, 2) and times (J,), s from now, if who turns goes on with it.
 
-        Who has just changed the velocity is taken to change it once more in the same direction. And clearance from who
-        is faster than the vehicle may be is worth less, in proportion: they cannot be evaded.
+        Who has just changed the velocity is taken to change it once more in the same direction.
         """
-        haste = np.append(self._haste, 1.0)[room.zones]  # the border is the last
-        turning = np.flatnonzero(np.append(self._change.any(axis=1), False)[room.zones])
-        some = np.union1d(turning, np.flatnonzero(haste > 1.0))
-        if not some.size:
+        turning = np.flatnonzero(np.append(self._change.any(axis=1), False)[room.zones])  # the border is the last
+        if not turning.size:
             return room.least
-        each = room.each[some]
-        if turning.size:
-            each[np.searchsorted(some, turning)] -= self._nearer(moment, times, place, room.zones[turning])
-        each /= haste[some, None, None]
-        return np.minimum(room.least, each.min(axis=0))
-
-    def _nearer(self, moment: Moment, times: Array, place: Array, zones: Index) -> Array:
-        """By how much nearer those of some zones come who change the velocity once more as of late, (Z, C, J) m."""
+        zones = room.zones[turning]
         gone = UNREST * np.minimum(times, GAIN * a_moment(self._means.given.vehicle))
         x, y = (self._change[zones] @ moment.frame.rotation).T[:, :, None, None] * gone
         centers = moment.batch.centers.grid(times)[:, zones].T[:, :, None]
         offset_x, offset_y = place[..., 0] - centers[0], place[..., 1] - centers[1]
         nearer = (x * offset_x + y * offset_y) / np.maximum(np.hypot(offset_x, offset_y), TINY)
-        return np.maximum(nearer, 0.0)
+        closer = np.min(room.each[turning] - np.maximum(nearer, 0.0), axis=0)
+        return np.minimum(room.least, closer)
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts.

@@ -68,23 +68,6 @@ def test_a_trip_is_worth_less_only_if_who_turns_turns_towards_it() -> None:
     assert on_trip[0.6] < on_trip[0.0] - 1e-3, "turns back to where the vehicle sets out from"
 
 
-@pytest.mark.parametrize("times_as_fast", [0.5, 1.0, 2.0])
-def test_room_from_who_cannot_be_evaded_is_worth_less(times_as_fast: float) -> None:
-    """Clearance from who is twice as fast as the vehicle may be counts half, that from who is slower whole."""
-    planner = Planner(scene(disc("runner", (1.0, 5.0)), start={"speed": 0.0}))
-    evasion, top = Evasion(planner._means), planner.given.vehicle.max_speed
-    planner.update_motion("runner", {"position": (1.0, 5.0), "velocity": (0.0, -times_as_fast * top)})
-    moment = planner._means.moment(State(0.0, (0.0, 0.0), None, 0.0))
-    view = evasion._looked(Replan(moment, 0.0, math.inf, None, 0))
-    evasion.outlooks._haste = np.ones(1)
-    other, time = evasion.outlooks.of(moment, view.dodges), view.dodges.times / 0.8
-    clearance = view.seen.room.each[0] / 0.6
-    less = np.minimum(clearance / max(times_as_fast, 1.0), clearance)
-    more = nearness(time, less) - nearness(time, clearance)
-    assert other.worth - view.seen.worth == pytest.approx(NEARNESS * 0.6 * more, abs=1e-6)
-    assert bool(more.max() > 0.01) is (times_as_fast > 1.0)
-
-
 def test_nobody_turns_where_there_is_nobody_but_a_border() -> None:
     planner = Planner(scene(start={"speed": 0.0}, bounds={"min": (-5.0, -5.0), "max": (30.0, 5.0)}))
     view = Evasion(planner._means)._looked(
