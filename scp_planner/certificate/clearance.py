@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, END_TOLERANCE, Clearance, Violation
@@ -54,9 +54,14 @@ class VehicleDisc:
         most = tube.standing + tube.per_speed * fastest + tube.per_lateral * enclosure.lateral_bound
         return cls(offset, center, off, np.maximum(off, most))
 
-    def part(self, index: slice) -> VehicleDisc:
+    def part(self, index: slice | Mask) -> VehicleDisc:
         """Return the disc on some of the pieces."""
         return VehicleDisc(self.offset, self.center.take(index), self.off[index], self.most_off[index])
+
+    def with_more(self, more: VehicleDisc) -> VehicleDisc:
+        """Return the disc on these pieces and, after them, on others."""
+        off, most_off = np.concatenate([self.off, more.off]), np.concatenate([self.most_off, more.most_off])
+        return VehicleDisc(self.offset, self.center.with_more(more.center), off, most_off)
 
 
 @dataclass(frozen=True)

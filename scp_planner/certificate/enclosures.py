@@ -33,9 +33,13 @@ class Pieces:
         wide = after > before
         return cls((0.5 * (before + after))[wide], (0.5 * (after - before))[wide])
 
-    def part(self, index: slice) -> Pieces:
+    def part(self, index: slice | Mask) -> Pieces:
         """Return some of the intervals."""
         return Pieces(self.middle[index], self.half[index])
+
+    def with_more(self, more: Pieces) -> Pieces:
+        """Return these intervals and, after them, others."""
+        return Pieces(np.concatenate([self.middle, more.middle]), np.concatenate([self.half, more.half]))
 
     def halves(self, keep: Mask) -> Pieces:
         """Return the halves of some of the intervals."""
@@ -96,19 +100,36 @@ class Enclosure:
         It is at q = r + o T, with q' = v T + o w N and w = v kappa the rate of the heading, so that
         |q''| <= |r''| + |o| |(w', w^2)|, w' = v dkappa/dt + a kappa.
         """
-        unit = self.path.direction / self.path.speed[:, None]
+        position, velocity = disc_in_the_middle(self.path, self.speed, self.curvature, offset)
         own = np.sqrt(self.acceleration_bound**2 + self.lateral_bound**2)
-        velocity = self.speed[:, None] * unit
         if offset == 0.0:
-            return MovingPoint(self.time, self.half, self.path.position, velocity, own)
-        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+            return MovingPoint(self.time, self.half, position, velocity, own)
         fastest = self.speed + self.acceleration_bound * self.half
         turning = fastest * self.curvature_bound
         change = fastest * self.curvature_rate + self.acceleration_bound * self.curvature_bound
-        return MovingPoint(
-            self.time,
-            self.half,
-            self.path.position + offset * unit,
-            velocity + (offset * self.speed * self.curvature)[:, None] * across,
-            own + abs(offset) * np.hypot(change, turning**2),
-        )
+        bound = own + abs(offset) * np.hypot(change, turning**2)
+        return MovingPoint(self.time, self.half, position, velocity, bound)
+
+
+def disc_in_the_middle(path: PathPoints, speed: Array, curvature: Array, offset: float) -> tuple[Array, Array]:
+    """Where the centre of a disc is, so far ahead of the reference point, m, and its velocity, (n, 2) m and m/s.
+
+    Parameters
+    ----------
+    path : PathPoints
+        Of the reference point.
+    speed, curvature : (n,) arrays
+        There, m/s and 1/m.
+    offset : float
+        m.
+
+    Returns
+    -------
+    tuple of (n, 2) arrays
+    """
+    unit = path.direction / path.speed[:, None]
+    velocity = speed[:, None] * unit
+    if offset == 0.0:
+        return path.position, velocity
+    across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    return path.position + offset * unit, velocity + (offset * speed * curvature)[:, None] * across

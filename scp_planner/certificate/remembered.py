@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from scp_planner.arrays import Array
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.clearance import VehicleDisc
-from scp_planner.certificate.enclosures import Pieces
+from scp_planner.certificate.enclosures import Pieces, disc_in_the_middle
 from scp_planner.certificate.verdict import Ends, LimitUse
 from scp_planner.scenario.models import Scenario
+from scp_planner.threat_zones.bounds import MovingPoint
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trip import Trip
 
@@ -24,6 +26,32 @@ class PartOfMotion:
 
     pieces: Pieces
     discs: tuple[VehicleDisc, ...]
+
+    def cut(self, checked: CheckedTrip, knots: Array) -> PartOfMotion:
+        """Return the same with the pieces cut in which knots (n,), in normalised time, lie; the new ones come last.
+
+        And where what is checked begins: zones that change with time may be none before.
+        """
+        begins, ends = self.pieces.middle - self.pieces.half, self.pieces.middle + self.pieces.half
+        knots = np.append(knots, max(checked.first, begins[0]))
+        cut = np.zeros(len(ends), dtype=bool)
+        cut[np.searchsorted(ends, knots)] = True
+        parts = Pieces.between(np.sort(np.concatenate([begins[cut], ends[cut], knots])))
+        # What lies between two pieces that are cut is none of them, unless it is cut, too
+        here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)] & (parts.middle > checked.first)
+        parts = Pieces(parts.middle[here], parts.half[here])
+        trajectory, lasts = checked.trajectory, checked.trajectory.travel_time
+        drive = trajectory.drive_at(parts.middle)
+        points = trajectory.path.points(trajectory.path.exact.parameter_at(drive.distance))
+        curvature = trajectory.path.bend(points).curvature if any(disc.offset for disc in self.discs) else np.zeros(1)
+        # What bounds a second derivative on a piece bounds it on parts of that.
+        whole, discs, nothing = np.searchsorted(ends, parts.middle), [], np.zeros(len(parts.middle))
+        for disc in self.discs:
+            place, velocity = disc_in_the_middle(points, drive.speed, curvature, disc.offset)
+            bound = disc.center.acceleration[whole]
+            center = MovingPoint(lasts * parts.middle, lasts * parts.half, place, velocity, bound)
+            discs.append(disc.part(~cut).with_more(VehicleDisc(disc.offset, center, nothing, nothing)))
+        return PartOfMotion(self.pieces.part(~cut).with_more(parts), tuple(discs))
 
 
 @dataclass(frozen=True)
@@ -71,7 +99,7 @@ class KeptMotion:
         )
 
     def part(self, checked: CheckedTrip) -> PartOfMotion | None:
-        """Return the pieces that cover what is checked; None if there are none, or a zone's knot lies in one.
+        """Return the pieces that cover what is checked, none across a zone's knot; None if there are none.
 
         The first piece may begin before what is to be checked: then it is kept clear of all the more, or if it is not,
         nothing follows from that.
@@ -80,10 +108,10 @@ class KeptMotion:
         part = slice(int(np.searchsorted(finishes, checked.first, "right")), int(np.searchsorted(begins, checked.last)))
         if part.start >= part.stop:
             return None
+        found = PartOfMotion(self.pieces.part(part), tuple(disc.part(part) for disc in self.discs))
         knots = checked.zone_knots()
-        if np.any((knots > begins[part.start]) & (knots < finishes[part.stop - 1])):
-            return None
-        return PartOfMotion(self.pieces.part(part), tuple(disc.part(part) for disc in self.discs))
+        inside = (knots > begins[part.start]) & (knots < finishes[part.stop - 1])
+        return found.cut(checked, knots[inside]) if inside.any() else found
 
 
 class Motions:

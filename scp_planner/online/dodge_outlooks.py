@@ -32,9 +32,11 @@ turn takes as much. Of who is slower: in proportion."""
 UNREST_LASTS = 0.5
 """Moments for which it counts that somebody has changed the velocity..."""
 UNREST = 1.0
-"""...and by how many times as much it may change once more: as much nearer are they taken to come."""
+"""...and by how many times as much it may change once more, to the same side: as much nearer are they taken to come."""
 LOST = 4.0
 """Lengths of way that a length is worth by which a dodge shortens what can be driven at all: it ends in a dead end."""
+TINY = 1e-12
+"""Units of length: nearer than this to a centre there is no direction to it."""
 FARTHEST = 1e9
 """Stands for a clearance without a zone, where clearances are interpolated."""
 
@@ -61,6 +63,8 @@ class Outlook:
         From which zones.
     clear : (C,) array
         How long each keeps clear, s from now; inf for those that do until they are over.
+    leaves : (C,) array
+        From when on each keeps clear until it is over, s from now; inf for those that never do.
     now, soon, then : (C,) arrays
         What is left of the way to the goal, m, as the vehicle can turn: now, at `GAIN`, and at the end.
     worth : (C,) array
@@ -71,6 +75,7 @@ class Outlook:
     least: Array
     room: Room
     clear: Array
+    leaves: Array
     now: Array
     soon: Array
     then: Array
@@ -88,7 +93,7 @@ class DodgeOutlooks:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._patience = 1.0
-        self._change = np.zeros(0)  # of the velocity of each obstacle, of late, (L,) m/s
+        self._change = np.zeros((0, 2))  # of the velocity of each obstacle, of late, (L, 2) m/s
         self._unrest = Unrest(UNREST_LASTS * a_moment(means.given.vehicle))
 
     def note(self, moment: Moment) -> None:
@@ -97,9 +102,22 @@ class DodgeOutlooks:
         velocities = moment.frame.vectors_to_world(batch.velocities.grid(np.zeros(1))[0])
         self._change = self._unrest.note(moment.state.time, batch.ids, velocities)
 
-    def _nearer(self, time: Array) -> Array:
-        """By how much nearer than zones say their obstacles may come by times (J,), s from now: (L, J) m."""
-        return UNREST * self._change[:, None] * np.minimum(time, GAIN * a_moment(self._means.given.vehicle))
+    def _closer(self, moment: Moment, times: Array, place: Array, room: Room) -> Array:
+        """The least clearance, (C, J) m, at places (C, J, 2) and times (J,), s from now, if who turns goes on with it.
+
+        Who has just changed the velocity is taken to change it once more in the same direction.
+        """
+        turning = np.flatnonzero(np.append(self._change.any(axis=1), False)[room.zones])  # the border is the last
+        if not turning.size:
+            return room.least
+        zones = room.zones[turning]
+        gone = UNREST * np.minimum(times, GAIN * a_moment(self._means.given.vehicle))
+        x, y = (self._change[zones] @ moment.frame.rotation).T[:, :, None, None] * gone
+        centers = moment.batch.centers.grid(times)[:, zones].T[:, :, None]
+        offset_x, offset_y = place[..., 0] - centers[0], place[..., 1] - centers[1]
+        nearer = (x * offset_x + y * offset_y) / np.maximum(np.hypot(offset_x, offset_y), TINY)
+        closer = np.min(room.each[turning] - np.maximum(nearer, 0.0), axis=0)
+        return np.minimum(room.least, closer)
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts.
@@ -204,15 +222,17 @@ class DodgeOutlooks:
         # A certified stop may end nearer to a zone than the margin: then it must not come nearer still.
         entered = until_over(near, driven) < np.clip(near[:, :1], 0.0, self._means.settings.clearance_margin)
         clear = np.where(entered.any(axis=1), driven.times[entered.argmax(axis=1)], np.inf)
+        last = np.where(entered.any(axis=1), entered.shape[1] - entered[:, ::-1].argmax(axis=1), 0)
+        leaves = np.append(driven.times, np.inf)[last]
         width = 2.0 * vehicle.radius
         time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
         counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
-        closer = room.less(self._nearer(driven.times))
+        closer = self._closer(moment, driven.times, driven.position, room)
         worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
         worth -= LOST * self._way_lost(moment, driven)
-        return Outlook(least, room, clear, left[0], left[1], left[2], worth)
+        return Outlook(least, room, clear, leaves, left[0], left[1], left[2], worth)
 
     def _way_lost(self, moment: Moment, driven: Driven) -> Array | float:
         """By how much less the vehicle can drive in all, (C,) m, if it drives that; 0 if it can turn or back out."""
@@ -306,7 +326,8 @@ class DodgeOutlooks:
         driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
         over = np.maximum(clock - trip.trajectory.travel_time, 0.0)
         gained = value_at(GAIN, time, (driven + vehicle.max_speed * over)[None]) - self._lost_by_going_on(moment, trip)
-        near = np.where(over > 0.0, np.inf, room.less(self._nearer(ahead)))
+        here = moment.frame.to_frame(trip.frame.to_world(place))
+        near = np.where(over > 0.0, np.inf, self._closer(moment, ahead, here[None], room))
         counted = np.where(over > 0.0, np.inf, room.less(self._spare(moment.batch, vehicle)))
         return float((gained - self._cost(time, near / width, counted / width) * width)[0])
 

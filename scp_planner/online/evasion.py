@@ -52,6 +52,8 @@ class Dodge:
         Up to when it is over.
     clear : float
         How long it keeps clear, s from now, as far as samples tell; inf until it is over.
+    leaves : float
+        From when on it keeps clear until it is over, s from now, as far as samples tell; inf for never.
     lasts : bool
         Whether that is longer than it takes to stop.
     least : float
@@ -69,6 +71,7 @@ class Dodge:
     trip: Trip
     certificate: Certificate
     clear: float
+    leaves: float
     lasts: bool
     least: float
     blocked_by: str | None
@@ -313,6 +316,7 @@ class Evasion:
             trip,
             certificate,
             float(seen.clear[number]),
+            float(seen.leaves[number]),
             bool(seen.clear[number] > self._soon(moment)),
             float(seen.least[number].min()),
             self._blocked_by(moment, seen, number),

@@ -2,7 +2,8 @@
 
 Most of the time people walk straight on, and hardly anybody who has done so up to now turns within the next moment. But
 who has begun to, does mostly go on: of those in simulated crowds who changed by a tenth of the vehicle's top speed from
-one look to the next, ten times as many as of all others were far from their straight way a moment later.
+one look to the next, ten times as many as of all others were far from their straight way a moment later. They go on to
+the same side: hardly one in twenty turned back, and seven in ten changed by a third as much at least once more.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Unrest:
         self._looks = deque[_Looked]()
 
     def note(self, time: float, ids: Sequence[str], velocities: Array) -> Array:
-        """Take note of velocities; return by how much each has changed within that time, (L,) m/s.
+        """Take note of velocities; return how each has changed within that time, (L, 2) m/s: the largest change.
 
         0 of those who have only just come: what is known of their velocities at first is no more than a guess.
 
@@ -54,7 +55,7 @@ class Unrest:
 
         Returns
         -------
-        (L,) array
+        (L, 2) array
         """
         while self._looks and self._looks[-1].time >= time:
             self._looks.pop()
@@ -70,12 +71,13 @@ class Unrest:
 
     def _changes(self) -> Array:
         now = self._looks[-1]
-        most = np.zeros(len(now.velocities))
+        most = np.zeros((len(now.velocities), 2))
         ids = tuple(now.rows)
         for before in tuple(self._looks)[:-1]:
             row = np.array([before.rows.get(name, -1) for name in ids], dtype=np.intp)
             there = np.flatnonzero(row >= 0)
             there = there[before.time > now.since[there]]
             change = now.velocities[there] - before.velocities[row[there]]
-            most[there] = np.maximum(most[there], np.hypot(*change.T))
+            larger = np.hypot(*change.T) > np.hypot(*most[there].T)
+            most[there[larger]] = change[larger]
         return most

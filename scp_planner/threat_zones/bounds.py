@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -38,11 +38,16 @@ class MovingPoint:
     velocity: Array
     acceleration: Array
 
-    def take(self, part: slice) -> MovingPoint:
+    def take(self, part: slice | Mask) -> MovingPoint:
         """Return some of the intervals."""
         return MovingPoint(
             self.time[part], self.half[part], self.position[part], self.velocity[part], self.acceleration[part]
         )
+
+    def with_more(self, more: MovingPoint) -> MovingPoint:
+        """Return these intervals and, after them, others."""
+        pairs = ((getattr(self, each.name), getattr(more, each.name)) for each in fields(self))
+        return MovingPoint(*(np.concatenate(pair) for pair in pairs))
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,12 @@ from reference_trips import (
 
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
-from scp_planner.certificate.checked_trip import Scope
+from scp_planner.certificate.checked_trip import CheckedTrip, Scope
+from scp_planner.certificate.clearance import VehicleDisc
 from scp_planner.certificate.remembered import Motions
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.path import Path
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -55,6 +59,74 @@ def test_what_is_known_of_a_trip_changes_no_verdict(seed: int) -> None:
                 assert known.clearance.minimum <= new.clearance.minimum + precision
         verdicts.append(known.holds)
     assert 1 < sum(verdicts) < 13
+
+
+def changing(zones: tuple[ThreatZone, ...], knots: np.ndarray, reaches: np.ndarray) -> tuple[ThreatZone, ...]:
+    """Zones that reach farther than their discs by so much, (K + 1,) m, between times (K,), s."""
+    spread = np.zeros((1, len(reaches), 1, 3))
+    spread[0, :, 0, 0] = spread[0, :, 0, 2] = reaches**2
+    made = []
+    for zone in zones:
+        ends = zone.centers.breakpoints[0, [0, -1]]
+        breaks = np.concatenate([ends[:1], knots, ends[1:]])[None]
+        made.append(replace(zone, covariances=PiecewisePolynomials(breaks, spread)))
+    return tuple(made)
+
+
+@pytest.mark.parametrize("seed", SEEDS[:2])
+def test_zones_that_change_while_it_is_driven_change_no_verdict(seed: int) -> None:
+    """Zones that grow and shrink at once, at random times: what is remembered is cut there, and judged as if new."""
+    trip, rng = random_trip(seed), np.random.default_rng(seed)
+    reference, free, motions = Reference(trip), the_scene(), Motions()
+    assert certify_trip(free, trip, (), motions=motions).holds
+    lasts, verdicts = trip.trajectory.travel_time, []
+    for _ in range(30):
+        near = the_scene(passing(reference, int(rng.integers(1 << 30)), 3.0).obstacle(rng.uniform(-0.25, 0.05)))
+        scenario = free.model_copy(update={"obstacles": near.obstacles})
+        knots = np.sort(FRAME.time + rng.uniform(0.0, lasts, 6))
+        zones = changing(sp.zones(near), knots, rng.choice([1e-3, 0.1, 0.2], 7))
+        since = FRAME.time + rng.uniform(0.0, 0.6) * lasts
+        known, new = (
+            certify_trip(scenario, trip, zones, Scope(since, precision=np.inf), motions=some)
+            for some in (motions, None)
+        )
+        assert known.holds == new.holds
+        verdicts.append(known.holds)
+    assert 3 < sum(verdicts) < 27
+
+
+@pytest.mark.parametrize("offsets", [(0.0,), (-0.2, 0.3)])
+def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside(offsets: tuple[float, ...]) -> None:
+    trip, rng = random_trip(0), np.random.default_rng(0)
+    free, motions, lasts = the_scene(), Motions(), trip.trajectory.travel_time
+    free = free.model_copy(update={"vehicle": free.vehicle.model_copy(update={"discs": offsets})})
+    assert certify_trip(free, trip, (), motions=motions).holds
+    motion = motions.of(trip)
+    near = the_scene(passing(Reference(trip), 1, 3.0).obstacle(0.1))
+    for _ in range(20):
+        knots = np.sort(FRAME.time + rng.uniform(0.0, lasts, 6))
+        zones = changing(sp.zones(near), knots, np.full(7, 0.1))
+        batch = ZoneBatch.of(zones, trip.frame, free.vehicle.radius)
+        checked = CheckedTrip.of(free, trip, batch, Scope(FRAME.time + rng.uniform(0.0, 0.6) * lasts))
+        assert motion is not None
+        part = motion.part(checked)
+        assert part is not None
+        order = np.argsort(part.pieces.middle)
+        middle, half = part.pieces.middle[order], part.pieces.half[order]
+        ends = middle[0] - half[0], middle[-1] + half[-1]
+        assert ends == pytest.approx((checked.first, checked.last))
+        assert (middle - half)[1:] == pytest.approx((middle + half)[:-1], abs=1e-12)
+        inside = np.abs((knots - FRAME.time)[:, None] / lasts - middle) < half - 1e-12
+        assert not inside.any()
+        points, _ = trip.at(FRAME.time + lasts * part.pieces.middle)
+        for disc, offset in zip(part.discs, free.vehicle.discs, strict=True):
+            heading = points.path.direction / np.linalg.norm(points.path.direction, axis=1, keepdims=True)
+            assert disc.center.position == pytest.approx(points.path.position + offset * heading, abs=1e-7)
+            assert disc.center.time == pytest.approx(lasts * part.pieces.middle)
+            fresh = VehicleDisc.on(checked.enclosed(part.pieces), offset)
+            assert disc.center.velocity == pytest.approx(fresh.center.velocity, abs=1e-9)
+            assert (disc.center.acceleration >= fresh.center.acceleration - 1e-9).all()
+            assert len(disc.off) == len(disc.most_off) == len(middle)
 
 
 def test_a_trip_is_known_by_all_that_it_depends_on() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -190,8 +191,8 @@ def test_what_was_begun_is_gone_on_with_where_nothing_is_clearly_better(number: 
     evasion = Evasion(means)
     now = Replan(means.moment(State(0.0, (0.0, 0.0), None, 1.0)), 0.0, math.inf, None, 0)
     dodges = evasion._looked(now).dodges
-    at_top_speed = 5  # for the time of two widths
-    trip = dodges.trip(number * len(dodges.families[0].profiles.stands) + at_top_speed, now.moment.frame)
+    profiles = dodges.families[0].profiles
+    trip = dodges.trip(number * len(profiles.stands) + int(np.argmax(profiles.way)), now.moment.frame)
     points, _ = trip.at(0.1)
     x, y = trip.frame.to_world(points.path.position)[0].tolist()
     stop = Stop(trip, trip.trajectory.travel_time)
@@ -200,6 +201,36 @@ def test_what_was_begun_is_gone_on_with_where_nothing_is_clearly_better(number: 
     found = evasion.safest(later)
     assert found is not None and found.safe
     assert (found.trip is trip) is kept
+
+
+@pytest.mark.parametrize(
+    ("begins", "velocity", "says"),
+    [
+        ((-2.0, 0.05), (3.0, 0.0), r"certified to keep clear for ([\d.]+) s, then comes near to walker"),
+        ((0.3, 0.1), (-0.5, 0.0), r"near to walker now, certified to keep clear from ([\d.]+) s from now on"),
+    ],
+)
+def test_where_nothing_is_safe_it_says_what_is_certified(
+    begins: tuple[float, float], velocity: tuple[float, float], says: str
+) -> None:
+    """Somebody who is too fast to be evaded, and somebody who touches it already, against their distances over time."""
+    scenario = scene(
+        disc("walker", (5.0, 5.0), radius=0.3),
+        start={"speed": 0.0},
+        vehicle={"max_speed": 1.0, "max_acceleration": 0.5, "max_deceleration": 0.5, "steering": "any"},
+    )
+    planner = Planner(scenario, online=OnlineSettings(period=PERIOD))
+    planner.update_motion("walker", {"position": begins, "velocity": velocity})
+    plan = planner.replan(0.0, (0.0, 0.0), None, 0.0)
+    found = re.search(says, str(plan.reason))
+    assert not plan.safe and found is not None
+    when = float(found[1])
+    times = np.linspace(0.0, plan.arrival_time, 2001)
+    apart = np.linalg.norm(plan.position(times) - np.array(begins) - times[:, None] * velocity, axis=1) - 0.6
+    if "from now on" in says:
+        assert apart[0] < 0.0 and apart[times > when + 1e-2].min() >= -1e-9
+    else:
+        assert apart.min() < 0.0 and 0.1 < when and apart[times < when - 1e-2].min() >= -1e-9
 
 
 def test_the_last_trip_is_gone_on_with_where_it_leads_between_smaller_zones() -> None:
