@@ -191,7 +191,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="scenarios, XML")
     parser.add_argument("--checker", type=Path, metavar="DIR", required=True, help="the checker's environment")
-    parser.add_argument("--model", default="KS", choices=["PM", "KS", "KST"])
+    parser.add_argument("--model", default="KS", choices=["PM", "KS"])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--time-limit", type=float, default=3.0, metavar="S")

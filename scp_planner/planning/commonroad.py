@@ -137,7 +137,7 @@ class _Job:
 
     def planned(self, trial: _Trial) -> CommonRoadPlan:
         """Plan what is tried."""
-        left = self.left
+        left = max(self.left, 0.0)
         scenario = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
         vehicle = scenario.vehicle.model_copy(update=trial.soft)
         scenario = scenario.model_copy(update={"vehicle": vehicle})

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import odeint
 from scipy.optimize import Bounds, minimize
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad_models import Car, VehicleModel
 
@@ -192,7 +192,7 @@ def found(before: Array, after: Array, step: float, car: Car) -> bool:
     return bool((np.round(far, 4) < SAME).all())
 
 
-def _doubtful(states: Array, step: float, car: Car) -> Array:
+def _doubtful(states: Array, step: float, car: Car) -> Index:
     """From which states the checker might not find its way to the next."""
     before, after = states[:-1], states[1:]
     inputs = (after - before)[:, [STEERING, SPEED]] / step
@@ -206,7 +206,7 @@ def _doubtful(states: Array, step: float, car: Car) -> Array:
     most = car.acceleration * car.switching_speed / speed
     cut = (rise > 0.0) & (after[:, SPEED] > car.switching_speed)
     beyond = cut & (0.5 * step**2 * (most - rise) > DOUBTFUL * SAME[0])
-    doubtful: Array = np.flatnonzero(beyond | (missed > DOUBTFUL * SAME).any(axis=1))
+    doubtful: Index = np.flatnonzero(beyond | (missed > DOUBTFUL * SAME).any(axis=1))
     return doubtful
 
 
