@@ -39,7 +39,7 @@ DOUBTFUL = 0.5
 """Of what is noticed: where so much is missed by the inputs that the speeds and steering angles ask for, or would be if
 the acceleration were at its limit, the checker's search is made."""
 
-CLEARLY = 0.95
+CLEARLY = 0.99
 """Of what is noticed: what a place of a point mass may miss, which the search can but lessen."""
 
 NUDGES = tuple(sign * size for size in (1e-6, 1e-5, 3e-5, 1e-4) for sign in (1.0, -1.0))

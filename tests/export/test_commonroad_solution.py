@@ -289,6 +289,11 @@ def test_trials_that_there_is_no_time_for_leave_what_there_is(road_file: Path, m
     assert not made.plan.certified
 
 
+def test_no_time_at_all_leaves_what_is_at_hand(road_file: Path) -> None:
+    made = plan_commonroad(road_file, model="KS", time_limit=0.0)
+    assert made.plan.travel_time > 0.0
+
+
 def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path, monkeypatch: Any) -> None:
     """A goal that is late: the plan brakes and speeds up, at once, and the file's steps are long."""
     file = tmp_path / "late.xml"
