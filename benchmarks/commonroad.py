@@ -113,7 +113,10 @@ def row_of(file: Path, model: str, folder: Path, checker: Path | None, time_limi
     if not made.plan.certified:
         return Row(name, f"{made.plan.status}: {made.plan.reason}", made.plan.travel_time, planning_time)
     solution = folder / f"{name}.{model}.xml"
-    export_commonroad_solution(made.plan, file, solution, model=model)
+    try:
+        export_commonroad_solution(made.plan, file, solution, model=model)
+    except ValueError as error:
+        return Row(name, str(error), made.plan.travel_time, planning_time)
     verdict = "" if checker is None else judged(file, solution, checker)
     return Row(name, str(made.plan.status), made.plan.travel_time, planning_time, verdict)
 

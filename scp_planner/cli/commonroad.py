@@ -77,5 +77,9 @@ class SolutionOptions:
         """Write the solution file of a certified plan; none of another."""
         from scp_planner.export.commonroad_solution import export_commonroad_solution
 
-        if made.certified and self.file is not None:
+        if not made.certified or self.file is None:
+            return
+        try:
             export_commonroad_solution(made, scenario_file, self.file, model=self.model.value, cost=self.cost.value)
+        except ValueError as error:
+            raise bad_option("--commonroad-solution", self.file, str(error)) from error

@@ -1,7 +1,8 @@
 """Plans as solutions of CommonRoad's benchmark: files that commonroad-io writes and its official checker reads.
 
 A solution is the plan's states at the steps of the scenario's file. States of KS and KST carry the steering angle,
-which is that of the plan's curvature, and KST the angle of the trailer, integrated from a straight one at the start.
+which is that of the plan's curvature (next to nothing beside it, where the checker would not find the inputs), and KST
+the angle of the trailer, integrated from a straight one at the start.
 
 Needs the package commonroad-io (the extra `commonroad`), of 2024 or newer.
 """
@@ -17,15 +18,13 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
+from scp_planner.planning.commonroad_referee import HEADING, SPEED, STEERING, axle_states, findable, reconstructible
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import read_commonroad
 from scp_planner.scenario.commonroad_models import Car, VehicleModel, car_named, centre_of, default_car
 
 COSTS = ("JB1", "SM1", "WX1")
 """Cost functions that solutions are submitted for: the time alone; comfort; time and comfort."""
-
-ON_A_STEP = 0.02
-"""Part of a step by which an arrival may miss one: the plan keeps its arrival to half of that."""
 
 HITCH_STEPS = 20
 """To a step of the file, of the integral of the trailer's angle."""
@@ -67,7 +66,8 @@ def export_commonroad_solution(
     Raises
     ------
     ValueError
-        If there is no such model, car or cost, or the plan does not arrive on a step of the file.
+        If there is no such model, car or cost, or the plan does not arrive on a step of the file, or changes
+        its accelerations so much in one that the official checker would find no inputs.
     ScenarioError
         If the file is none of CommonRoad.
     ImportError
@@ -85,6 +85,8 @@ def export_commonroad_solution(
 
     first = int(chosen.initial_state.time_step)
     given = float(chosen.initial_state.orientation)
+    if not reconstructible(plan, float(world.dt), moved, body, given):
+        raise ValueError("plan: the official checker would not find the inputs between its states")
     states = _states(plan, float(world.dt), first, moved, body, given)
     answer = solution.PlanningProblemSolution(
         chosen.planning_problem_id,
@@ -101,18 +103,10 @@ def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, 
     """Give the plan's states at the steps of the file, in classes of commonroad-io; the orientation is the first."""
     from commonroad.scenario import state
 
-    count = round(plan.travel_time / step)
-    if abs(count * step - plan.travel_time) > ON_A_STEP * step:
-        raise ValueError(
-            f"plan: must take a multiple of the file's step, {step:g} s; it takes {plan.travel_time:.6g} s"
-        )
-    # The last state is that of the arrival, which is on its step to a hundredth of it.
-    times = np.linspace(plan.start_time, plan.arrival_time, count + 1)
-    heading, speed = np.unwrap(plan.heading(times)), plan.speed(times)
-    # The checker compares angles as numbers.
-    heading += 2.0 * math.pi * round((orientation - heading[0]) / (2.0 * math.pi))
+    shown = axle_states(plan, step, car, orientation)
+    speed, heading, count = shown[:, SPEED], shown[:, HEADING], len(shown) - 1
     along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    places = plan.position(times) + centre_of(car, model) * along
+    places = shown[:, :STEERING] + centre_of(car, model) * along
     steps = range(first, first + count + 1)
     if model is VehicleModel.PM:
         velocity = np.maximum(speed, LEAST_SPEED * car.speed)[:, None] * along
@@ -120,7 +114,7 @@ def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, 
             state.PMState(time_step=k, position=place, velocity=float(v[0]), velocity_y=float(v[1]))
             for k, place, v in zip(steps, places, velocity, strict=True)
         ]
-    steering = np.arctan(car.wheelbase * plan.curvature(times))
+    steering = findable(shown, step, car)[:, STEERING]
     shared = [
         {
             "time_step": k,
@@ -133,7 +127,7 @@ def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, 
     ]
     if model is VehicleModel.KS:
         return [state.KSState(**each) for each in shared]
-    hitch = _hitch_angles(plan, times, car)
+    hitch = _hitch_angles(plan, np.linspace(plan.start_time, plan.arrival_time, count + 1), car)
     return [state.KSTState(**each, hitch_angle=float(angle)) for each, angle in zip(shared, hitch, strict=True)]
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from math import inf
 from os import PathLike
 from time import perf_counter
 
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
+from scp_planner.errors import TooLargeError
+from scp_planner.planning.commonroad_referee import SPEED, axle_states, reconstructible
 from scp_planner.planning.offline import plan
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.scenario.commonroad_goals import GoalAim, GoalState
-from scp_planner.scenario.commonroad_models import FEWEST_DISCS, VehicleModel, car_named, default_car
+from scp_planner.scenario.commonroad_models import FEWEST_DISCS, Car, VehicleModel, car_named, default_car, softer
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.planning import Settings
@@ -31,6 +33,9 @@ SHARE = 0.5
 
 QUICK_RUNS, QUICK_SEARCHES = 2, 4
 """Settings of a look at an aim that is one of several."""
+
+SOFTER = (1.0, 0.8, 0.6, 0.4)
+"""How softly is planned again, in turn, where the official checker would not find the inputs of what is certified."""
 
 SPAN = 0.65
 """Lengths of the vehicle, of a span of the offset's spline: what drives fast bends slowly."""
@@ -87,6 +92,8 @@ def plan_commonroad(
     ------
     ScenarioError, ValueError, ImportError, OSError
         As `load_commonroad`.
+    TooLargeError
+        If the time is over before all obstacles can be looked at once.
     """
     job = _Job(
         read_commonroad(path, problem), model, car, settings, inf if time_limit is None else perf_counter() + time_limit
@@ -96,9 +103,10 @@ def plan_commonroad(
         for trial in _trials(number, state):
             if best is not None and job.left <= 0.0:
                 break
-            made = job.planned(trial)
+            made = job.planned(trial) if best is None else job.again(trial, best)
             if not trial.quick:
                 made = _closer(job, trial, made)
+            made = _found(job, replace(trial, discs=len(made.scenario.vehicle.discs)), made)
             best = made if best is None or _better(made.plan, best.plan) else best
             if made.plan.certified:
                 break
@@ -117,18 +125,33 @@ class _Job:
     deadline: float
 
     @property
+    def body(self) -> Car:
+        """The car that is moved."""
+        model = VehicleModel(self.model)
+        return car_named(self.car or default_car(model), model)
+
+    @property
     def left(self) -> float:
         """Of the time, for one trial, s."""
         return SHARE * (self.deadline - perf_counter())
 
     def planned(self, trial: _Trial) -> CommonRoadPlan:
         """Plan what is tried."""
-        left = self.left
+        left = max(self.left, 0.0)
         scenario = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
+        vehicle = scenario.vehicle.model_copy(update=trial.soft)
+        scenario = scenario.model_copy(update={"vehicle": vehicle})
         settings = self.settings or road_settings(scenario)
         if trial.quick:
             settings = replace(settings, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
         return CommonRoadPlan(scenario, plan(scenario, settings, time_limit=None if left == inf else left))
+
+    def again(self, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
+        """Plan what is tried; what there is already, where the time is over before all obstacles can be looked at."""
+        try:
+            return self.planned(trial)
+        except TooLargeError:
+            return made
 
 
 def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
@@ -138,8 +161,21 @@ def _closer(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
             continue
         if not _touches_alone(job, made) or job.left <= 0.0:
             break
-        again = job.planned(replace(trial, discs=discs))
+        again = job.again(replace(trial, discs=discs), made)
         made = again if _better(again.plan, made.plan) else made
+    return made
+
+
+def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
+    """Drive more softly, where the official checker would not find the inputs of what is certified."""
+    step, start = float(job.file.world.dt), float(job.file.problem.initial_state.orientation)
+    model, vehicle = VehicleModel(job.model), made.scenario.vehicle
+    for part in SOFTER:
+        if not made.plan.certified or job.left <= 0.0 or reconstructible(made.plan, step, model, job.body, start):
+            break
+        fastest = float(axle_states(made.plan, step, job.body, start)[:, SPEED].max())
+        again = job.again(replace(trial, soft=softer(vehicle, step, fastest, part)), made)
+        made = again if again.plan.certified else made
     return made
 
 
@@ -147,8 +183,7 @@ def _touches_alone(job: _Job, made: CommonRoadPlan) -> bool:
     """Whether nothing is wrong with a trip but when it arrives and what it touches, with what sticks out of the car."""
     if made.plan.certified:
         return False
-    model = VehicleModel(job.model)
-    out = made.scenario.vehicle.radius - 0.5 * car_named(job.car or default_car(model), model).width
+    out = made.scenario.vehicle.radius - 0.5 * job.body.width
     violations = certify(made.scenario, made.plan).violations
     touches = [-violation.value for violation in violations if violation.what == "clearance"]
     others = {violation.what for violation in violations} - {"clearance", LATEST, OFF_STEP}
@@ -157,11 +192,12 @@ def _touches_alone(job: _Job, made: CommonRoadPlan) -> bool:
 
 @dataclass(frozen=True)
 class _Trial:
-    """What is planned for, and whether it is only looked at."""
+    """What is planned for, whether it is only looked at, and which limits are closer than the car's."""
 
     aim: GoalAim
     quick: bool
     discs: int = FEWEST_DISCS
+    soft: Mapping[str, float] = field(default_factory=dict)
 
 
 def _trials(number: int, state: GoalState) -> Iterator[_Trial]:

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from scp_planner.scenario.models import Vehicle
+
 RESERVE = 0.01
 """Relative: how much less than a limit is planned with. The referee sees states at steps, and joins them by constant
 inputs, whose largest values may lie this much above those of the plan."""
@@ -28,6 +30,9 @@ UNNOTICED = 0.01
 
 COARSE = 0.5
 """Of the swerve from one side to the other in one step: a smaller one is asked for."""
+
+WEAKER = 0.1
+"""Less power where a trip is planned more softly: for the official checker's search it is another one."""
 
 SPEED_RESERVE, SLOWEST = 1.5, 2.0
 """At which speed a point mass swerves: so many times that of the start, and no less than this, m/s."""
@@ -198,6 +203,34 @@ def swerving(vehicle: Mapping[str, Any], step: float, speed: float) -> dict[str,
         return {}
     bend = min(float(vehicle["max_curvature"]), jerk / (2.0 * speed * hardest))
     return {"max_curvature_rate": rate, "max_curvature": bend}
+
+
+def softer(vehicle: Vehicle, step: float, speed: float, part: float) -> dict[str, float]:
+    """Return limits of a car whose inputs constant ones follow better, where the checker joins states by these.
+
+    Where the acceleration changes by j h in a step h, the place differs by j h^3 / 12.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    step : float
+        Of the file, s.
+    speed : float
+        The largest, m/s.
+    part : float
+        Of what is the most that may be so.
+
+    Returns
+    -------
+    dict
+        Fields of `scp_planner.Vehicle`.
+    """
+    jerk = part * 12.0 * 2.0 * UNNOTICED / step**3
+    if vehicle.max_power is not None and vehicle.max_curvature_rate is not None:
+        power = (1.0 - WEAKER * (1.5 - part)) * vehicle.max_power
+        return {"max_jerk": jerk, "max_power": power, "max_curvature_rate": part * vehicle.max_curvature_rate}
+    least = swerving(vehicle.model_dump(), step, speed / SPEED_RESERVE)
+    return {"max_jerk": jerk, **{key: part * value for key, value in least.items()}}
 
 
 def _covered(car: Car, centre: float, count: int) -> dict[str, Any]:

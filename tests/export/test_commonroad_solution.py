@@ -21,6 +21,7 @@ from scp_planner.cli import app
 
 pytest.importorskip("commonroad", reason="needs commonroad-io, which is not installed")
 
+from scp_planner.errors import TooLargeError
 from scp_planner.export.commonroad_solution import export_commonroad_solution
 from scp_planner.planning.commonroad import plan_commonroad
 from scp_planner.scenario.commonroad import load_commonroad
@@ -267,6 +268,47 @@ def test_a_gap_hardly_wider_than_the_car_is_driven_through(road_file: Path) -> N
     assert made.plan.certified
     first = load_commonroad(road_file, model="KS").vehicle
     assert CARS["BMW_320i"].width < 2.0 * made.scenario.vehicle.radius < gap < 2.0 * first.radius
+
+
+def test_trials_that_there_is_no_time_for_leave_what_there_is(road_file: Path, monkeypatch: Any) -> None:
+    """Goals of time alone are tried at several places; here the time is over after the first."""
+    fast = goal(speed="<velocity><intervalStart>45</intervalStart><intervalEnd>46</intervalEnd></velocity>")
+    road_file.write_text(road(fast.replace("<intervalStart>1<", "<intervalStart>20<")), encoding="utf-8")
+    asked = []
+
+    def planned(scenario: sp.Scenario, *rest: Any, **more: Any) -> sp.Plan:
+        asked.append(scenario)
+        if len(asked) > 1:
+            raise TooLargeError("the time is over")
+        return sp.plan(scenario, *rest, **more)
+
+    monkeypatch.setattr("scp_planner.planning.commonroad.plan", planned)
+    made = plan_commonroad(road_file, model="PM")
+    assert len(asked) > 1
+    assert made.scenario is asked[0]
+    assert not made.plan.certified
+
+
+def test_no_time_at_all_leaves_what_is_at_hand(road_file: Path) -> None:
+    made = plan_commonroad(road_file, model="KS", time_limit=0.0)
+    assert made.plan.travel_time > 0.0
+
+
+def test_what_the_checker_would_not_find_is_planned_more_softly(tmp_path: Path, monkeypatch: Any) -> None:
+    """A goal that is late: the plan brakes and speeds up, at once, and the file's steps are long."""
+    file = tmp_path / "late.xml"
+    late = goal(f"<position>{rectangle(GOAL, placed=True)}</position>").replace(
+        "<intervalStart>1<", "<intervalStart>30<"
+    )
+    file.write_text(road(late).replace(f'timeStepSize="{STEP}"', 'timeStepSize="0.25"'), encoding="utf-8")
+    made = plan_commonroad(file, model="KS")
+    assert made.plan.certified
+    export_commonroad_solution(made.plan, file, tmp_path / "late.sol.xml", model="KS")
+    monkeypatch.setattr("scp_planner.planning.commonroad.SOFTER", ())
+    hard = plan_commonroad(file, model="KS")
+    assert hard.plan.certified
+    with pytest.raises(ValueError, match="would not find the inputs"):
+        export_commonroad_solution(hard.plan, file, tmp_path / "hard.xml", model="KS")
 
 
 def test_refusals(road_file: Path, tmp_path: Path) -> None:

@@ -1,0 +1,88 @@
+"""That no car of CommonRoad solves ZAM_Merge-1_1 as KS: by how much its middle misses the goal, at least.
+
+Velocities (of the rear axle, over a step h) and the middle's place are those of a convex problem that every trip
+satisfies, whatever borders, traffic and steering allow:
+
+- the velocity changes by at most A h, where A bounds the acceleration (friction circle);
+- by the power P its square is at most 10^2 + 2 P t (what accelerates by A below the switching speed has no more power);
+- the mean of a step is off that of its ends by at most A h / 4;
+- at the end the heading, and with it the velocity, forwards or backwards, is within 0.17453 rad of the x-axis; the
+  middle is the rear axle's distance ahead.
+
+So the least distance from the goal's rectangle is a bound, at each time at which the goal may be reached::
+
+    python -m benchmarks.commonroad_proof
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.scenario.commonroad_models import CARS
+
+cp: Any = import_module("cvxpy")  # its types leave out most of what is used here
+
+CAR = CARS["BMW_320i"]
+SPEED, HEADING = 10.0, -0.979
+MIDDLE, LENGTH, WIDTH, TURN = np.array([21.0, -26.5]), 8.1405, 2.7135, -0.28186
+ALLOWED = 0.17453
+STEP, LAST = 0.1, 23
+FINENESS = 5
+"""Steps of the bound in one of the file."""
+
+
+def least_miss(time: float, steps: int, ahead: float = 1.0) -> float:
+    """Bound how far from the goal's rectangle the middle of the car is at a time, m.
+
+    Parameters
+    ----------
+    time : float
+        s.
+    steps : int
+    ahead : float
+        1 if it drives forwards at the end, -1 if backwards.
+
+    Returns
+    -------
+    float
+    """
+    h, most = time / steps, CAR.acceleration
+    velocity, mean, heading, miss = cp.Variable((steps + 1, 2)), cp.Variable((steps, 2)), cp.Variable(2), cp.Variable()
+    first = np.array([np.cos(HEADING), np.sin(HEADING)])
+    energy = SPEED**2 + 2.0 * most * CAR.switching_speed * h * np.arange(steps + 1)
+    ends = 0.5 * (velocity[1:] + velocity[:-1])
+    place = h * cp.sum(mean, axis=0) + CAR.rear_axle * (heading - first)
+    beyond = _axes() @ (place - MIDDLE)
+    over = cp.hstack([cp.pos(cp.abs(beyond[0]) - 0.5 * LENGTH), cp.pos(cp.abs(beyond[1]) - 0.5 * WIDTH)])
+    kept = [
+        velocity[0] == SPEED * first,
+        cp.norm(velocity[1:] - velocity[:-1], 2, axis=1) <= most * h,
+        cp.norm(velocity, 2, axis=1) <= np.sqrt(energy),
+        cp.norm(mean - ends, 2, axis=1) <= 0.25 * most * h,
+        cp.abs(velocity[-1, 1]) <= np.tan(ALLOWED) * ahead * velocity[-1, 0],
+        cp.abs(heading[1]) <= np.sin(ALLOWED),
+        heading[0] >= np.cos(ALLOWED),
+        heading[0] <= 1.0,
+        cp.norm(over, 2) <= miss,
+    ]
+    return float(cp.Problem(cp.Minimize(miss), kept).solve(solver="CLARABEL"))
+
+
+def _axes() -> Array:
+    """The directions of the goal's sides, (2, 2)."""
+    return np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
+
+
+def main() -> None:
+    """Print the bounds."""
+    for ahead, word in ((1.0, "forwards"), (-1.0, "backwards")):
+        misses = [least_miss(k * STEP, FINENESS * k, ahead) for k in range(1, LAST + 1)]
+        print(f"driving {word} at the end: {min(misses):.3f} m, after {STEP * (int(np.argmin(misses)) + 1):.1f} s")
+
+
+if __name__ == "__main__":
+    main()
