@@ -28,8 +28,9 @@ STEADY = 0.1
 def odds(moment: Moment, dodges: Dodges, box: Box) -> Array:
     """Return which share of the zones' extents dodges keep clear of, (C,), at most 1.
 
-    Below 0 of those that come over where an obstacle is expected: widths by which they do, and less the later. Who
-    moves is hit harder, so that it must be worth it: `STEADY` less of those that drive a width or more.
+    Below 0 of those that come over where an obstacle is expected: widths by which they do, and less the later; of a
+    vehicle where one is expected already, the mean over the times. Who moves is hit harder, so that it must be worth
+    it: `STEADY` less of those that drive a width or more.
 
     Parameters
     ----------
@@ -92,5 +93,7 @@ def _shares(whole: Array, less: Array, times: Array, vehicle: Vehicle) -> Array:
     over = gap / (2.0 * vehicle.radius * (1.0 + FADING * times / a_moment(vehicle)))
     share = np.where(gap > 0.0, 1.0, over)
     np.divide(gap, extent, out=share, where=(gap > 0.0) & (extent > gap))
-    found: Array = share.min(axis=(0, 2), initial=1.0)
+    least = share.min(axis=0, initial=1.0)
+    # Who is touched now is no better off by what it was: it gets away the sooner, the better.
+    found: Array = np.where(least[:, 0] < 0.0, least.mean(axis=1), least.min(axis=1))
     return found
