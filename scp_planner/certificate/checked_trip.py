@@ -137,6 +137,10 @@ class CheckedTrip:
             last = min(max((scope.until - begin) / duration, first + SHORTEST), 1.0)
         return cls(scenario, trip, batch, first, last, start_speed, scope.tube, scope.deadline)
 
+    def go_on(self) -> None:
+        """Give the check up if it is late."""
+        look_at_the_clock(self.deadline)
+
     @property
     def trajectory(self) -> Trajectory:
         """The trip in its frame."""
@@ -189,7 +193,7 @@ class CheckedTrip:
 
     def enclosed(self, pieces: Pieces) -> Enclosure:
         """Return what holds of the trip on pieces of time, if there is time for it."""
-        look_at_the_clock(self.deadline)
+        self.go_on()
         trajectory = self.trajectory
         path, length, count = trajectory.path, trajectory.space.length, len(pieces.middle)
         half = pieces.half * trajectory.travel_time

@@ -107,6 +107,7 @@ def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
     top = max(float(trajectory.speed_control_points().max()), 0.0)
     ahead = max(map(abs, checked.scenario.vehicle.discs))
     for count in LOOKS:
+        checked.go_on()
         # Only where it is checked: a zone says nothing of what lies before it was made.
         half = 0.5 * (checked.last - checked.first) / count
         middle = np.linspace(checked.first + half, checked.last - half, count)
@@ -158,7 +159,7 @@ class _Search:
         if self.batch.size == 0:
             return Kept(Clearance(float("inf")))
         disc = self.disc
-        crude = ZoneBounds(self.batch).crude(disc.center) - disc.most_off[:, None]
+        crude = ZoneBounds(self.batch).crude(disc.center, self.checked.go_on) - disc.most_off[:, None]
         place, zone = divmod(int(np.argmin(crude)), self.batch.size)
         nearest, enough = _Nearest(np.inf, float(pieces.middle[place]), zone), 0.0
         if np.isfinite(self.precision):

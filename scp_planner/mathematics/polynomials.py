@@ -209,21 +209,20 @@ class PiecewisePolynomials:
         piece, elapsed = self.locate(index, times)
         return expanded(self.coefficients[index, piece], elapsed)
 
-    def size_bounds(self, times: Array, first: float, last: float) -> Array:
-        """Bounds of the sizes of all polynomials on intervals of time that have no breakpoints inside.
+    def size_bounds(self, first: float, last: float) -> Array:
+        """Bounds of the sizes of all polynomials on each of their pieces, as far as it is in a span of time.
 
         For symmetric matrices (xx, xy, yy) they bound the norm.
 
         Parameters
         ----------
-        times : (n,) array
-            Middles of the intervals, s.
         first, last : float
-            All intervals are between these, s.
+            s.
 
         Returns
         -------
-        (n, L) array, or (1, L) where it is the same for all times.
+        (L, S) array
+            See :meth:`of_pieces`.
         """
         count, pieces, order, width = self.coefficients.shape
         if pieces == 1:
@@ -247,11 +246,19 @@ class PiecewisePolynomials:
         for power in range(order - 2, -1, -1):
             bound *= radius
             bound += sizes[:, power]
+        return bound.reshape(count, pieces)
+
+    def of_pieces(self, values: Array, times: Array) -> Array:
+        """Return what holds at times, (n,) s, of values of all pieces, (L, S): (n, L), or (1, L) of single pieces."""
+        count, pieces = values.shape
         if pieces == 1:
-            return bound[None]
-        piece = (times[:, None, None] >= self.breakpoints[:, 1:-1]).sum(axis=2)
-        result: Array = bound.reshape(count, pieces)[np.arange(count), piece]
-        return result
+            return values.T
+        if self._common:
+            found: Array = values[:, self.breakpoints[0, 1:-1].searchsorted(times, "right")].T
+            return found
+        every = np.tile(np.arange(count), len(times))
+        piece, _ = self.locate(every, np.repeat(times, count))
+        return values[every, piece].reshape(len(times), count)
 
     def locate(self, index: Index, times: Array) -> tuple[Index, Array]:
         """Piece and time since its left end, of chosen polynomials at their times."""
@@ -262,10 +269,21 @@ class PiecewisePolynomials:
             piece = breaks[1:-1].searchsorted(times, "right")
             return piece, times - breaks[piece]
         if self._pieces is None:
-            piece = (times[:, None] >= self.breakpoints[index, 1:-1]).sum(axis=1)
+            piece = self._bisected(index, times)
         else:
             piece = self._pieces[index, self._instants.searchsorted(times, "right")]
         return piece, times - self.breakpoints[index, piece]
+
+    def _bisected(self, index: Index, times: Array) -> Index:
+        """Piece of chosen polynomials at their times, by halves: comparing with all breakpoints takes much memory."""
+        first = np.zeros(len(times), dtype=np.intp)
+        beyond = np.full(len(times), self.coefficients.shape[1], dtype=np.intp)
+        for _ in range(self.coefficients.shape[1].bit_length()):
+            middle = (first + beyond) // 2
+            begun = self.breakpoints[index, middle] <= times
+            begun |= middle == 0  # the first piece is that of earlier times, too
+            first, beyond = np.where(begun, middle, first), np.where(begun, beyond, middle)
+        return first
 
 
 def expanded(coefficients: Array, shift: Array) -> Array:

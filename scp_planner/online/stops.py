@@ -223,7 +223,8 @@ def surely_clear(zones: ZoneBatch, position: Array, times: tuple[float, float, f
     breaks = zones.centers.breakpoints[:, 1:-1]
     if np.any((breaks > since) & (breaks < since + wait)):
         return False
-    moved = half * zones.velocities.size_bounds(middle, since, since + wait)
+    rates = zones.velocities
+    moved = half * rates.of_pieces(rates.size_bounds(since, since + wait), middle)
     return bool(np.all(np.hypot(offset[..., 0], offset[..., 1]) >= reach + moved))
 
 

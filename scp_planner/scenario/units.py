@@ -96,15 +96,15 @@ class NaturalUnits(Units):
             walls=self.lines(scenario.walls),
             lanes=self.lines(scenario.lanes),
             speed_limits=tuple(map(self._speed_limit, scenario.speed_limits)),
-            obstacles=tuple(map(self.obstacle, with_pauses(scenario.obstacles, go_on))),
+            obstacles=tuple(self.obstacle(one, go_on) for one in with_pauses(scenario.obstacles, go_on)),
         )
 
-    def obstacle(self, obstacle: Obstacle) -> Obstacle:
-        """Return an obstacle in these units."""
+    def obstacle(self, obstacle: Obstacle, go_on: GoOn | None = None) -> Obstacle:
+        """Return an obstacle in these units; of many futures it is asked now and then whether to go on."""
         return changed(
             obstacle,
             shape=self.shape(obstacle.shape),
-            motion=None if obstacle.motion is None else self.motion(obstacle.motion),
+            motion=None if obstacle.motion is None else self.motion(obstacle.motion, go_on),
             observations=None if obstacle.observations is None else self._observations(obstacle.observations),
             estimate=None if obstacle.estimate is None else self.estimate(obstacle.estimate),
             model=self.model(obstacle.model),
@@ -228,12 +228,12 @@ class NaturalUnits(Units):
         (x0, y0), length = self.origin, self.length
         return tuple([((x - x0) / length, (y - y0) / length) for x, y in line])  # no call for each point
 
-    def motion(self, motion: GivenMotion) -> GivenMotion:
-        """Return what is given of a motion in these units."""
+    def motion(self, motion: GivenMotion, go_on: GoOn | None = None) -> GivenMotion:
+        """Return what is given of a motion in these units; for the pauses see `obstacle`."""
         if "futures" in _names(motion):
-            several = cast("Futures", motion)
+            several = with_pauses(cast("Futures", motion).futures, go_on)
             return changed(
-                several, futures=tuple(changed(one, motion=self.motion(one.motion)) for one in several.futures)
+                cast("Futures", motion), futures=tuple(changed(one, motion=self.motion(one.motion)) for one in several)
             )
         if "time" in _names(motion):
             return self._seen(motion)

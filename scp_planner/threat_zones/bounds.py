@@ -10,8 +10,10 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.ellipse import ellipse_contact, support
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.pauses import GoOn
 from scp_planner.threat_zones.batch import ZoneBatch
 
+AT_ONCE, FEWEST = 2**15, 16  # distances that are bounded at once, and of how many intervals at least
 NO_DIRECTION = 1e-280  # m2; a point so near to a centre has no direction from it
 _NONE: Index = np.zeros(0, dtype=np.intp)
 
@@ -49,6 +51,14 @@ class DistanceBounds:
 
     value: Array
     lower: Array
+
+
+@dataclass(frozen=True)
+class _Remainders:
+    """Bounds of second derivatives on all pieces of the zones' centres, and of their covariances, (L, S) each."""
+
+    motion: Array
+    growth: Array | None
 
 
 @dataclass(frozen=True)
@@ -100,7 +110,7 @@ class ZoneBounds:
             bound[:, slots] += np.sqrt(half[:, None] * growth)
         return bound
 
-    def crude(self, moving: MovingPoint) -> Array:
+    def crude(self, moving: MovingPoint, go_on: GoOn | None = None) -> Array:
         """Lower bounds of the distance of a moving point to all zones on whole intervals of time.
 
         With nu the direction from the centre, which is fixed on an interval, r the point and c the centre, the
@@ -112,15 +122,36 @@ class ZoneBounds:
         ----------
         moving : MovingPoint
             On intervals without a breakpoint of a zone.
+        go_on : callable, optional
+            Is called now and then, where there is much to bound, and may raise an error to end it all.
 
         Returns
         -------
         (n, L) array
             m.
         """
+        batch, count = self.batch, len(moving.time)
+        first, last = float((moving.time - moving.half).min()), float((moving.time + moving.half).max())
+        remainders = _Remainders(
+            batch.velocities.derivative.size_bounds(first, last),
+            None if batch.covariances is None else batch.covariances.derivative.derivative.size_bounds(first, last),
+        )
+        edges = 0 if batch.ground is None else len(batch.ground.across)
+        at_once = max(FEWEST, AT_ONCE // max(batch.size, edges, 1))
+        if count <= at_once:
+            return self._crude(moving, remainders)
+        bound = np.empty((count, batch.size))
+        for begin in range(0, count, at_once):
+            if go_on is not None:
+                go_on()
+            some = slice(begin, begin + at_once)
+            bound[some] = self._crude(moving.take(some), remainders)
+        return bound
+
+    def _crude(self, moving: MovingPoint, remainders: _Remainders) -> Array:
+        """The same, with what bounds second derivatives at hand."""
         batch = self.batch
         times, half = moving.time, moving.half[:, None]
-        first, last = float((times - moving.half).min()), float((times + moving.half).max())
         centers, rates = batch.centers.grid_with_rate(times)
         dx = moving.position[:, 0, None] - centers[:, :, 0]
         dy = moving.position[:, 1, None] - centers[:, :, 1]
@@ -132,13 +163,13 @@ class ZoneBounds:
         slope += dy * (moving.velocity[:, 1, None] - rates[:, :, 1])
         np.abs(slope, out=slope)
         slope /= np.maximum(distance, 1e-150)
-        bend = batch.velocities.derivative.size_bounds(times, first, last) + moving.acceleration[:, None]
+        bend = batch.velocities.derivative.of_pieces(remainders.motion, times) + moving.acceleration[:, None]
         bend *= 0.5 * half
         bend += slope
         bend *= half
         bound = distance - bend
         bound -= batch.radius + batch.extent
-        if batch.covariances is not None:
+        if batch.covariances is not None and remainders.growth is not None:
             if len(batch.uncertain) < batch.size:
                 dx, dy, squared = dx[:, batch.uncertain], dy[:, batch.uncertain], squared[:, batch.uncertain]
             covariance, change = batch.covariances.grid_with_rate(times)
@@ -147,15 +178,21 @@ class ZoneBounds:
             grown *= half
             grown += covariance[:, :, 0] * xx + covariance[:, :, 1] * xy + covariance[:, :, 2] * yy
             grown /= np.maximum(squared, 1e-300)
-            grown += batch.covariances.derivative.derivative.size_bounds(times, first, last) * (0.5 * half * half)
+            bent = batch.covariances.derivative.derivative.of_pieces(remainders.growth, times)
+            grown += bent * (0.5 * half * half)
             np.sqrt(np.maximum(grown, 0.0, out=grown), out=grown)
             bound[:, batch.uncertain] -= grown
         if not nearest > NO_DIRECTION:
             bound[~(everywhere > NO_DIRECTION)] = -np.inf
         if batch.ground is not None:
             # Of polygons that stand the lines of their edges tell more than the discs that cover them.
-            some = batch.ground.zones
-            heights = batch.ground.least_heights(moving.position, half * moving.velocity)
+            ground = batch.ground
+            if len(times) * len(ground.across) > AT_ONCE:
+                # What is farther than the nearest centre is far enough.
+                nearest = float((distance - batch.radius).min(initial=np.inf))
+                ground = ground.only(np.any(bound[:, ground.zones] < nearest, axis=0))
+            some = ground.zones
+            heights = ground.least_heights(moving.position, half * moving.velocity)
             heights -= 0.5 * half * half * moving.acceleration[:, None]
             bound[:, some] = np.maximum(bound[:, some], heights - batch.radius[some])
         return bound

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.mathematics.outlines import Outlines
 
 AT_ONCE = 2**16  # numbers, half a megabyte
@@ -28,6 +28,8 @@ class Ground:
         Unit vector t along each edge, and -t . p in its middle, m.
     halves : (E, 1) array
         Half of the length of each edge, m.
+    owner : (E,) array of int
+        Of each edge, its place among the zones.
     ends : tuple of int
         Where the edges of each number end: the first zones have them.
     """
@@ -36,6 +38,7 @@ class Ground:
     across: Array
     along: Array
     halves: Array
+    owner: Index
     ends: tuple[int, ...]
 
     @classmethod
@@ -51,7 +54,23 @@ class Ground:
         starts = edges.start[own] + places[owner]
         across = np.column_stack([normals, -np.einsum("ij,ij->i", normals, starts)])
         along = np.column_stack([tangents, -np.einsum("ij,ij->i", tangents, starts) - 0.5 * lengths])
-        return cls(zones, across, along, 0.5 * lengths[:, None], tuple(np.cumsum(np.bincount(number)).tolist()))
+        ends = tuple(np.cumsum(np.bincount(number)).tolist())
+        return cls(zones, across, along, 0.5 * lengths[:, None], owner, ends)
+
+    def only(self, keep: Mask) -> Ground:
+        """Return some of the polygons, (s,)."""
+        edges = keep[self.owner]
+        kept = np.concatenate([[0], np.cumsum(edges)])[np.append(0, self.ends)]
+        ends = tuple(kept[1 : 1 + np.count_nonzero(np.diff(kept))].tolist())
+        place = np.cumsum(keep) - 1
+        return Ground(
+            self.zones[keep],
+            self.across[edges],
+            self.along[edges],
+            self.halves[edges],
+            place[self.owner[edges]],
+            ends,
+        )
 
     def distances(self, points: Array) -> Array:
         """Return the signed distances of points, (n, 2) m, to each polygon, (n, s) m.
@@ -86,7 +105,7 @@ class Ground:
 
     def _some_points(self, count: int) -> Iterator[slice]:
         """Yield parts of so many points that take little memory: fetching more costs ten times as much as filling."""
-        at_once = max(FEWEST, AT_ONCE // len(self.across))
+        at_once = max(FEWEST, AT_ONCE // max(len(self.across), 1))
         for begin in range(0, count, at_once):
             yield slice(begin, min(begin + at_once, count))
 

@@ -125,7 +125,8 @@ class ZonesOf(SortedZones):
         uncertain = sum(is_uncertain(scenario.obstacles[k].motion) for k in others)
         estimates = _estimates(scenario, others, go_on)
         made = {
-            k: _zones(scenario.obstacles[k], estimates.get(k), scenario, uncertain) for k in with_pauses(others, go_on)
+            k: _zones(scenario.obstacles[k], estimates.get(k), scenario, uncertain, go_on)
+            for k in with_pauses(others, go_on)
         }
         first = _first_of_each(len(scenario.obstacles), made)
         self.discs, self._disc_of = replace(found, index=first[found.index]), found.index
@@ -224,13 +225,13 @@ def _estimates(scenario: Scenario, some: Iterable[int], go_on: GoOn | None) -> d
 
 
 def _zones(
-    obstacle: Obstacle, estimate: MotionEstimate | None, scenario: Scenario, estimated: int
+    obstacle: Obstacle, estimate: MotionEstimate | None, scenario: Scenario, estimated: int, go_on: GoOn | None
 ) -> tuple[ThreatZone, ...]:
     """Zones of an obstacle, with an estimate of its motion if that is not given."""
     name, shape, margin, confidence = obstacle.id, obstacle.shape, obstacle.margin, scenario.confidence
     if estimate is None:
         assert obstacle.motion is not None, "otherwise it is estimated"
-        return given_zones(name, shape, margin, obstacle.motion, confidence, estimated)
+        return given_zones(name, shape, margin, obstacle.motion, confidence, estimated, go_on)
     start = max(scenario.start.time, estimate.reference_time)  # which may be later by rounding
     body = Embodied(name, shape, estimated_body(shape, obstacle.model), margin)
     return (estimated_zone(body, estimate, confidence, estimated, start),)
@@ -313,7 +314,13 @@ class Body:
 
 
 def given_zones(
-    name: str, shape: Shape, margin: float, motion: GivenMotion, confidence: Confidence, uncertain: int = 1
+    name: str,
+    shape: Shape,
+    margin: float,
+    motion: GivenMotion,
+    confidence: Confidence,
+    uncertain: int = 1,
+    go_on: GoOn | None = None,
 ) -> tuple[ThreatZone, ...]:
     """Return the zones of an obstacle whose motion is given, with an extra margin in m.
 
@@ -325,6 +332,8 @@ def given_zones(
         Of what is predicted with a covariance.
     uncertain : int
         How many obstacles are not known exactly.
+    go_on : callable, optional
+        Is called now and then, where there are many futures, and may raise an error to end it all.
 
     Returns
     -------
@@ -334,7 +343,7 @@ def given_zones(
     if not is_uncertain(motion):
         futures = motion.futures if isinstance(motion, Futures) else ()
         kept = [one.motion for one in _by_weight(futures) if one.weight > 0.0] or [cast(KnownMotion, motion)]
-        return tuple(_known_zone(name, shape, margin, one) for one in kept)
+        return tuple(_known_zone(name, shape, margin, one) for one in with_pauses(kept, go_on))
     from scp_planner.estimation.confidence import alpha_of_one
 
     level = str(confidence.level)
@@ -342,7 +351,8 @@ def given_zones(
     if isinstance(motion, Futures) and len(motion.futures) > 1:
         from scp_planner.estimation.risk import alpha_of_mixture
 
-        return _future_zones(name, shape, margin, motion, level, alpha_of_mixture(level, alpha, uncertain))
+        of_one = alpha_of_mixture(level, alpha, uncertain)
+        return tuple(with_pauses(_future_zones(name, shape, margin, motion, level, of_one), go_on))
     single = motion.futures[0].motion if isinstance(motion, Futures) else motion
     assert isinstance(single, Course)
     return (_course_zone(name, shape, margin, single, level, alpha),)
@@ -355,8 +365,8 @@ def _by_weight(futures: Sequence[Future]) -> list[Future]:
 
 def _future_zones(
     name: str, shape: Shape, margin: float, motion: Futures, level: str, alpha: float
-) -> tuple[ThreatZone, ...]:
-    """Zones of several futures, of which all together miss the obstacle with a probability of at most alpha."""
+) -> Iterator[ThreatZone]:
+    """Yield the zones of several futures, which all together miss the obstacle with at most a probability of alpha."""
     from scp_planner.estimation.confidence import course_scale
     from scp_planner.estimation.risk import shared_risk, sizes_of
 
@@ -364,15 +374,13 @@ def _future_zones(
     weights = np.array([one.weight for one in futures])
     scales = np.array([course_scale(level, alpha, len(getattr(one.motion, "time", (0.0,)))) for one in futures])
     sizes = sizes_of(np.array([_spread(one.motion) for one in futures]), scales, covering_radius(shape) + margin)
-    zones = []
     for one, risk in zip(futures, shared_risk(weights / weights.sum(), sizes, alpha).tolist(), strict=True):
         if risk >= 1.0:
             continue  # improbable enough
         if isinstance(one.motion, Course) and one.motion.covariance is not None:
-            zones.append(_course_zone(name, shape, margin, one.motion, level, risk))
+            yield _course_zone(name, shape, margin, one.motion, level, risk)
         else:
-            zones.append(_known_zone(name, shape, margin, one.motion))
-    return tuple(zones)
+            yield _known_zone(name, shape, margin, one.motion)
 
 
 def _spread(motion: KnownMotion) -> float:

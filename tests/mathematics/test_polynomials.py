@@ -87,7 +87,7 @@ def test_size_bounds_hold_on_every_interval() -> None:
         for some in (PiecewisePolynomials(breaks, coefficients), PiecewisePolynomials.single(0.3, coefficients[0, 0])):
             edges = np.linspace(0.2, 4.2, 41)  # all breakpoints are edges
             middle = 0.5 * (edges[1:] + edges[:-1])
-            bounds = np.broadcast_to(some.size_bounds(middle, 0.2, 4.2), (40, some.size))
+            bounds = np.broadcast_to(some.of_pieces(some.size_bounds(0.2, 4.2), middle), (40, some.size))
             for share in (-0.999, -0.5, 0.0, 0.7, 0.999):
                 values = some.grid(middle + share * 0.05)
                 if width == 2:
