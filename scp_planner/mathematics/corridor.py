@@ -19,6 +19,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Mask
 from scp_planner.mathematics import planar
+from scp_planner.mathematics.outlines import Outline
 
 NAME = "corridor"  # the id of its outside among obstacles
 WALLS = "walls"  # and that of the walls of a scenario
@@ -80,6 +81,12 @@ def known_outside(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
     return tuple(outside(polygons))
 
 
+@lru_cache(maxsize=REMEMBERED)
+def known_outlines(polygons: tuple[Polygon, ...], place: planar.Point) -> tuple[Outline, ...]:
+    """Return :func:`known_outside` of the same as outlines seen from a place: made then, too, and kept."""
+    return tuple(Outline.polygon(np.array(polygon) - np.array(place)) for polygon in known_outside(polygons))
+
+
 def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
     """Return points of a polyline in a corridor between start and goal; none where the straight line lies in it.
 
@@ -109,6 +116,12 @@ def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.P
         points.append(planar.centroid(common))
         here = before[here]
     return tuple(reversed(points))
+
+
+@lru_cache(maxsize=REMEMBERED)
+def known_way(polygons: tuple[Polygon, ...], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:
+    """Return :func:`way_through` of the same, made and kept as :func:`known_outside`."""
+    return way_through(polygons, start, goal)
 
 
 def connected(polygons: Sequence[Polygon], some: set[int]) -> set[int]:

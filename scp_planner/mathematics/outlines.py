@@ -76,7 +76,7 @@ class Outline:
         """Mean of the corners of a polygon that does not turn, else the origin, (2,) m: a point that turns with it."""
         if self.vertices is None or self.turning:
             return np.zeros(2)
-        middle: Array = self.vertices.mean(axis=0)
+        middle: Array = self.vertices.sum(axis=0) / len(self.vertices)  # faster than np.mean
         return middle
 
     @cached_property
@@ -88,6 +88,8 @@ class Outline:
         """Return the outline after a shift and then a turn about the origin; turning ones stay as they are."""
         if self.turning:
             return self
+        if self.vertices is not None and heading == 0.0:
+            return Outline(vertices=self.vertices + shift)
         turn = _rotation(heading)
         if self.vertices is not None:
             return Outline(vertices=(self.vertices + shift) @ turn.T)

@@ -128,7 +128,8 @@ def overlap(polygon: Sequence[Point], other: Sequence[Point]) -> bool:
     """Whether two convex polygons have an area in common: no edge of either separates them."""
     for one, two in ((polygon, other), (other, polygon)):
         for a, b in edges(anticlockwise(one)):
-            if all(_turn(a, b, point) <= IN_LINE * math.dist(a, b) * math.dist(a, point) for point in two):
+            in_line = IN_LINE * math.dist(a, b)
+            if all(_turn(a, b, point) <= in_line * math.dist(a, point) for point in two):
                 return False
     return True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import groupby
 from math import comb
 
 import numpy as np
@@ -40,13 +41,18 @@ class PiecewisePolynomials:
         """Return all polynomials of several batches as one."""
         if not items:
             return cls(np.zeros((0, 2)), np.zeros((0, 1, 1, width)))
-        shapes = {item.coefficients.shape[1:] for item in items}
-        if len(shapes) == 1:
-            # np.concatenate of a thousand small arrays costs less than padding them one by one
-            return cls(
-                np.concatenate([item.breakpoints for item in items]),
-                np.concatenate([item.coefficients for item in items]),
+        # np.concatenate of a thousand small arrays costs less than padding them one by one
+        alike = [list(some) for _, some in groupby(items, key=lambda item: item.coefficients.shape[1:])]
+        items = [
+            some[0]
+            if len(some) == 1
+            else cls(
+                np.concatenate([one.breakpoints for one in some]), np.concatenate([one.coefficients for one in some])
             )
+            for some in alike
+        ]
+        if len(items) == 1:
+            return items[0]
         pieces = max(item.coefficients.shape[1] for item in items)
         powers = max(item.coefficients.shape[2] for item in items)
         breakpoints, coefficients = [], []

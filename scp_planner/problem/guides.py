@@ -7,7 +7,7 @@ from math import pi, remainder, sqrt
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.mathematics.corridor import way_through
+from scp_planner.mathematics.corridor import known_way
 from scp_planner.mathematics.dubins import Pose, shortest_path
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import ANGLE_DECIMALS, DECIMALS
@@ -62,7 +62,7 @@ def default_guide(scenario: Scenario, frame: PlanningFrame, limits: Limits, sett
         None if heading is None else round(remainder(heading - frame.heading, 2.0 * pi), ANGLE_DECIMALS)
         for heading in (start.heading, goal.heading)
     ]
-    through = way_through(scenario.corridor, start.position, goal.position) if scenario.corridor is not None else ()
+    through = known_way(scenario.corridor, start.position, goal.position) if scenario.corridor is not None else ()
     if through:
         line = np.array([start.position, *through, goal.position])
         polyline = _shortened(np.round(frame.to_frame(line), DECIMALS), short)

@@ -236,12 +236,15 @@ def ends_are_in_corridor(scenario: Any) -> Iterator[Objection]:
         return  # that is a fault of its own
     # In the units in which it is planned: then this is done.
     units, radius = units_of(scenario), scenario.vehicle.radius
-    walls = corridor.known_outside(units.lines(polygons))
+    inside, begin = units.lines(polygons), units.place(scenario.start.position)
+    corridor.known_outlines(inside, begin)
+    corridor.known_way(inside, begin, units.place(scenario.goal.position))
+    walls = corridor.known_outside(inside)
     for place, reach in (("start", 0.0), ("goal", scenario.goal.radius)):
         position = getattr(scenario, place).position
         discs = _disc_centres(getattr(scenario, place), scenario)
-        inside = [units.place(centre) for centre in discs]
-        room = units.length * min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in inside)
+        centres = [units.place(centre) for centre in discs]
+        room = units.length * min(planar.distance_to_polygon(centre, wall) for wall in walls for centre in centres)
         in_it = any(planar.distance_to_polygon(position, polygon) == 0.0 for polygon in polygons)
         if in_it and room < radius - reach:
             text = f"must be at least {radius - reach:g} m from the border of the corridor; it is {room:.6g} m"

@@ -85,8 +85,9 @@ class Lines:
         """How far points (..., 2) are ahead of lines, and their offsets on them."""
         if self.frame is None:
             return centers[..., 0] - self.grid.lines[line], centers[..., 1]
-        away = centers - self.frame.position[line]
-        return (away * self.frame.tangent[line]).sum(axis=-1), (away * self.frame.normal[line]).sum(axis=-1)
+        x, y = (centers[..., axis] - self.frame.position[line, axis] for axis in (0, 1))
+        # of arrays of one axis, as sums over an axis of two take many times as long
+        return tuple(x * way[line, 0] + y * way[line, 1] for way in (self.frame.tangent, self.frame.normal))
 
     def times(self, line: Index, delay: Index) -> Array:
         """Times of delays on lines."""
@@ -123,12 +124,12 @@ class Lines:
         still = np.isin(some, zones.standing)
         standing, moving = some[still], some[~still]
         every = np.arange(count)
-        for part in _parts(standing, count * self._corners(standing)):
+        for part in _parts(standing, count * self._corners(standing), MOST_CUT):
             line, zone = np.repeat(every, len(part)), np.tile(part, count)
             cuts = self.cuts(line, np.zeros(len(line), dtype=np.intp), zone, np.zeros(len(line)))
             yield replace(cuts, lasting=True)
         edges = np.arange(delays.start, delays.stop + 1, STRETCH)
-        for part in _parts(moving, count * len(edges)):
+        for part in _parts(moving, count * len(edges), MOST_LOOKS):
             met = np.nonzero(self._near(part, edges))
             most = max(1, MOST_CUT // (STRETCH * self._corners(part)))
             for begin in range(0, len(met[0]), most):
@@ -155,8 +156,7 @@ class Lines:
         if self.frame is None:
             ahead = centers[..., 0] - self.grid.lines[:, None, None]
         else:
-            away = centers - self.frame.position[:, None, None]
-            ahead = (away * self.frame.tangent[:, None, None]).sum(axis=-1)
+            ahead, _ = self.seen(lines[:, None, None], centers)
         reach = some.reach(times).reshape(shape)
         reach = np.maximum(reach[:, :-1], reach[:, 1:])
         first, last = ahead[:, :-1], ahead[:, 1:]
@@ -353,9 +353,9 @@ def reach_at(zones: ZoneBatch, index: Index, times: Array) -> Array:
     return radius
 
 
-def _parts(index: Index, each: int) -> Iterator[Index]:
+def _parts(index: Index, each: int, at_once: int) -> Iterator[Index]:
     """Parts of an index that are not too many to be looked at together."""
-    most = max(1, MOST_LOOKS // each)
+    most = max(1, at_once // each)
     for begin in range(0, len(index), most):
         yield index[begin : begin + most]
 

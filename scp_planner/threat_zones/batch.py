@@ -340,7 +340,8 @@ class ZoneBatch:
         if edges <= FEW_EDGES:
             return True
         zones = self.ground.zones
-        apart = np.linalg.norm(points[:, None] - self._places[zones], axis=2)
+        dx, dy = (points[:, axis, None] - self._places[zones, axis] for axis in (0, 1))
+        apart = np.sqrt(dx * dx + dy * dy)
         near = np.count_nonzero(apart < exact_below + (self.radius + self.extent)[zones], axis=0)
         return bool(PAIR_COST * (near @ self.outlines.counts[self.outline_slot[zones]]) > len(points) * edges)
 

@@ -194,20 +194,25 @@ def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
 
 def corridor_zones(scenario: Scenario) -> tuple[ThreatZone, ...]:
     """Return corridor and walls of a scenario as the zones of obstacles that stand: what lies outside, and walls."""
-    outside = () if scenario.corridor is None else corridor.known_outside(scenario.corridor)
     start = scenario.start.position
-    return (*_standing(start, corridor.NAME, outside), *_standing(start, corridor.WALLS, scenario.walls))
+    return (*_beside_corridor(start, scenario.corridor), *_walls(start, scenario.walls))
 
 
 @lru_cache(maxsize=16)
-def _standing(start: planar.Point, name: str, polygons: tuple[corridor.Polygon, ...]) -> tuple[ThreatZone, ...]:
-    """Convex polygons as the zone of one obstacle that stands, seen from a place; none without any."""
-    if not polygons:
-        return ()
+def _beside_corridor(start: planar.Point, polygons: tuple[corridor.Polygon, ...] | None) -> tuple[ThreatZone, ...]:
+    return () if polygons is None else _standing(start, corridor.NAME, corridor.known_outlines(polygons, start))
+
+
+@lru_cache(maxsize=16)
+def _walls(start: planar.Point, walls: tuple[corridor.Polygon, ...]) -> tuple[ThreatZone, ...]:
     middle = np.array(start)
-    still = PiecewisePolynomials.single(0.0, middle[None])
-    outlines = tuple(Outline.polygon(np.array(polygon) - middle) for polygon in polygons)
-    return (ThreatZone(name, 0.0, still, None, outlines),)
+    return _standing(start, corridor.WALLS, tuple(Outline.polygon(np.array(wall) - middle) for wall in walls))
+
+
+def _standing(start: planar.Point, name: str, outlines: tuple[Outline, ...]) -> tuple[ThreatZone, ...]:
+    """Outlines seen from a place as the zone of one obstacle that stands; none without any."""
+    still = PiecewisePolynomials.single(0.0, np.array(start)[None])
+    return (ThreatZone(name, 0.0, still, None, outlines),) if outlines else ()
 
 
 def _estimates(scenario: Scenario, some: Iterable[int], go_on: GoOn | None) -> dict[int, MotionEstimate]:
