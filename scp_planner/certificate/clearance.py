@@ -115,6 +115,8 @@ def _near_batch(checked: CheckedTrip, most_off: float) -> ZoneBatch:
         half *= trajectory.travel_time
         reach, position = half * top + ahead, points.path.position
         bounds = least_clearances(batch, SweptBoxes(points.time, half, position - reach, position + reach))
+        if np.isneginf(bounds).all():
+            return batch
         # The nearest zone comes at least as near as any zone is seen to be.
         seen = batch.subset(np.argsort(bounds)[:FEW_ZONES])
         nearest = max(float(seen.distances(points.time, position).min()), 0.0)

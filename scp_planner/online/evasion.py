@@ -28,6 +28,8 @@ from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
 from scp_planner.trips.trip import Trip
 
+PACE_KEPT = 0.9
+"""Of how long looks took, if the next one is faster."""
 TRIED = 4
 """Dodges that are certified in one replan, at most."""
 BETTER = 0.1
@@ -111,6 +113,7 @@ class Evasion:
         self._means = means
         self.outlooks = DodgeOutlooks(means)
         self._view: _SeenDodges | None = None
+        self._each = 0.0  # s that it took to see how far one dodge keeps from one zone
 
     def safest(self, now: Replan) -> Dodge | None:
         """Return the certified dodge that is worth most, or the one that is driven, if that is worth nearly as much.
@@ -239,11 +242,15 @@ class Evasion:
         if self._view is None or self._view.moment is not now.moment:
             self.outlooks.note(now.moment)
             dodges, begun = self._dodges(now.moment), self._begun(now)
-            if now.late:
+            begin, pairs = now.clock, len(dodges.position) * now.moment.batch.size
+            if now.late_after(self._each * pairs):
                 dodges = dodges.hurried(now.moment.batch.size)
+                pairs = 0
             going_on = None if begun is None else self.outlooks.of_stop(now.moment, begun, dodges.times)
             self._view = _SeenDodges(now.moment, dodges, self.outlooks.of(now.moment, dodges), begun, going_on)
             now.lap("evasion")
+            if pairs > 0:
+                self._each = max(PACE_KEPT * self._each, (now.clock - begin) / pairs)
         return self._view
 
     def _dodges(self, moment: Moment) -> Dodges:

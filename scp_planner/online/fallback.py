@@ -109,6 +109,8 @@ class Fallback:
                 before = " as before" if now.last is not None and dodge.trip is now.last.trip else ""
                 risky = Vetted(dodge.trip, refused(dodge.certificate), None)
                 return self._means.plan_of(risky, now, dodge.outcome, f"{_what(dodge)}{before}: {text}")
+            if now.late:
+                break
         return None
 
     def _goes_on(self, moment: Moment, last: OnlinePlan) -> Vetted | None:

@@ -80,7 +80,11 @@ class Replan:
     @property
     def late(self) -> bool:
         """Whether the deadline has passed."""
-        return perf_counter() > self.deadline
+        return self.late_after(0.0)
+
+    def late_after(self, work: float) -> bool:
+        """Whether the deadline will have passed after work that takes so long, s."""
+        return perf_counter() + work > self.deadline
 
     def lap(self, stage: str) -> None:
         """Count the time since the last lap to a stage."""

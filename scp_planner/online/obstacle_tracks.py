@@ -35,6 +35,7 @@ from scp_planner.online.sorted_tracks import TrackKind, learns, track_kind
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
+    GivenZones,
     NoticingTrack,
     ObstacleTrack,
     PolynomialTrack,
@@ -294,8 +295,12 @@ class ObstacleTracks:
 
     def _given(self, track: ObstacleTrack, uncertain: int) -> tuple[ThreatZone, ...]:
         """Zones of a track whose motion is given, beside how many that are not known exactly."""
-        assert track.fixed is not None
-        return given_zones(track.id, track.shape, track.margin, track.fixed, self.confidence, uncertain)
+        motion, made = track.fixed, track.made
+        assert motion is not None
+        if made is None or made.motion is not motion or made.uncertain != uncertain:
+            zones = given_zones(track.id, track.shape, track.margin, motion, self.confidence, uncertain)
+            track.made = made = GivenZones(motion, uncertain, zones)
+        return made.zones
 
     def _together(
         self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool

@@ -230,6 +230,23 @@ EstimatorMaker = Callable[["ObstacleTrack"], TrackEstimator]
 """Makes the estimator of a track, which has seen nothing."""
 
 
+@dataclass(frozen=True)
+class GivenZones:
+    """Zones of a motion that is given, and what they were made of: many replans ask for the same ones.
+
+    Attributes
+    ----------
+    motion : Motion, Course or Futures
+    uncertain : int
+        How many obstacles are not known exactly.
+    zones : tuple of ThreatZone
+    """
+
+    motion: GivenMotion
+    uncertain: int
+    zones: tuple[ThreatZone, ...]
+
+
 @dataclass
 class ObstacleTrack:
     """One obstacle, and all that was seen of it.
@@ -266,6 +283,8 @@ class ObstacleTrack:
     zone : ThreatZone or None
         The last one, as long as it is not what the estimate makes alone: it has been noticed, or is suspected, to move
         otherwise than foretold, or is sized by what came of predictions.
+    made : GivenZones or None
+        Those of a motion that is given, as they were last made.
     """
 
     id: str
@@ -288,6 +307,7 @@ class ObstacleTrack:
     foretold: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
     suspected: bool = False
     zone: ThreatZone | None = None
+    made: GivenZones | None = None
 
     @property
     def seen(self) -> bool:

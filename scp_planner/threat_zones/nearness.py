@@ -65,6 +65,11 @@ def least_clearances(batch: ZoneBatch, boxes: SweptBoxes) -> Array:
     Rigorous for zones whose motion is known and one polynomial; -inf for the others, of which nothing is known so
     cheaply.
     """
+    unknown = batch.slot >= 0
+    if batch.centers.coefficients.shape[1] > 1:
+        unknown |= np.isfinite(batch.centers.breakpoints[:, 1])
+    if unknown.all():
+        return np.full(batch.size, -np.inf)
     distance = _distance_to_boxes(batch.centers.grid(boxes.middle), boxes)
     polynomials, factor = batch.velocities, boxes.half
     for order in range(2, batch.centers.coefficients.shape[2] + 1):
@@ -72,9 +77,6 @@ def least_clearances(batch: ZoneBatch, boxes: SweptBoxes) -> Array:
         distance -= factor * np.sqrt(np.einsum("kld,kld->kl", moved, moved))
         polynomials, factor = polynomials.derivative, factor * boxes.half / order
     bounds: Array = distance.min(axis=0) - batch.radius - batch.extent
-    unknown = batch.slot >= 0
-    if batch.centers.coefficients.shape[1] > 1:
-        unknown |= np.isfinite(batch.centers.breakpoints[:, 1])
     bounds[unknown] = -np.inf
     return bounds
 
