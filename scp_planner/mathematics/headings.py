@@ -104,7 +104,10 @@ def _runs(moving: Mask) -> list[tuple[int, int]]:
 def _along(course: PiecewisePolynomials, first: float, last: float) -> list[tuple[float, Array]]:
     """The pieces of the course itself between two times."""
     breaks, found = course.breakpoints[0], []
-    for k, coefficients in enumerate(course.coefficients[0]):
+    # of long courses, which are on their way in many parts, only the pieces between the two
+    some = breaks[1:-1].searchsorted([first, last], "right")
+    for k in range(int(some[0]), int(some[1]) + 1):
+        coefficients = course.coefficients[0, k]
         begin, end = (-np.inf if k == 0 else breaks[k]), breaks[k + 1]
         start = max(begin, first)
         if start < min(end, last):

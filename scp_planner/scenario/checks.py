@@ -473,7 +473,7 @@ def _seen_from_course(shape: Any) -> Callable[[planar.Point, Any, float], tuple[
 
 
 def _length(shape: Any) -> float:
-    """How long a shape is that heads along its motion, m; 0 for others."""
+    """How long a shape is that heads along its motion, m; 0 for others: which way they head makes no difference."""
     if hasattr(shape, "rectangle"):
         return math.hypot(*shape.rectangle)
     return 2.0 * max(shape.ellipse) if hasattr(shape, "ellipse") else 0.0
@@ -489,7 +489,9 @@ def _from_course(length: float, point: planar.Point, course: Any, time: float) -
         raise Unknown("time")
     centre = course_polynomials(course.time, course.position)
     now = np.array([time])
-    if course.heading is not None:
+    if length == 0.0:
+        pointing = centre  # it is the same in all directions, or does not turn
+    elif course.heading is not None:
         if any(True for _ in headings_turn_slowly(course)):
             raise Unknown("heading")
         from scp_planner.mathematics.courses import course_pointing
