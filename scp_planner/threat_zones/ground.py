@@ -60,7 +60,7 @@ class Ground:
     def only(self, keep: Mask) -> Ground:
         """Return some of the polygons, (s,)."""
         edges = keep[self.owner]
-        kept = np.concatenate([[0], np.cumsum(edges)])[np.append(0, self.ends)]
+        kept = np.concatenate([[0], np.cumsum(edges)])[np.array((0, *self.ends))]
         ends = tuple(kept[1 : 1 + np.count_nonzero(np.diff(kept))].tolist())
         place = np.cumsum(keep) - 1
         return Ground(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from reference_trips import (
     BREAKS,
     FRAME,
@@ -22,11 +24,15 @@ from reference_trips import (
     vehicle_limits,
     verdict,
 )
-from scenes import scene
+from scenes import disc, scene
 
 import scp_planner as sp
+from scp_planner.certificate.check import certify_trip
+from scp_planner.certificate.checked_trip import Scope
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
+from scp_planner.scenario.units import NaturalUnits
+from scp_planner.threat_zones import bounds
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import CurvedGuide
 from scp_planner.trips.path import Path
@@ -264,3 +270,45 @@ def test_a_path_with_a_cusp_is_refused() -> None:
     found = verdict(the_scene(), trip)
     assert not found.holds
     assert [violation.what for violation in found.violations] == ["error of the positions"]
+
+
+@pytest.mark.parametrize("walled", [False, True])
+def test_bounds_that_are_made_in_parts_say_the_same(walled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clearance of a trip among many zones, and among walls of many corners, most of them far from it."""
+    rng, turn = np.random.default_rng(5), 2.0 * np.pi * np.arange(40) / 40
+    ring = np.stack([0.5 * np.cos(turn), 0.3 * np.sin(turn)], axis=1)
+    places = [(x, y) for x, y in rng.uniform([2.0, -9.0], [38.0, 9.0], (60, 2)).tolist() if abs(y) > 1.5]
+    if walled:
+        scenario = scene(goal={"position": [40.0, 0.0]}, walls=[(ring + place).tolist() for place in places])
+    else:
+        moving = [disc(f"d{k}", place, (0.1, 0.0), radius=0.3) for k, place in enumerate(places)]
+        scenario = scene(*moving, goal={"position": [40.0, 0.0]})
+    made = sp.plan(scenario)
+    whole = sp.certify(scenario, made)
+    monkeypatch.setattr(bounds, "AT_ONCE", 1)
+    in_parts = sp.certify(scenario, made)
+    assert whole.holds and in_parts.holds
+    assert in_parts.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-3)
+    assert in_parts.clearance.obstacle == whole.clearance.obstacle
+
+
+def test_a_check_ends_with_the_clock_while_it_bounds_many_clearances(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, parts = FakeClock(0.0), list[int]()
+    clock.rule(monkeypatch)
+    crude = bounds.ZoneBounds._crude
+
+    def counted(self: bounds.ZoneBounds, moving: bounds.MovingPoint, *given: Any) -> Any:
+        parts.append(len(moving.time))
+        clock.tick = 1.0  # from here on it is late
+        return crude(self, moving, *given)
+
+    scenario = scene(*[disc(f"d{k}", (5.0, 3.0 + k)) for k in range(20)])
+    plan = sp.plan(scenario)
+    units = NaturalUnits.to_check(scenario)
+    inside, trip = units.scenario(scenario), plan.trip.inside(units)
+    found = tuple(zone.inside(units) for zone in sp.zones(scenario))
+    monkeypatch.setattr(bounds, "AT_ONCE", 1)
+    monkeypatch.setattr(bounds.ZoneBounds, "_crude", counted)
+    late = certify_trip(inside, trip, found, Scope(deadline=0.5))
+    assert len(parts) == 1 and not late.holds
+    assert certify_trip(inside, trip, found, Scope()).holds

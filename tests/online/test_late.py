@@ -120,3 +120,26 @@ def _problem(planner: Planner) -> Any:
     assert planner._state is not None
     moment = planner._means.moment(planner._state)
     return planner._means.problem(Replan(moment, 0.0, math.inf, None, 0))
+
+
+def test_a_look_at_all_dodges_is_not_begun_that_takes_longer_than_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    looked: list[int] = []
+    rounds = Dodges._from_rounds
+
+    def counted(self: Dodges, batch: Any, place: Any, unseen: float) -> Any:
+        found = rounds(self, batch, place, unseen)
+        looked.append(found.size)
+        return found
+
+    monkeypatch.setattr(Dodges, "_from_rounds", counted)
+    clock = SetClock()
+    clock.rule(monkeypatch)
+    most = []
+    for each in (0.0, 1.0):
+        planner = surprised()
+        planner._decision._fallback._evasion._each = each  # s that a dodge takes, as was seen before
+        looked.clear()
+        assert planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5).outcome in AWAY
+        most.append(max(looked))
+    assert most[1] < 0.2 * most[0]

@@ -10,6 +10,7 @@ import pytest
 from scenes import CROSSERS, scene
 
 import scp_planner as sp
+from scp_planner.mathematics import corridor
 from scp_planner.problem.build import acceleration_breakpoints, build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
@@ -87,3 +88,20 @@ def test_a_tightened_problem_asks_for_exactly_the_more() -> None:
     times, points = np.linspace(0.0, 6.0, 30), np.linspace([0.0, -2.0], [20.0, 2.0], 30)
     nearer = problem.zones.distances(times, points) - asked.zones.distances(times, points)
     assert nearer == pytest.approx(np.tile([0.0, 0.02, 0.3], (30, 1)), abs=1e-12)
+
+
+def test_what_depends_on_a_corridor_alone_is_made_when_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells = [[[x - 2.0, y - 2.0], [x + 3.0, y - 2.0], [x + 3.0, y + 2.0], [x - 2.0, y + 2.0]] for x, y in BEND]
+    read = scene(goal={"position": list(BEND[-1])}, corridor=cells)
+
+    def again(*given: Any) -> Any:
+        raise AssertionError("it was made when it was read")
+
+    monkeypatch.setattr(corridor, "way_through", again)
+    monkeypatch.setattr(corridor, "outside", again)
+    monkeypatch.setattr(corridor.Outline, "polygon", again)
+    plan = sp.plan(read)
+    assert plan.certified, plan.reason
+
+
+BEND = ((0.0, 0.0), (4.0, 0.0), (8.0, 1.5), (12.0, 4.0), (16.0, 6.5), (20.0, 8.0))

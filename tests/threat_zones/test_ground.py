@@ -67,3 +67,20 @@ def test_least_heights_bound_the_distances_of_all_that_moves_so_far(
     inside = signed(polygons, places)[:, ground.zones] < 0.0
     still = ground.least_heights(places, 0.0 * moves)
     np.testing.assert_allclose(still[inside], ground.distances(places)[inside], atol=1e-12)
+
+
+@pytest.mark.parametrize("number", [0, 1, 4, 9])
+def test_some_of_the_polygons_are_as_far_as_among_all(number: int) -> None:
+    rng = np.random.default_rng(5)
+    polygons, places = some_polygons(rng, 9), rng.uniform(-6.0, 6.0, (50, 2))
+    moves = rng.normal(size=places.shape) * 0.3
+    ground = ground_of(polygons)
+    keep = np.zeros(9, dtype=bool)
+    keep[rng.permutation(9)[:number]] = True
+    some = ground.only(keep)
+    np.testing.assert_array_equal(some.zones, ground.zones[keep])
+    expected = signed(polygons, places)[:, some.zones]
+    np.testing.assert_allclose(some.distances(places), expected, atol=1e-9)
+    np.testing.assert_allclose(some.least_heights(places, moves), ground.least_heights(places, moves)[:, keep])
+    again = some.only(np.arange(number) % 2 == 0)
+    np.testing.assert_allclose(again.distances(places), expected[:, ::2], atol=1e-9)

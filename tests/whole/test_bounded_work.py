@@ -105,7 +105,19 @@ def seen(count: int) -> list[dict[str, Any]]:
     return [observed(f"s{k}", k) for k in range(count)]
 
 
-MANY = pytest.mark.parametrize("obstacles", [discs, seen], ids=["known", "observed"])
+def torn(count: int) -> list[dict[str, Any]]:
+    """One that may go on in so many ways."""
+    times, place = np.linspace(0.0, 8.0, 5), np.array([10.0, 5.0])
+    ways = [(place + times[:, None] * [0.5, 0.01 * k]).tolist() for k in range(count)]
+    spread = [[0.01, 0.0], [0.0, 0.01]]
+    futures = [
+        {"weight": 1.0 / count, "motion": {"time": times.tolist(), "position": way, "covariance": spread}}
+        for way in ways
+    ]
+    return [{"id": "torn", "shape": {"disc": 0.3}, "motion": {"futures": futures}}]
+
+
+MANY = pytest.mark.parametrize("obstacles", [discs, seen, torn], ids=["known", "observed", "futures"])
 
 
 @MANY
