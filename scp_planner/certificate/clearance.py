@@ -12,12 +12,13 @@ from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.verdict import CLEARANCE_TOLERANCE, END_TOLERANCE, Clearance, Violation
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.bounds import MovingPoint, ZoneBounds
+from scp_planner.threat_zones.bounds import DistanceBounds, MovingPoint, ZoneBounds
 from scp_planner.threat_zones.nearness import FEW_ZONES, LOOKS, SweptBoxes, least_clearances
 
 MAX_HALVINGS = 22
 MOST_PIECES = 20_000  # still undecided: along a zone at exactly no distance, no halving decides
 MANY_ZONES = 32  # more than these are first searched for those that can matter
+PAIRS_AT_ONCE = 2**15  # of them whose distances are bounded closely
 FIRST_PAIRS = 8  # of intervals and zones, with which the least clearance is looked for
 _SIDES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])  # normals of the workspace, to the inside
 
@@ -184,7 +185,7 @@ class _Search:
         for _ in range(MAX_HALVINGS // 2):
             if not len(left.interval):
                 return _Bound(certified, nearest)
-            bound = ZoneBounds(self.batch).fine(left.zone, left.interval, disc.center)
+            bound = self._fine(left, disc)
             values, lower = bound.value - disc.off[left.interval], bound.lower - disc.most_off[left.interval]
             worst = int(np.argmin(values))
             value = float(values[worst])
@@ -210,6 +211,19 @@ class _Search:
             left = _Open((inverse + len(open_pieces) * parts).ravel(), np.tile(left.zone[~done], len(parts)))
             disc = VehicleDisc.on(self.checked.enclosed(pieces), disc.offset, self.checked.tube)
         return _Bound(-np.inf, nearest)
+
+    def _fine(self, left: _Open, disc: VehicleDisc) -> DistanceBounds:
+        """Bound the distances of pairs, so many at a time as take little memory and time."""
+        bounds, count = ZoneBounds(self.batch), len(left.zone)
+        if count <= PAIRS_AT_ONCE:
+            return bounds.fine(left.zone, left.interval, disc.center)
+        value, lower = np.empty(count), np.empty(count)
+        for begin in range(0, count, PAIRS_AT_ONCE):
+            self.checked.go_on()
+            some = slice(begin, begin + PAIRS_AT_ONCE)
+            part = bounds.fine(left.zone[some], left.interval[some], disc.center)
+            value[some], lower[some] = part.value, part.lower
+        return DistanceBounds(value, lower)
 
     def _told(self, bound: _Bound) -> Kept:
         """Return what is said of a bound; one that is no number is none."""

@@ -27,6 +27,7 @@ from reference_trips import (
 from scenes import disc, scene
 
 import scp_planner as sp
+from scp_planner.certificate import clearance
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.mathematics.frames import PlanningFrame
@@ -286,6 +287,7 @@ def test_bounds_that_are_made_in_parts_say_the_same(walled: bool, monkeypatch: p
     made = sp.plan(scenario)
     whole = sp.certify(scenario, made)
     monkeypatch.setattr(bounds, "AT_ONCE", 1)
+    monkeypatch.setattr(clearance, "PAIRS_AT_ONCE", 3)
     in_parts = sp.certify(scenario, made)
     assert whole.holds and in_parts.holds
     assert in_parts.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-3)
