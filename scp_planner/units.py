@@ -46,12 +46,12 @@ class Units:
     @property
     def acceleration(self) -> float:
         """m/s^2 in a unit of acceleration."""
-        return self.length / self.time**2
+        return self.length / (self.time * self.time)  # not by a power: that is not rounded alike in all units
 
     @property
     def jerk(self) -> float:
         """m/s^3 in a unit of jerk."""
-        return self.length / self.time**3
+        return self.acceleration / self.time
 
     def factor(self, unit: str) -> float:
         """How much of an SI unit is in the natural one; 1 of what has no dimension.
@@ -81,8 +81,8 @@ class Units:
             "m/s3": self.jerk,
             "1/m": 1.0 / length,
             "1/(m s)": 1.0 / (length * time),
-            "m2/s3": length**2 / time**3,
-            "m2/s5": length**2 / time**5,
+            "m2/s3": self.speed * self.acceleration,
+            "m2/s5": self.acceleration * self.jerk,
         }[unit]
 
     def instant(self, time: float) -> float:
@@ -110,7 +110,7 @@ class Units:
         """Return covariances of positions, tuples of m^2, in these units; None as it is."""
         if covariance is None:
             return None
-        unit = self.length**2
+        unit = self.length * self.length
         if isinstance(covariance[0][0], tuple):  # one for each of many: no call for each
             return tuple([tuple([tuple([value / unit for value in row]) for row in one]) for one in covariance])
         return over(covariance, unit)

@@ -154,7 +154,7 @@ class TrackingTube:
         return TrackingTube(
             self.standing / units.length,
             self.per_speed / units.time,
-            self.per_lateral / units.time**2,
+            self.per_lateral / (units.time * units.time),
             self.max_speed / units.speed,
             self.max_lateral / units.factor("m/s2"),
             self.probability,

@@ -102,7 +102,7 @@ class Outline:
         if self.vertices is not None:
             return Outline(vertices=self.vertices * length, turning=self.turning)
         assert self.matrix is not None
-        return Outline(matrix=self.matrix * length**2, turning=self.turning)
+        return Outline(matrix=self.matrix * (length * length), turning=self.turning)
 
     def rounded(self, decimals: int) -> Outline:
         """Return the outline with its vertices or matrix rounded; vertices that become one are one."""

@@ -179,7 +179,7 @@ class Planner:
         place = _point("position", position)
         check_number("time", time)
         units = self._units
-        noise = None if covariance is None else _covariance(covariance) / units.length**2
+        noise = None if covariance is None else _covariance(covariance) / (units.length * units.length)
         self._inbox.put(Sighting(obstacle, units.instant(float(time)), units.place(place), noise))
 
     def update_obstacle(
@@ -275,7 +275,7 @@ class Planner:
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
         checked = self._units.obstacle(Obstacle(**parts))
         self._check_new(obstacle)
-        noise = None if covariance is None else _covariance(covariance) / self._units.length**2
+        noise = None if covariance is None else _covariance(covariance) / (self._units.length * self._units.length)
         self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
 
     def _check_new(self, name: str) -> None:

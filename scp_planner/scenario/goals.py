@@ -101,6 +101,6 @@ def convex_parts(region: Sequence[planar.Point]) -> list[tuple[planar.Point, ...
 def _nearest_on(point: planar.Point, a: planar.Point, b: planar.Point) -> planar.Point:
     """The nearest point of a segment."""
     leg = (b[0] - a[0], b[1] - a[1])
-    share = ((point[0] - a[0]) * leg[0] + (point[1] - a[1]) * leg[1]) / (leg[0] ** 2 + leg[1] ** 2)
+    share = ((point[0] - a[0]) * leg[0] + (point[1] - a[1]) * leg[1]) / (leg[0] * leg[0] + leg[1] * leg[1])
     share = min(max(share, 0.0), 1.0)
     return (a[0] + share * leg[0], a[1] + share * leg[1])

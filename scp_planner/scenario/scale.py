@@ -45,5 +45,5 @@ def _within_reach(scenario: Any, trip: float) -> float:
     start, end = scenario.start.speed, scenario.goal.speed
     a, d = scenario.vehicle.max_acceleration, scenario.vehicle.max_deceleration
     if end is None:
-        return sqrt(start**2 + 2.0 * a * trip)
-    return sqrt((2.0 * a * d * trip + d * start**2 + a * end**2) / (a + d))
+        return sqrt(start * start + 2.0 * a * trip)  # not by a power: that is not rounded alike in all units
+    return sqrt((2.0 * a * d * trip + d * start * start + a * end * end) / (a + d))

@@ -196,7 +196,7 @@ def _in_units(zone: ThreatZone, length: float, time: float) -> ThreatZone:
         zone.id,
         zone.radius * length,
         zone.centers.in_units(length, time),
-        None if zone.covariances is None else zone.covariances.in_units(length**2, time),
+        None if zone.covariances is None else zone.covariances.in_units(length * length, time),
         tuple(outline.in_units(length) for outline in zone.outlines),
         None if zone.pointing is None else zone.pointing.in_units(time, time),
     )

@@ -239,7 +239,7 @@ class Path:
     @cached_property
     def bend_coefficients(self) -> Array:
         """Local power coefficients of the offset's second derivative, (spans, P - 2) 1/m."""
-        return self.space.path.derivative.derivative.combine(self.theta) / self.space.length**2
+        return self.space.path.derivative.derivative.combine(self.theta) / (self.space.length * self.space.length)
 
     @cached_property
     def third_coefficients(self) -> Array:

@@ -178,7 +178,7 @@ class Trajectory:
     def in_units(self, length: float, time: float) -> Trajectory:
         """Return the trip where lengths are so many times as large, and times too."""
         path = Path(self.space.in_units(length, time), self.theta * length)
-        beta, travel_time = self.beta * (length / time**2), self.travel_time * time
+        beta, travel_time = self.beta * (length / (time * time)), self.travel_time * time
         moved = Trajectory(path, beta, travel_time)
         # To the bit what the closed form gives, if it is that: a stop on the way takes another time.
         return Trajectory(path, beta, moved.closed_time) if moved.arrives else moved

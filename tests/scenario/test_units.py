@@ -409,3 +409,16 @@ def test_planners_of_other_sizes_say_what_their_certificates_say() -> None:
     (zone,) = planner.zones
     assert zone.center(now) == pytest.approx(np.array([9.04, 2.82]) * length, abs=0.2 * length)
     assert not planner.at_goal(plan.position(now)) and planner.at_goal((20.0 * length, 0.0))
+
+
+def test_powers_of_two_do_not_change_a_bit_of_any_unit() -> None:
+    """Powers of numbers are not rounded alike where these are multiplied by a power of two; products are."""
+    rng = np.random.default_rng(0)
+    kinds = {"m/s2": (1, -2), "m/s3": (1, -3), "m2/s3": (2, -3), "m2/s5": (2, -5), "1/(m s)": (-1, -1)}
+    for length, time in rng.uniform(0.5, 2.0, (500, 2)).tolist():
+        up, down = NaturalUnits(length, time), NaturalUnits(length * 2.0**-14, time * 2.0**16)
+        for kind, (lengths, times) in kinds.items():
+            assert down.factor(kind) == up.factor(kind) * 2.0 ** (-14 * lengths + 16 * times)
+        one = ((2.0, 0.5), (0.5, 1.0))
+        moved = tuple(tuple(value * 2.0**-28 for value in row) for row in one)
+        assert down.covariance(moved) == up.covariance(one)
