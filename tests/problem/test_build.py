@@ -11,6 +11,7 @@ from scenes import CROSSERS, scene
 
 import scp_planner as sp
 from scp_planner.mathematics import corridor
+from scp_planner.mathematics.outlines import Outline
 from scp_planner.problem.build import acceleration_breakpoints, build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
@@ -99,7 +100,7 @@ def test_what_depends_on_a_corridor_alone_is_made_when_it_is_read(monkeypatch: p
 
     monkeypatch.setattr(corridor, "way_through", again)
     monkeypatch.setattr(corridor, "outside", again)
-    monkeypatch.setattr(corridor.Outline, "polygon", again)
+    monkeypatch.setattr(Outline, "polygon", again)
     plan = sp.plan(read)
     assert plan.certified, plan.reason
 
