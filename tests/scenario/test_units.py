@@ -415,7 +415,8 @@ def test_powers_of_two_do_not_change_a_bit_of_any_unit() -> None:
     """Powers of numbers are not rounded alike where these are multiplied by a power of two; products are."""
     rng = np.random.default_rng(0)
     kinds = {"m/s2": (1, -2), "m/s3": (1, -3), "m2/s3": (2, -3), "m2/s5": (2, -5), "1/(m s)": (-1, -1)}
-    for length, time in rng.uniform(0.5, 2.0, (500, 2)).tolist():
+    seen = [(0.7505351029663387, 1.708264036225728)]  # those of a scene where the square of the time was not
+    for length, time in [*seen, *rng.uniform(0.5, 2.0, (500, 2)).tolist()]:
         up, down = NaturalUnits(length, time), NaturalUnits(length * 2.0**-14, time * 2.0**16)
         for kind, (lengths, times) in kinds.items():
             assert down.factor(kind) == up.factor(kind) * 2.0 ** (-14 * lengths + 16 * times)
