@@ -10,7 +10,7 @@ import functools
 import itertools
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from scp_planner.errors import MISSING
@@ -338,7 +338,8 @@ def start_is_free(scenario: Any) -> Iterator[Objection]:
         if shape is None or not _is_exact(motion):
             continue  # observed, or faulty, or a prediction
         try:
-            seen_from = _from_centre if _known(motion, "time") is None else _seen_from_course(shape)
+            on_course = _known(motion, "time") is not None
+            seen_from = functools.partial(_from_course, _length(shape)) if on_course else _from_centre
             distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
         except Unknown:
             continue
@@ -467,11 +468,6 @@ def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.
     return (x, y), math.atan2(vy, vx)
 
 
-def _seen_from_course(shape: Any) -> Callable[[planar.Point, Any, float], tuple[planar.Point, float]]:
-    """See points from the centre of a shape on a course."""
-    return functools.partial(_from_course, _length(shape))
-
-
 def _length(shape: Any) -> float:
     """How long a shape is that heads along its motion, m; 0 for others: which way they head makes no difference."""
     if hasattr(shape, "rectangle"):
@@ -487,8 +483,7 @@ def _from_course(length: float, point: planar.Point, course: Any, time: float) -
 
     if any(True for rule in (times_increase, one_position_a_time) for _ in rule(course)):
         raise Unknown("time")
-    centre = course_polynomials(course.time, course.position)
-    now = np.array([time])
+    centre, now = course_polynomials(course.time, course.position), np.array([time])
     if length == 0.0:
         pointing = centre  # it is the same in all directions, or does not turn
     elif course.heading is not None:
