@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask, cross
 from scp_planner.mathematics.ellipse import Contact, ellipse_contact, support
 from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back, directions_of, turned_back
-from scp_planner.mathematics.outlines import Outline, Outlines
+from scp_planner.mathematics.outlines import Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
 from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.convex_parts import ConvexPart
 from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
@@ -84,7 +84,7 @@ class ZoneBatch:
         """
         discs = zones.discs if isinstance(zones, SortedZones) else _NO_DISCS
         others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
-        numbered = [(k, part) for k in others for part in _Part.all_of(zones[k])]
+        numbered = [(k, part) for k in others for part in ConvexPart.all_of(zones[k])]
         parts = [part for _, part in numbered]
         # Discs first, then all in the order of the zones
         still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
@@ -460,31 +460,6 @@ class ZoneBatch:
             spin = cross(pointing, change) / np.maximum((pointing**2).sum(axis=1), 1e-300)
             rate[rows] += spin * cross(normal[rows], lever[rows])
         return rate
-
-
-class _Part(NamedTuple):
-    """One convex part of a zone, in world coordinates, about a centre of its own."""
-
-    id: str
-    radius: float
-    centers: PiecewisePolynomials
-    covariances: PiecewisePolynomials | None
-    outline: Outline | None
-    pointing: PiecewisePolynomials | None = None
-
-    @classmethod
-    def all_of(cls, zone: ThreatZone) -> list[_Part]:
-        """Return all parts; an ellipse that neither turns nor is uncertain is one that is known to be so uncertain."""
-        if not zone.outlines:
-            return [cls(zone.id, zone.radius, zone.centers, zone.covariances, None)]
-        found = []
-        for outline, centers in zip(zone.outlines, zone.part_centers, strict=True):
-            if outline.matrix is not None and not outline.turning and zone.covariances is None:
-                constant = PiecewisePolynomials.single(float(zone.centers.breakpoints[0, 0]), outline.matrix[None])
-                found.append(cls(zone.id, zone.radius, zone.centers, constant, None))
-            else:
-                found.append(cls(zone.id, zone.radius, centers, zone.covariances, outline.centred, zone.pointing))
-        return found
 
 
 def _slots(index: Index, size: int) -> Index:

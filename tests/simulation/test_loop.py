@@ -279,9 +279,9 @@ def test_contact_is_seen_by_the_simulation_where_the_planner_is_blind() -> None:
 
 
 def test_contact_of_a_standing_vehicle_counts_apart() -> None:
-    """A post stops the vehicle in a corridor; then something runs into it from behind."""
+    """A post stops the vehicle in a corridor; then something that it never sees runs into it, and leaves."""
     corridor = {"min": (-2.0, -1.0), "max": (21.0, 1.0)}
-    rammer = (np.array([0.0, 4.0, 10.0]), np.array([[-20.0, 0.0], [-20.0, 0.0], [40.0, 0.0]]))
+    rammer = (np.array([0.0, 4.0, 6.3, 9.0]), np.array([[-20.0, 0.0], [-20.0, 0.0], [3.5, 0.0], [-20.0, 0.0]]))
     world = {"post": lambda t: np.tile([6.0, 0.0], (len(t), 1)), "rammer": rammer}
     blind = [Sensor(range=7.0, field_of_view=1.0)]
     scenario = scene(disc("post", (6.0, 0.0), radius=0.8), bounds=corridor)
