@@ -60,7 +60,8 @@ def ends(
         if place.get("speed") is not None:
             speed = end_speed(position, when, order)
             gap = abs(speed - float(place["speed"]))
-            require(f"{name}_speed", speed, float(place["speed"]), gap, allowed.boundary_speed, when)
+            tolerance = allowed.boundary_speed if name == "start" else max(allowed.boundary_speed, allowed.goal_speed)
+            require(f"{name}_speed", speed, float(place["speed"]), gap, tolerance, when)
         if place.get("heading") is not None:
             # Seen from the goal the chords point backwards.
             heading = end_heading(position, end - begin, when, order) + (0.0 if order == 1 else math.pi)

@@ -19,6 +19,7 @@ class Tolerances:
     arrival: float = 1e-3  # s
     heading: float = 2e-4  # rad
     boundary_speed: float = 2e-4  # m/s, one-sided differences at the ends
+    goal_speed: float = 0.0  # m/s; of a planner that promises that of the goal less closely
     speed: float = 1e-5  # m/s
     acceleration: float = 5e-4  # m/s2
     first_acceleration: float = 0.02  # m/s2, one-sided second differences at the start

@@ -21,6 +21,7 @@ from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.planning.outputs import output_named, picture_or_text
+from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import KeyReader, trip_in
 
@@ -171,35 +172,36 @@ class Plan:
 
     def position(self, t: ArrayLike) -> Array:
         """Position at absolute times, (...) s to (..., 2) m; at the ends of the trip outside it."""
-        points, shape = self.trip.at(t)
-        return self.trip.frame.to_world(points.path.position).reshape(*shape, 2)
+        frame = self.trip.frame
+        return self.trip.told(t, lambda points: frame.to_world(points.path.position))
 
     def velocity(self, t: ArrayLike) -> Array:
         """Velocity vector at absolute times, (...) s to (..., 2) m/s."""
-        points, shape = self.trip.at(t)
-        unit = points.path.direction / points.path.speed[:, None]
-        return self.trip.frame.vectors_to_world(points.speed[:, None] * unit).reshape(*shape, 2)
+        frame = self.trip.frame
+
+        def driven(points: TripPoints) -> Array:
+            unit = points.path.direction / points.path.speed[:, None]
+            return frame.vectors_to_world(points.speed[:, None] * unit)
+
+        return self.trip.told(t, driven)
 
     def speed(self, t: ArrayLike) -> Array:
         """Speed along the path at absolute times, (...) s to (...) m/s."""
-        points, shape = self.trip.at(t)
-        return points.speed.reshape(shape)
+        return self.trip.told(t, lambda points: points.speed)
 
     def acceleration(self, t: ArrayLike) -> Array:
         """Acceleration along the path at absolute times, (...) s to (...) m/s^2."""
-        points, shape = self.trip.at(t)
-        return points.acceleration.reshape(shape)
+        return self.trip.told(t, lambda points: points.acceleration)
 
     def heading(self, t: ArrayLike) -> Array:
         """Direction of the path at absolute times, (...) s to (...) rad in (-pi, pi]."""
-        points, shape = self.trip.at(t)
-        vector = self.trip.frame.vectors_to_world(points.path.direction)
-        return np.arctan2(vector[:, 1], vector[:, 0]).reshape(shape)
+        frame = self.trip.frame
+        return self.trip.told(t, lambda points: np.arctan2(*frame.vectors_to_world(points.path.direction).T[::-1]))
 
     def curvature(self, t: ArrayLike) -> Array:
         """Signed curvature of the path at absolute times, (...) s to (...) 1/m, positive to the left."""
-        points, shape = self.trip.at(t)
-        return self.trip.trajectory.path.bend(points.path).curvature.reshape(shape)
+        path = self.trip.trajectory.path
+        return self.trip.told(t, lambda points: path.bend(points.path).curvature)
 
     def samples(self, count: int = 200) -> dict[str, list[Any]]:
         """Equidistant samples of the trip as plain lists, keyed as in the plan file."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -14,6 +14,8 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 from scp_planner.units import Units
+
+AT_ONCE = 20_000  # points that are looked at together: each takes some kilobytes
 
 
 def discs_at(position: Array, heading: Array, offsets: Sequence[float]) -> list[Array]:
@@ -103,3 +105,11 @@ class Trip:
         tau = self.trajectory.travel_time
         sigma = np.clip((times.ravel() - self.frame.time) / tau, 0.0, 1.0)
         return self.trajectory.driven(self.trajectory.space.time_table(sigma)), times.shape
+
+    def told(self, t: ArrayLike, value: Callable[[TripPoints], Array]) -> Array:
+        """Return a value of points of the trip at absolute times, (...) s to (..., k): so many points at a time."""
+        times = np.asarray(t, dtype=float)
+        flat = times.ravel()
+        parts = [value(self.at(flat[begin : begin + AT_ONCE])[0]) for begin in range(0, max(flat.size, 1), AT_ONCE)]
+        found = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        return found.reshape((*times.shape, *found.shape[1:]))

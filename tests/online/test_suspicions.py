@@ -155,8 +155,9 @@ def test_zones_allow_for_a_change_before_the_alarm() -> None:
 def test_zones_of_those_that_move_as_foretold_stay_as_they_are() -> None:
     _, sizes = watched(0.0, Watch())
     _, without = watched(0.0, Watch(changes=0.0))
-    assert np.mean(sizes != without) < 0.01
-    assert np.all(sizes >= without)
+    # But for rounding, which depends on the kernel that is multiplied with
+    assert np.mean(~np.isclose(sizes, without, rtol=1e-9, atol=0.0)) < 0.01
+    assert np.all(sizes >= without * (1.0 - 1e-9))
 
 
 def test_two_mixtures_together_have_the_moments_of_both() -> None:

@@ -328,3 +328,17 @@ def test_a_sharp_turn_in_the_middle_is_no_acceleration_along_the_way(radius: flo
     assert check_trip(data, position, 0.0, duration).ok
     data["vehicle"]["max_speed"] = speed - 2e-5
     assert refused(check_trip(data, position, 0.0, duration)) == {"speed"}
+
+
+def test_the_speed_at_the_goal_may_be_judged_less_closely_than_that_at_the_start() -> None:
+    def position(times: Array) -> Array:
+        return np.stack([times, np.zeros_like(times)], axis=1)
+
+    asked = {"start": {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 1.0}}
+    goal = {"position": [2.0, 0.0], "heading": None, "speed": 1.0005}
+    data = scenario(**asked, goal=goal)
+    assert refused(check_trip(data, position, 0.0, 2.0)) == {"goal_speed"}
+    promised = Tolerances(goal_speed=6e-4)
+    assert check_trip(data, position, 0.0, 2.0, tolerances=promised).ok
+    data["start"]["speed"] = 1.0005
+    assert refused(check_trip(data, position, 0.0, 2.0, tolerances=promised)) == {"start_speed"}
