@@ -222,4 +222,4 @@ class Decision:
 def _keeps_clear(problem: Problem, trip: Trajectory) -> bool:
     """Whether a trip keeps clear of zones at the problem's samples: one that does not has no room to give away."""
     points = trip.kept_at(problem.samples)
-    return bool(problem.zones.distances(points.time, points.path.position, NEAR).min(initial=np.inf) >= 0.0)
+    return bool(problem.zones.distances(points.time, points.path.position, 0.0).min(initial=np.inf) >= 0.0)
