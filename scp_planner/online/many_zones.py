@@ -67,7 +67,9 @@ class Level:
         """
         if self.confidence.level is ConfidenceLevel.PER_TIME:
             return np.full(count, _NORMAL.pointwise_scale(self.alpha))
-        return np.array([uniform_scale(self.alpha, float(one), _NORMAL, terms) for one in lengths()])
+        every = lengths().tolist()  # who has been seen together for as long has the same
+        found = {one: uniform_scale(self.alpha, one, _NORMAL, terms) for one in set(every)}
+        return np.array([found[one] for one in every])
 
 
 def zones_together(
