@@ -50,8 +50,8 @@ def online_part(name: str, title: str, rows: list[Row]) -> list[str]:
         "online-crowds": (
             online.crowd_table,
             "Trips through recorded crowds that do not react, at 1.5 m/s: with zones, with predictions of constant "
-            "velocity instead, and standing still until the way is free. People walk into what stands in their way "
-            "in the recordings, which knew nothing of a vehicle: *touched standing*.",
+            "velocity instead, by ORCA, and standing still until the way is free. People walk into what stands in "
+            "their way in the recordings, which knew nothing of a vehicle: *touched standing*.",
         ),
         "online-faults": (
             online.fault_table,

@@ -240,8 +240,7 @@ class AdaptiveScales:
             rows = self._rows_of(names)
             for k in which:
                 some = kind == k
-                for horizon in range(self.horizons):
-                    sizes[some, horizon] = self._sizes(rows[some], k, horizon)
+                sizes[some] = self._sizes(rows[some], k, range(self.horizons))
         return sizes
 
     def _rows_of(self, names: Sequence[str]) -> Index:
@@ -264,12 +263,16 @@ class AdaptiveScales:
             return own
         return every if every.count >= self._enough else None
 
-    def _sizes(self, rows: Index, kind: int, horizon: int) -> Array:
-        errors, every = self._known(kind, horizon), self._every[kind, horizon]
-        if errors is None:
-            return np.ones(len(rows))
-        level = np.minimum(every, self._own[rows, kind, horizon] + SLACK * self.alpha)
-        least, most = errors.quantiles(level * (1.0 + BAND)), errors.quantiles(level * (1.0 - BAND))
+    def _sizes(self, rows: Index, kind: int, horizons: range) -> Array:
+        """Of n tracks over some horizons, (n, h)."""
+        level = np.minimum(self._every[kind], self._own[rows, kind] + SLACK * self.alpha)
+        levels = np.concatenate([level * (1.0 + BAND), level * (1.0 - BAND)])
+        least_and_most = np.ones((2, len(rows), len(horizons)))
+        for column, horizon in enumerate(horizons):
+            errors = self._known(kind, horizon)
+            if errors is not None:
+                least_and_most[:, :, column] = errors.quantiles(levels[:, horizon]).reshape(2, -1)
+        least, most = least_and_most
         return np.asarray(np.maximum(np.minimum(np.maximum(least, 1.0), most), LEAST))
 
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
@@ -290,7 +293,7 @@ class AdaptiveScales:
         for k in sorted(set(kind.tolist())):
             some = kind == k
             own, score = rows[some], found[some]
-            missed = score > self._sizes(own, k, horizon)
+            missed = score > self._sizes(own, k, range(horizon, horizon + 1))[:, 0]
             errors, every = self._known(k, horizon), self._every[k, horizon]
             of_all = score > (1.0 if errors is None else errors.quantiles(np.array([every])))
             moved = self._own[own, k, horizon] + self.rate * (self.alpha - missed)
@@ -338,5 +341,5 @@ class _Newest:
             self._sorted, self._fresh = np.sort(self._errors[: self.count]), 0
         count = len(self._sorted)
         place = np.ceil((1.0 - alpha) * (count + 1) - 1e-9 * count)
-        found = self._sorted[np.clip(place, 1, count).astype(np.intp) - 1]
+        found = self._sorted[np.minimum(np.maximum(place, 1.0), count).astype(np.intp) - 1]
         return np.where(place <= count, found, BEYOND * self._sorted[-1])

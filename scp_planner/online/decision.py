@@ -182,11 +182,12 @@ class Decision:
         roomy = self._means.roomy(problem)
         if roomy is not None and _keeps_clear(problem, ahead):
             run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
-            evaluation = evaluate_among(problem, run.evaluation, NEAR)
-            spent = self._spent + problem.frame.time + evaluation.trajectory.travel_time - arrival
+            spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
             cheap = spent <= ROOM_PRICE * (arrival - now.moment.state.time)
-            if evaluation.worst_violation <= FEASIBILITY and (cheap or perf_counter() > now.deadline):
-                found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
+            if cheap or perf_counter() > now.deadline:
+                evaluation, found = evaluate_among(problem, run.evaluation, NEAR), None
+                if evaluation.worst_violation <= FEASIBILITY:
+                    found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
                 if isinstance(found, Vetted):
                     self._spent, self._roomy = max(spent, 0.0), found
                     return found
@@ -221,4 +222,4 @@ class Decision:
 def _keeps_clear(problem: Problem, trip: Trajectory) -> bool:
     """Whether a trip keeps clear of zones at the problem's samples: one that does not has no room to give away."""
     points = trip.kept_at(problem.samples)
-    return bool(problem.zones.distances(points.time, points.path.position, NEAR).min(initial=np.inf) >= 0.0)
+    return bool(problem.zones.distances(points.time, points.path.position, 0.0).min(initial=np.inf) >= 0.0)

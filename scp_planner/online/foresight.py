@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from scp_planner.threat_zones.batch import ZoneBatch
 
 LONGER = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
 """Units of time of further observation after which foreseen zones are computed; in between, they are interpolated."""
+_STEPS = np.diff(LONGER)
 
 
 @dataclass(frozen=True)
@@ -43,16 +45,20 @@ class Learning:
     change: float = 0.0
 
 
+@lru_cache(maxsize=4096)
+def least_noise(covariance: bytes) -> float:
+    """Smaller eigenvalue of the covariance (2, 2) of an observation, m^2, given as its bytes: it seldom changes."""
+    return float(np.linalg.eigvalsh(np.frombuffer(covariance).reshape(2, 2))[0])
+
+
 def _variances(learning: Sequence[Learning], lead: float) -> Array:
     """Relative variances of K predictions so far ahead, s, after observing for so much longer as `LONGER`, (K, n).
 
     With n observations spread evenly over T one is sum_k (2 k + 1) P_k(1 + 2 lead / T)^2 / n, P_k Legendre's
     polynomials, times the noise; what a change of acceleration adds stays.
     """
-    orders = np.array([one.order for one in learning])[:, None]
-    now = np.array([one.span for one in learning])[:, None]
-    count = np.array([one.count for one in learning])[:, None]
-    change = np.array([one.change for one in learning])[:, None]
+    each = np.array([(one.order, one.count, one.span, one.change) for one in learning])
+    orders, count, now, change = each.T[:, :, None]
     span = now + LONGER
     s = 1.0 + 2.0 * lead / span
     squared = s * s
@@ -95,7 +101,7 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     coefficients = np.zeros((count, pieces + len(LONGER), max(powers, 2), width))
     coefficients[:, :pieces, :powers] = covariances.coefficients
     coefficients[:, pieces:, 0] = factors[:, :, None] * size[:, None]
-    slopes = np.diff(factors, axis=1) / np.diff(LONGER)
+    slopes = (factors[:, 1:] - factors[:, :-1]) / _STEPS
     coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
     later = np.broadcast_to(now + foresight + LONGER, (count, len(LONGER)))
     end = np.full((count, 1), np.inf)

@@ -67,7 +67,9 @@ class Level:
         """
         if self.confidence.level is ConfidenceLevel.PER_TIME:
             return np.full(count, _NORMAL.pointwise_scale(self.alpha))
-        return np.array([uniform_scale(self.alpha, float(one), _NORMAL, terms) for one in lengths()])
+        every = lengths().tolist()  # who has been seen together for as long has the same
+        found = {one: uniform_scale(self.alpha, one, _NORMAL, terms) for one in set(every)}
+        return np.array([found[one] for one in every])
 
 
 def zones_together(
@@ -302,8 +304,8 @@ def made_zones(
         pieces *= scales[others, None, None, None]
         sized = {k: PiecewisePolynomials(edges[n, None], pieces[n, None]) for n, k in enumerate(others.tolist())}
     zones = []
-    for k, track in enumerate(tracks):
-        centers = PiecewisePolynomials(breaks, future.centers[k, None])
+    for k, (track, path, spread) in enumerate(zip(tracks, future.centers[:, None], scaled[:, None], strict=True)):
+        centers = PiecewisePolynomials(breaks, path)
         later = None if soon is None else Later(centers, PiecewisePolynomials(breaks, future.covariances[k, None]))
         track.predicted = Prediction(start, center[k], covariance[k], _NORMAL, later)
         zones.append(
@@ -311,7 +313,7 @@ def made_zones(
                 track.id,
                 track.body.radius + track.margin,
                 centers,
-                sized[k] if k in sized else PiecewisePolynomials(breaks, scaled[k, None]),
+                sized[k] if k in sized else PiecewisePolynomials(breaks, spread),
                 track.body.outlines,
                 until=start + HORIZON,
             )
@@ -359,28 +361,27 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
     if len(future.breaks) == 2:
         begins = np.concatenate([np.zeros((count, 1)), leads], axis=1)
         at = np.concatenate([sizes[:, :1], sizes, sizes[:, -1:]], axis=1)
+        piece = np.zeros(begins.shape[1], dtype=np.intp)
     else:
         lead = leads.mean(axis=0)
         edges = np.unique(np.append(future.breaks[:-1] - start, lead[-1]))
         begins = np.broadcast_to(edges, (count, len(edges)))
         weights = np.array([np.interp(np.append(edges, np.inf), lead, one) for one in np.eye(len(lead))])
         at = sizes @ weights
-    piece = np.clip(np.searchsorted(future.breaks - start, begins[0], "right") - 1, 0, len(future.breaks) - 2)
+        piece = np.searchsorted(future.breaks[:-1] - start, edges, "right") - 1
     ends = np.concatenate([begins, np.full((count, 1), future.breaks[-1] - start)], axis=1)
     whole = future.covariances[some][:, piece]
     powers, shift = whole.shape[2], begins - (future.breaks[piece] - start)
     shifted = (shift_matrices(powers, shift.ravel()) @ whole.reshape(-1, powers, 3)).reshape(whole.shape)
     pieces = np.zeros((count, len(piece), powers + 1, 3))
-    factor, more = np.minimum(at, 1.0), np.maximum(at - 1.0, 0.0)
-    widths = np.diff(ends, axis=1)
-    pieces[:, :, :-1] = factor[:, :-1, None, None] * shifted
+    parts, widths = np.stack([np.minimum(at, 1.0), np.maximum(at - 1.0, 0.0)]), ends[:, 1:] - ends[:, :-1]
     # of what was seen twice at one time the first piece is empty
-    slopes = [
-        np.divide(np.diff(each, axis=1), widths, out=np.zeros_like(widths), where=widths > 0.0)
-        for each in (factor, more)
-    ]
+    steps = parts[:, :, 1:] - parts[:, :, :-1]
+    slopes = np.divide(steps, widths, out=np.zeros_like(steps), where=widths > 0.0)
+    factor, more = parts[:, :, :-1]
+    pieces[:, :, :-1] = factor[:, :, None, None] * shifted
     pieces[:, :, 1:] += slopes[0][:, :, None, None] * shifted
-    pieces[:, :, 0, [0, 2]] += more[:, :-1, None]
+    pieces[:, :, 0, [0, 2]] += more[:, :, None]
     pieces[:, :, 1, [0, 2]] += slopes[1][:, :, None]
     return start + ends, pieces
 
@@ -452,18 +453,26 @@ def _lengths(spread: Array, start: Array, stop: Array) -> Array:
     low, high = np.arctan(start), np.arctan(stop)
     angles = low[:, None] + (high - low)[:, None] * nodes
     sine, cosine = np.sin(angles), np.cos(angles)
+    x, y = np.empty((2, *angles.shape, order + 1))
     if order == 1:
-        rows, slopes = [cosine, sine], [-sine, cosine]
+        x[..., 0], x[..., 1] = cosine, sine
+        y[..., 0], y[..., 1] = -sine, cosine
     else:
-        both = sine * cosine
-        rows = [cosine * cosine, both, sine * sine]
-        slopes = [-2.0 * both, cosine * cosine - sine * sine, 2.0 * both]
-    x, y = np.stack(rows, axis=-1), np.stack(slopes, axis=-1)
+        both, squares = sine * cosine, (cosine * cosine, sine * sine)
+        x[..., 0], x[..., 1], x[..., 2] = squares[0], both, squares[1]
+        y[..., 0], y[..., 1], y[..., 2] = -2.0 * both, squares[0] - squares[1], 2.0 * both
     weighted = x @ spread
-    error, cross = (weighted * x).sum(axis=-1), (weighted * y).sum(axis=-1)
-    rate = ((y @ spread) * y).sum(axis=-1)
+    error, cross, rate = _summed(weighted * x), _summed(weighted * y), _summed((y @ spread) * y)
     speed = np.sqrt(np.maximum(rate * error - cross * cross, 0.0)) / error
     return (high - low) * (speed @ weights)
+
+
+def _summed(terms: Array) -> Array:
+    """Sums over the last axis of two or three: a sum of numpy over so short an axis takes several times as long."""
+    total: Array = terms[..., 0] + terms[..., 1]
+    for term in range(2, terms.shape[-1]):
+        total += terms[..., term]
+    return total
 
 
 @cache

@@ -23,7 +23,7 @@ from scp_planner.estimation.foretelling import foretell
 from scp_planner.estimation.motion_estimate import MotionEstimate, PolynomialEstimate
 from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
-from scp_planner.online.foresight import Learning
+from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.foretold import Prediction
 from scp_planner.online.many_zones import Level, zones_together
 from scp_planner.online.mixtures import FilterModels
@@ -408,10 +408,10 @@ class ObstacleTracks:
         some = [track for track in self.tracks.values() if learns(track)]
         change: dict[str, float] = {}
         if self.manoeuvre > 0.0:
-            known = [track.id for track in some if track.simple and track.settled]
-            noise = np.array([self.tracks[name].known_noise for name in known]).reshape(-1, 2, 2)
-            allowed = self.manoeuvre**2 / np.linalg.eigvalsh(noise)[:, 0]
-            change = dict(zip(known, allowed.tolist(), strict=True))
+            known = [track for track in some if track.simple and track.settled]
+            noise = [least_noise(track.known_noise.tobytes()) for track in known]
+            allowed = self.manoeuvre**2 / np.array(noise)
+            change = dict(zip((track.id for track in known), allowed.tolist(), strict=True))
         return {
             track.id: Learning(
                 track.model.order, len(track.times), track.times[-1] - track.times[0], change.get(track.id, 0.0)

@@ -44,8 +44,8 @@ STOPS_TRIED = 2
 """...and so many certified, at most."""
 PLENTY = 0.5
 """Units of length. Stops with more room than this are as good as each other."""
-EXACT = 0.1
-"""Units of length. Sampled clearances beyond this need not be exact."""
+EXACT = 0.0
+"""Units of length. Sampled clearances beyond this need not be exact: what matters is how deep a trip is inside."""
 TRIP_SAMPLES = 48
 """Samples of the last trip."""
 DEEP = 0.1
