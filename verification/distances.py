@@ -14,7 +14,7 @@ from verification.forecasts import foretold
 
 HARDLY_MOVES = 0.25  # of the fastest on a course: well above what the planner takes for standing
 STANDS = 1e-9  # of the largest speed: below it a motion has no direction
-AT_ONCE = 20_000  # times, at which forecasts are made together: each takes some matrices
+AT_ONCE = 40_000  # times at most, at which forecasts are made together: each takes some matrices
 BORDER_POINTS = 24  # of a region, from which what is no disc is looked at
 
 
@@ -35,7 +35,7 @@ def clearances(
         if uncertain and name not in regions:
             raise ValueError(f"obstacle {name!r} has no exact motion: give the size of its region")
         if uncertain:
-            parts = [slice(begin, begin + AT_ONCE) for begin in range(0, times.size, AT_ONCE)]
+            parts = np.array_split(np.arange(times.size), math.ceil(times.size / AT_ONCE))
             distance = np.concatenate(
                 [distance_to_uncertain(obstacle, times[part], positions[part], regions[name]) for part in parts]
             )
