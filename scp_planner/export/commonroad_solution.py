@@ -18,7 +18,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.files import write_text
-from scp_planner.planning.commonroad_referee import HEADING, SPEED, STEERING, axle_states, findable, reconstructible
+from scp_planner.planning.commonroad_referee import HEADING, SPEED, STEERING, shown_states
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import read_commonroad
 from scp_planner.scenario.commonroad_models import Car, VehicleModel, car_named, centre_of, default_car
@@ -85,9 +85,10 @@ def export_commonroad_solution(
 
     first = int(chosen.initial_state.time_step)
     given = float(chosen.initial_state.orientation)
-    if not reconstructible(plan, float(world.dt), moved, body, given):
+    shown = shown_states(plan, float(world.dt), moved, body, given)
+    if shown is None:
         raise ValueError("plan: the official checker would not find the inputs between its states")
-    states = _states(plan, float(world.dt), first, moved, body, given)
+    states = _states(plan, shown, first, moved, body)
     answer = solution.PlanningProblemSolution(
         chosen.planning_problem_id,
         solution.VehicleModel[moved.value],
@@ -99,11 +100,10 @@ def export_commonroad_solution(
     write_text(Path(path), solution.CommonRoadSolutionWriter(whole).dump())
 
 
-def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, orientation: float) -> list[Any]:
-    """Give the plan's states at the steps of the file, in classes of commonroad-io; the orientation is the first."""
+def _states(plan: Plan, shown: Array, first: int, model: VehicleModel, car: Car) -> list[Any]:
+    """Give the states of a plan that are shown, (n, 5), in classes of commonroad-io; the first is at a step."""
     from commonroad.scenario import state
 
-    shown = axle_states(plan, step, car, orientation)
     speed, heading, count = shown[:, SPEED], shown[:, HEADING], len(shown) - 1
     along = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     places = shown[:, :STEERING] + centre_of(car, model) * along
@@ -114,7 +114,7 @@ def _states(plan: Plan, step: float, first: int, model: VehicleModel, car: Car, 
             state.PMState(time_step=k, position=place, velocity=float(v[0]), velocity_y=float(v[1]))
             for k, place, v in zip(steps, places, velocity, strict=True)
         ]
-    steering = findable(shown, step, car)[:, STEERING]
+    steering = shown[:, STEERING]
     shared = [
         {
             "time_step": k,

@@ -84,7 +84,13 @@ def known_outside(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
 @lru_cache(maxsize=REMEMBERED)
 def known_outlines(polygons: tuple[Polygon, ...], place: planar.Point) -> tuple[Outline, ...]:
     """Return :func:`known_outside` of the same as outlines seen from a place: made then, too, and kept."""
-    return tuple(Outline.polygon(np.array(polygon) - np.array(place)) for polygon in known_outside(polygons))
+    return outlines_from(place, known_outside(polygons))
+
+
+def outlines_from(place: planar.Point, polygons: tuple[Polygon, ...]) -> tuple[Outline, ...]:
+    """Return convex polygons as outlines seen from a place."""
+    middle = np.array(place)
+    return tuple(Outline.polygon(np.array(polygon) - middle) for polygon in polygons)
 
 
 def way_through(polygons: Sequence[Polygon], start: planar.Point, goal: planar.Point) -> tuple[planar.Point, ...]:

@@ -11,7 +11,7 @@ from time import perf_counter
 from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.errors import TooLargeError
-from scp_planner.planning.commonroad_referee import SPEED, axle_states, reconstructible
+from scp_planner.planning.commonroad_referee import SPEED, axle_states, shown_states
 from scp_planner.planning.offline import plan
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
@@ -171,7 +171,9 @@ def _found(job: _Job, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
     step, start = float(job.file.world.dt), float(job.file.problem.initial_state.orientation)
     model, vehicle = VehicleModel(job.model), made.scenario.vehicle
     for part in SOFTER:
-        if not made.plan.certified or job.left <= 0.0 or reconstructible(made.plan, step, model, job.body, start):
+        if not made.plan.certified or job.left <= 0.0:
+            break
+        if shown_states(made.plan, step, model, job.body, start) is not None:
             break
         fastest = float(axle_states(made.plan, step, job.body, start)[:, SPEED].max())
         again = job.again(replace(trial, soft=softer(vehicle, step, fastest, part)), made)

@@ -81,8 +81,8 @@ def axle_states(plan: Plan, step: float, car: Car, orientation: float) -> Array:
     return np.column_stack([plan.position(times), steering, plan.speed(times), heading])
 
 
-def reconstructible(plan: Plan, step: float, model: VehicleModel, car: Car, orientation: float) -> bool:
-    """Tell whether the checker finds inputs of a model that lead from each state of a plan to the next.
+def shown_states(plan: Plan, step: float, model: VehicleModel, car: Car, orientation: float) -> Array | None:
+    """Return the states of a plan between which the checker finds inputs of a model; None if it would not.
 
     Parameters
     ----------
@@ -96,7 +96,8 @@ def reconstructible(plan: Plan, step: float, model: VehicleModel, car: Car, orie
 
     Returns
     -------
-    bool
+    array or None
+        (n, 5), as in `findable`.
 
     Raises
     ------
@@ -105,16 +106,16 @@ def reconstructible(plan: Plan, step: float, model: VehicleModel, car: Car, orie
     """
     states = axle_states(plan, step, car, orientation)
     if model is not VehicleModel.PM:
-        return all_found(states, step, car)
+        return joined(states, step, car)
     along = np.stack([np.cos(states[:, HEADING]), np.sin(states[:, HEADING])], axis=1)
     velocity = states[:, SPEED, None] * along
     missed = np.diff(states[:, :STEERING], axis=0) - 0.5 * step * (velocity[1:] + velocity[:-1])
     pushed = np.hypot(*np.diff(velocity, axis=0).T) / step
-    return bool((np.abs(missed) < CLEARLY * SAME[0]).all() and (pushed < car.acceleration).all())
+    return states if (np.abs(missed) < CLEARLY * SAME[0]).all() and (pushed < car.acceleration).all() else None
 
 
-def all_found(states: Array, step: float, car: Car) -> bool:
-    """Tell whether the checker finds all inputs between states, once they are made findable.
+def joined(states: Array, step: float, car: Car) -> Array | None:
+    """Return states once they are made findable; None if the checker does not find all inputs between them then.
 
     Parameters
     ----------
@@ -123,10 +124,11 @@ def all_found(states: Array, step: float, car: Car) -> bool:
 
     Returns
     -------
-    bool
+    array or None
     """
     shown = findable(states, step, car)
-    return all(found(shown[k], shown[k + 1], step, car) for k in _doubtful(shown, step, car).tolist())
+    doubtful = _doubtful(shown, step, car).tolist()
+    return shown if all(found(shown[k], shown[k + 1], step, car) for k in doubtful) else None
 
 
 def findable(states: Array, step: float, car: Car) -> Array:

@@ -95,7 +95,7 @@ def linearise_trips(
             curvature_rows(problem, sites, zones.size + Limit.CURVATURE),
             box_rows(problem, stacked([base.box_gaps for base in bases]), zones.size + Limit.WORKSPACE_BOUNDS, near),
             goal_speed_rows(problem, bundle, zones.size + Limit.GOAL_SPEED),
-            *[Rows.joined(list(of_trips)) for of_trips in zip(*optional, strict=True)],
+            *[Rows.joined(of_trips) for of_trips in zip(*optional, strict=True)],
         ]
     )
     return rows.shares((_usable(problem, rows, trusts) >= rows.gap).nonzero()[0], len(bases))

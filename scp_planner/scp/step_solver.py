@@ -39,12 +39,12 @@ class StepSolver:
         -------
         Solution or None
         """
-        solution = solved_with_few_rows(self._limited(program, deadline), self.solver.solve)
+        solution = self._solved(self.solver, program, deadline)
         if solution.status is SolverStatus.FAILED and self.fallback is not None and perf_counter() < deadline:
-            other = solver_named(self.fallback)
-            solution = solved_with_few_rows(self._limited(program, deadline), other.solve)
+            solution = self._solved(solver_named(self.fallback), program, deadline)
         return solution if solution.status is SolverStatus.OPTIMAL else None
 
-    def _limited(self, program: QuadraticProgram, deadline: float) -> QuadraticProgram:
+    def _solved(self, solver: QpSolver, program: QuadraticProgram, deadline: float) -> Solution:
         left = max(deadline - perf_counter(), self.shortest)
-        return program if left >= program.time_limit else replace(program, time_limit=left)
+        limited = program if left >= program.time_limit else replace(program, time_limit=left)
+        return solved_with_few_rows(limited, solver.solve)

@@ -153,10 +153,7 @@ class Lines:
         shape = (len(lines), len(edges), len(part))
         some = zones if len(part) == zones.size else zones.subset(part)
         centers = some.centers.grid(times).reshape(*shape, 2)
-        if self.frame is None:
-            ahead = centers[..., 0] - self.grid.lines[:, None, None]
-        else:
-            ahead, _ = self.seen(lines[:, None, None], centers)
+        ahead, _ = self.seen(lines[:, None, None], centers)
         reach = some.reach(times).reshape(shape)
         reach = np.maximum(reach[:, :-1], reach[:, 1:])
         first, last = ahead[:, :-1], ahead[:, 1:]

@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.preparation import given_up
 
@@ -64,7 +64,7 @@ def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticPr
     return solve(replace(program, time_limit=max(until - perf_counter(), 0.0)))
 
 
-def _first_rows(program: QuadraticProgram) -> NDArray[np.bool_]:
+def _first_rows(program: QuadraticProgram) -> Mask:
     """Rows that hold with equality, that are taken as active at first, and that the least share of a step meets."""
     rows, size = program.matrix.shape
     middle, half = 0.5 * (program.upper + program.lower), 0.5 * (program.upper - program.lower)
@@ -78,20 +78,20 @@ def _first_rows(program: QuadraticProgram) -> NDArray[np.bool_]:
     return kept
 
 
-def _largest(values: Array, count: int) -> NDArray[np.intp]:
+def _largest(values: Array, count: int) -> Index:
     return np.argpartition(values, len(values) - count)[len(values) - count :]
 
 
 def _with_rows(
-    program: QuadraticProgram, chosen: NDArray[np.intp], active: NDArray[np.int8] | None, time_limit: float
+    program: QuadraticProgram, chosen: Index, active: NDArray[np.int8] | None, time_limit: float
 ) -> QuadraticProgram:
     size = len(program.gradient)
     guess = None if active is None else np.concatenate([active[:size], active[size + chosen]])
-    matrix, bound = np.ascontiguousarray(program.matrix[chosen]), program.bound[chosen]
+    matrix, bound = program.matrix[chosen], program.bound[chosen]
     return replace(program, matrix=matrix, bound=bound, active=guess, time_limit=time_limit)
 
 
-def _of_all_rows(program: QuadraticProgram, chosen: NDArray[np.intp], found: Solution) -> Solution:
+def _of_all_rows(program: QuadraticProgram, chosen: Index, found: Solution) -> Solution:
     size = len(program.gradient)
     multipliers = np.zeros(size + len(program.bound))
     multipliers[:size], multipliers[size + chosen] = found.multipliers[:size], found.multipliers[size:]

@@ -205,8 +205,7 @@ def _beside_corridor(start: planar.Point, polygons: tuple[corridor.Polygon, ...]
 
 @lru_cache(maxsize=16)
 def _walls(start: planar.Point, walls: tuple[corridor.Polygon, ...]) -> tuple[ThreatZone, ...]:
-    middle = np.array(start)
-    return _standing(start, corridor.WALLS, tuple(Outline.polygon(np.array(wall) - middle) for wall in walls))
+    return _standing(start, corridor.WALLS, corridor.outlines_from(start, walls))
 
 
 def _standing(start: planar.Point, name: str, outlines: tuple[Outline, ...]) -> tuple[ThreatZone, ...]:

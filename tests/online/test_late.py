@@ -42,8 +42,8 @@ def surprised() -> Planner:
     return planner
 
 
-def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+def looks_counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many distances each look at dodges finds, as they are made."""
     looked: list[int] = []
     rounds = Dodges._from_rounds
 
@@ -53,6 +53,12 @@ def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch
         return found
 
     monkeypatch.setattr(Dodges, "_from_rounds", counted)
+    return looked
+
+
+def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    looked = looks_counted(monkeypatch)
     planner = surprised()
     assert not looked
     in_time = planner.replan(0.1, (0.1, 0.0), 0.0, 1.0)
@@ -124,15 +130,7 @@ def _problem(planner: Planner) -> Any:
 
 def test_a_look_at_all_dodges_is_not_begun_that_takes_longer_than_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dodges, "HURRIED", 100_000)
-    looked: list[int] = []
-    rounds = Dodges._from_rounds
-
-    def counted(self: Dodges, batch: Any, place: Any, unseen: float) -> Any:
-        found = rounds(self, batch, place, unseen)
-        looked.append(found.size)
-        return found
-
-    monkeypatch.setattr(Dodges, "_from_rounds", counted)
+    looked = looks_counted(monkeypatch)
     clock = SetClock()
     clock.rule(monkeypatch)
     most = []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from scp_planner.planning.commonroad_referee import STEERING, all_found, findable, found
+from scp_planner.planning.commonroad_referee import STEERING, findable, found, joined
 from scp_planner.scenario.commonroad_models import CARS
 
 BMW = CARS["BMW_320i"]
@@ -61,5 +61,5 @@ def test_inputs_that_change_much_in_a_step_are_not_found() -> None:
     braking, pushing = np.array([0.0, -11.0]), np.array([0.0, 11.0])
     half = driven(driven(first, braking, 0.05), pushing, 0.05)
     ends = np.array([first, half, driven(half, pushing, 0.1)])
-    assert not all_found(ends, 0.1, BMW)
-    assert all_found(np.array([first, driven(first, braking, 0.1)]), 0.1, BMW)
+    assert joined(ends, 0.1, BMW) is None
+    assert joined(np.array([first, driven(first, braking, 0.1)]), 0.1, BMW) is not None

@@ -6,6 +6,7 @@ the offset (m), beta + d beta = b / tau_k^2 those of the acceleration (m/s^2) an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -57,7 +58,7 @@ class Rows:
         return cls.joined(numbered) if numbered else parts[0]
 
     @classmethod
-    def joined(cls, parts: list[Rows]) -> Rows:
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
         """Return several sets of rows as one."""
         if len(parts) == 1:
             return parts[0]
