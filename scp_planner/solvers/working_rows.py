@@ -61,7 +61,8 @@ def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticPr
             return solution
         kept[_largest(over, min(violated, MORE * size))] = True
         active = np.sign(solution.multipliers).astype(np.int8)
-    return solve(replace(program, time_limit=max(until - perf_counter(), 0.0)))
+    left = until - perf_counter()
+    return given_up(program) if left <= 0.0 else solve(replace(program, time_limit=left))  # some take 0 for no limit
 
 
 def _first_rows(program: QuadraticProgram) -> Mask:

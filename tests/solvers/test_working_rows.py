@@ -100,3 +100,12 @@ def test_without_time_nothing_is_begun() -> None:
     told = Told()
     assert solved_with_few_rows(replace(large(0)[0], time_limit=0.0), told.solve).status is SolverStatus.FAILED
     assert told.rows == []
+
+
+def test_what_takes_all_of_the_time_with_few_rows_is_not_begun_with_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some solvers take a limit of 0 for none."""
+    failing, clock = Told(status=SolverStatus.FAILED), iter([0.0, 0.0, 2.0])
+    monkeypatch.setattr(working_rows, "perf_counter", lambda: next(clock))
+    found = solved_with_few_rows(replace(large(0)[0], time_limit=1.0), failing.solve)
+    assert found.status is SolverStatus.FAILED
+    assert len(failing.rows) == 1 and failing.rows[0] < 1000
