@@ -16,8 +16,8 @@ from verification.distances import distance_to_polygon
 from verification.findings import Finding, Tolerances
 
 STEP_SHARE = 0.01  # of a step, by which an arrival may miss a multiple of it
-SECOND_WINDOW = 2e-3  # s, of the points from which the acceleration at the start is extrapolated; of 1 s of trip
-_SECOND: Array = np.array([2.0, -5.0, 4.0, -1.0])  # one-sided second difference of second order
+SECOND_WINDOW = 1e-3  # s, of the points from which the acceleration at the start is extrapolated; of 1 s of trip
+_SECOND: Array = np.array([45.0, -154.0, 214.0, -156.0, 61.0, -10.0]) / 12.0  # one-sided, of fourth order: for turns
 
 
 def goal_conditions(
@@ -62,7 +62,7 @@ def first_acceleration(
     if asked is None or data["vehicle"].get("max_jerk") is None:
         return []
     window = SECOND_WINDOW * min(1.0, end - begin)
-    points = np.asarray(position(begin + window * np.arange(4.0)), dtype=float)
+    points = np.asarray(position(begin + window * np.arange(float(_SECOND.size))), dtype=float)
     heading = end_heading(position, end - begin, begin, 1)
     value = float(_SECOND @ points @ np.array([math.cos(heading), math.sin(heading)])) / window**2
     gap = abs(value - float(asked))

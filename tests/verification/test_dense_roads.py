@@ -60,6 +60,24 @@ def test_the_acceleration_at_the_start_is_the_one_asked_for(asked: float, names:
     assert refused(check_trip(data, position, 0.0, duration)) == (names if jerk else set())
 
 
+@pytest.mark.parametrize(("asked", "names"), [(0.5, set()), (0.45, {"start_acceleration"})])
+def test_the_acceleration_at_the_start_of_a_sharp_turn_is_the_one_along_it(asked: float, names: set[str]) -> None:
+    """At the start 20 m/s2 across the trip, 0.5 m/s2 along it, and that changes as fast as only a turn makes it."""
+    duration, size, rate = 1.0, 5e-3, 40.0
+
+    def position(t: Array) -> Array:
+        angle = rate * t  # a wave without a second derivative at the start, and with a fourth one
+        return np.stack([2.0 * t + 0.25 * t**2 + size * (angle**2 / 2 - 1.0 + np.cos(angle)), 10.0 * t**2], axis=1)
+
+    start = {"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 2.0, "acceleration": asked}
+    goal = {"position": position(np.array([duration]))[0].tolist()}
+    limits = {"max_acceleration": 1e3, "max_deceleration": 1e3, "max_jerk": 1e6, "max_speed": 99.0}
+    vehicle = {**VEHICLE, **limits, "max_lateral_acceleration": None, "max_curvature": None}
+    report = check_trip(scenario(start=start, goal=goal, vehicle=vehicle), position, 0.0, duration)
+    assert refused(report) == names
+    assert report["start_acceleration"].value == pytest.approx(0.5, abs=2e-3)
+
+
 def test_the_middle_of_the_vehicle_has_to_be_in_the_region() -> None:
     """After three quarters of a turn on a circle the vehicle heads to -y; its middle is 1 m ahead of what arrives."""
     position, duration, data = arc_trip(4.0, 1.0, 1.5 * math.pi)
