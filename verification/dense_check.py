@@ -20,7 +20,8 @@ What the differences can and cannot see
 - **Total acceleration** is the difference of two mean velocities about 4 ms apart: a weighted mean of the exact vector,
   whose norm is at most the mean of the exact norms. **Power** is the energy won over as long: its exact mean, plus less
   than 3e-5 s times the square of a jump of the acceleration.
-- **Acceleration at the start** is a one-sided second difference over 6 ms; where it may jump it says nothing.
+- **Acceleration at the start** is a one-sided second difference of fourth order, over 5 ms; where it may jump it
+  says nothing.
 - **Jerk** and the **rate of the curvature** are differences of those over 50 ms: their mean values over that
   time. A jump of the acceleration by 1 m/s2 shows as 20 m/s3.
 - **Lateral acceleration** is that curvature times the square of the mean speed over the same two chords.
