@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from verification.differences import Array
 from verification.findings import Finding, Tolerances
@@ -16,6 +17,8 @@ HARDLY_MOVES = 0.25  # of the fastest on a course: well above what the planner t
 STANDS = 1e-9  # of the largest speed: below it a motion has no direction
 AT_ONCE = 40_000  # times at most, at which forecasts are made together: each takes some matrices
 BORDER_POINTS = 24  # of a region, from which what is no disc is looked at
+NEWTON_STEPS = 60  # at most, for the nearest point of an ellipse: some eight do, but at the tip of a needle
+FIRST_LOOKS = 100  # samples, of which one is looked at from the border before it is known which others may matter
 
 
 def clearances(
@@ -149,7 +152,7 @@ def _distance_to_shape(shape: Mapping[str, Any], offsets: Array, heading: Array 
     if "ellipse" in shape:
         squares = np.diag(np.asarray(shape["ellipse"], dtype=float) ** 2)
         turned = np.stack([along, across], axis=1)
-        return distance_to_ellipses(turned, np.broadcast_to(squares, (len(turned), 2, 2)))
+        return distance_to_ellipses(turned, squares[None])
     raise ValueError(f"obstacle {name!r}: this check does not know the shape {shape!r}")
 
 
@@ -178,14 +181,25 @@ def distance_to_uncertain(obstacle: Mapping[str, Any], times: Array, positions: 
 def _from_border(shape: Mapping[str, Any], offsets: Array, matrices: Array, heading: float, name: object) -> Array:
     """Distance (n,) to a shape at a heading whose centre is anywhere in the ellipses of matrices (n, 2, 2).
 
-    From the centre and some places on the border: it is at most by a part of the region too large.
+    From the centre and some places on the border: it is at most by a part of the region too large. Only so where it
+    may be the least of all, elsewhere from the centre alone: no place is nearer by more than the region reaches.
     """
-    least = _distance_to_shape(shape, offsets, heading, name)
-    roots = np.linalg.cholesky(matrices)
-    for angle in np.linspace(0.0, 2.0 * math.pi, BORDER_POINTS, endpoint=False):
-        place = roots @ np.array([math.cos(angle), math.sin(angle)])
-        least = np.minimum(least, _distance_to_shape(shape, offsets - place, heading, name))
-    return least
+    distances = _distance_to_shape(shape, offsets, heading, name)
+    turns = np.linspace(0.0, 2.0 * math.pi, BORDER_POINTS, endpoint=False)
+    directions = np.stack([np.cos(turns), np.sin(turns)])
+    reach = np.sqrt(np.linalg.eigvalsh(matrices)[:, 1])
+
+    def from_places(chosen: NDArray[np.intp]) -> Array:
+        places = np.swapaxes(np.linalg.cholesky(matrices[chosen]) @ directions, 1, 2)
+        seen = _distance_to_shape(shape, (offsets[chosen, None, :] - places).reshape(-1, 2), heading, name)
+        return np.minimum(distances[chosen], seen.reshape(-1, BORDER_POINTS).min(axis=1))
+
+    some = np.unique(np.append(np.arange(0, len(offsets), FIRST_LOOKS), np.argmin(distances - reach)))
+    distances[some] = from_places(some)
+    left = np.flatnonzero(distances - reach <= distances.min())
+    for part in np.array_split(left, math.ceil(left.size / (AT_ONCE // BORDER_POINTS))):
+        distances[part] = from_places(part)
+    return distances
 
 
 def _on_uncertain_course(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
@@ -274,20 +288,26 @@ def _residual_covariance(when: Array, seen: Array, order: int) -> Array:
 
 
 def distance_to_ellipses(points: Array, matrices: Array) -> Array:
-    """Distance (n,) from points (n, 2) to the ellipses z' M^-1 z <= 1 of matrices (n, 2, 2); zero inside.
+    """Distance (n,) from points (n, 2) to the ellipses z' M^-1 z <= 1 of matrices (n or 1, 2, 2); zero inside.
 
     Along the axes of the ellipse, of half lengths a and b, its nearest point to y is
-    (a^2 y1 / (a^2 + t), b^2 y2 / (b^2 + t)), t >= 0 the root of a decreasing function: bisection.
+    (a^2 y1 / (a^2 + t), b^2 y2 / (b^2 + t)), t >= 0 the root of f(t) = (a y1 / (a^2 + t))^2 + (b y2 / (b^2 + t))^2 - 1,
+    which decreases and is convex: Newton's method from below never passes it, and begins where one term alone is 1.
     """
     squares, axes = np.linalg.eigh(matrices)
-    local = np.abs(np.einsum("nij,ni->nj", axes, points))
-    outside = (local**2 / squares).sum(axis=1) > 1.0
-    low = np.zeros(points.shape[0])
-    high = np.linalg.norm(local, axis=1) * np.sqrt(squares[:, 1])
-    for _ in range(80):
-        t = (low + high) / 2.0
-        beyond = (squares * local**2 / (squares + t[:, None]) ** 2).sum(axis=1) > 1.0
-        low, high = np.where(beyond, t, low), np.where(beyond, high, t)
-    nearest = squares * local / (squares + high[:, None])
-    distances: Array = np.where(outside, np.linalg.norm(local - nearest, axis=1), 0.0)
+    local = np.abs(np.matmul(points[:, None, :], axes)[:, 0])
+    distances = np.zeros(len(points))
+    outside = np.flatnonzero((local**2 / squares).sum(axis=1) > 1.0)
+    first, second = local[outside].T
+    wide, high = np.broadcast_to(squares, points.shape)[outside].T
+    one, other = wide * first**2, high * second**2
+    t = np.maximum(np.maximum(np.sqrt(one) - wide, np.sqrt(other) - high), 0.0)
+    for _ in range(NEWTON_STEPS):
+        terms = one / (wide + t) ** 2, other / (high + t) ** 2
+        slope = 2.0 * (terms[0] / (wide + t) + terms[1] / (high + t))
+        later = t + np.maximum(terms[0] + terms[1] - 1.0, 0.0) / slope
+        if np.array_equal(later, t):
+            break
+        t = later
+    distances[outside] = np.hypot(first * t / (wide + t), second * t / (high + t))
     return distances

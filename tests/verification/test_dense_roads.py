@@ -11,6 +11,7 @@ from exact_trips import arc_trip, refused, scenario, straight_trip
 from scenes import VEHICLE
 
 from scp_planner.arrays import Array
+from verification import distances
 from verification.dense_check import check_trip
 from verification.distances import distance_to_uncertain, signed_distance
 
@@ -181,5 +182,37 @@ def test_a_polygon_with_a_region_is_nearer_by_what_the_region_reaches() -> None:
     square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
     course = {"time": [0.0, 1.0], "position": [[0.0, 0.0], [0.0, 0.0]], "covariance": [[0.04, 0.0], [0.0, 0.01]]}
     obstacle = {"id": "s", "shape": {"polygon": square}, "motion": course}
-    found = distance_to_uncertain(obstacle, np.zeros(2), np.array([[5.0, 0.0], [0.0, 5.0]]), 4.0)
-    assert found == pytest.approx([4.0 - 0.4, 4.0 - 0.2], abs=1e-6)
+    for place, reached in (([5.0, 0.0], 0.4), ([0.0, 5.0], 0.2)):
+        found = distance_to_uncertain(obstacle, np.zeros(1), np.array([place]), 4.0)
+        assert found == pytest.approx([4.0 - reached], abs=1e-6)
+
+
+def _standing_somewhere(shape: dict[str, Any]) -> dict[str, Any]:
+    course = {"time": [0.0, 1.0], "position": [[0.0, 0.0], [0.0, 0.0]], "covariance": [[0.3, 0.1], [0.1, 0.2]]}
+    return {"id": "s", "shape": {**shape, "heading": 0.4}, "motion": course}
+
+
+@pytest.mark.parametrize("shape", [{"rectangle": [3.0, 1.0]}, {"ellipse": [1.5, 0.4]}])
+@pytest.mark.parametrize("side", [3.0, 30.0])
+def test_the_least_distance_from_a_region_is_that_of_each_sample_by_itself(shape: dict[str, Any], side: float) -> None:
+    obstacle, times = _standing_somewhere(shape), np.linspace(0.0, 1.0, 701)
+    places = np.stack([40.0 * times - 15.0, side + 2.0 * np.sin(5.0 * times)], axis=1)
+    alone = [distance_to_uncertain(obstacle, times[k : k + 1], places[k : k + 1], 2.0)[0] for k in range(times.size)]
+    found = distance_to_uncertain(obstacle, times, places, 2.0)
+    assert found.min() == pytest.approx(min(alone), rel=1e-12)
+    assert np.argmin(found) == np.argmin(alone)
+    assert (found >= np.array(alone) - 1e-12).all()
+
+
+def test_a_trip_past_a_region_is_not_looked_at_from_every_place_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked, judge = [], distances.distance_to_ellipses
+
+    def counted(points: Array, matrices: Array) -> Array:
+        looked.append(len(points))
+        return judge(points, matrices)
+
+    monkeypatch.setattr(distances, "distance_to_ellipses", counted)
+    times = np.linspace(0.0, 1.0, 20_001)
+    places = np.stack([40.0 * times - 15.0, np.full(times.size, 8.0)], axis=1)
+    distance_to_uncertain(_standing_somewhere({"ellipse": [1.5, 0.4]}), times, places, 2.0)
+    assert sum(looked) < 4 * times.size
