@@ -26,6 +26,8 @@ from scp_planner.trips.path import Path
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory, TripPoints
 
+SAMPLE_STRIDE = 3  # every third sample near a zone is a row, besides the minima of clearance
+
 
 def box_gaps(problem: Problem, path: Path) -> Array:
     """Distances of the vehicle's disc to the sides of the box, inside, at the fixed stations.
@@ -72,8 +74,8 @@ class Evaluation:
     trajectory : Trajectory
     points : TripPoints
         At the problem's samples.
-    clearance : (N, L) array
-        Signed distances to the inflated zones at the samples, m.
+    clearance : (ceil(grid / SAMPLE_STRIDE), L) array
+        Signed distances to the inflated zones at some of the equidistant samples, m.
     minima : TripPoints
         At the refined minima of the clearances over time.
     minima_zone : (m,) array of int
@@ -252,11 +254,12 @@ def _near_zones(problem: Problem, bundle: TripBundle, points: TripPoints, near: 
     contacts = zones.contacts(zone, minima.time, minima.path.position)
     violation = _entries(clearance, owner, zone, contacts, zones.whole)
     bounds = bundle.bounds(owner)
+    some = equidistant[:, ::SAMPLE_STRIDE]
     found = []
     for k, its_minima in enumerate(bundle.split(minima, owner)):
         mine = slice(bounds[k], bounds[k + 1])
         its_contacts = contacts if bundle.count == 1 else contacts.take(mine)
-        found.append(_NearZones(clearance[k], its_minima, zone[mine], its_contacts, violation[k]))
+        found.append(_NearZones(some[k].copy(), its_minima, zone[mine], its_contacts, violation[k]))
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import Evaluation, TripBatch
+from scp_planner.scp.evaluation import SAMPLE_STRIDE, Evaluation, TripBatch
 from scp_planner.scp.merit import Limit
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import curvature_rows, lateral_rows
@@ -21,8 +21,6 @@ from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.threat_zones.nearness import nearness_of_samples
 from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
-
-SAMPLE_STRIDE = 3  # every third sample near a zone is a row, besides the minima of clearance
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: Tri
     """Places near zones that become rows: minima of clearance, then some of the samples."""
     zones = problem.zones
     below = nearness_of_samples(zones, near)
-    clearance = stacked([base.clearance[: problem.grid : SAMPLE_STRIDE] for base in bases])
+    clearance = stacked([base.clearance for base in bases])
     owner, sample, zone = np.nonzero(clearance < below)
     sample *= SAMPLE_STRIDE
     table = problem.samples

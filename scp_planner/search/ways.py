@@ -19,7 +19,7 @@ from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
-from scp_planner.search.sweep import Begun, Counts, Sweep, WayEnds
+from scp_planner.search.sweep import Begun, Counts, States, Sweep, WayEnds
 
 Closed = tuple[tuple[int, int], ...]
 
@@ -152,33 +152,42 @@ class WaySearch:
 
     def best_of(self, cases: Sequence[Closed], within: float = np.inf) -> list[Way | None]:
         """Return the fastest way of each of several cases, which differ in the sides that are closed."""
-        grid = self.grid
         found: list[Way | None] = [None] * len(cases)
-        left, reached = list(range(len(cases))), set[int]()
-        together = max(1, MOST_TOGETHER // (len(grid.lines) * len(grid.half_offsets)))
+        left = list(range(len(cases)))
         for latest in self._windows(within):
             if self.cells.out_of_time:
                 return found
-            in_time = self._in_time(latest)
-            base = self._base([cases[k] for k in left], in_time) if together == 1 < len(left) else None
-            for begin in range(0, len(left), together):
-                some = left[begin : begin + together]
-                free = self.cells.without_each([cases[k] for k in some], int(in_time[-1].max()))
-                if self.cells.cut_off or self.cells.out_of_time:
-                    return found
-                known = None if base is None else base.until(self.cells.first_line(cases[some[0]], base.closed))
-                sweep = Sweep(grid, free, self.ends, in_time, self.deadline, known)
-                if sweep.cut_off:
-                    return found
-                for case, k in enumerate(some):
-                    delay = sweep.first_arrival(case)
-                    if delay is not None:
-                        reached.add(k)
-                        found[k] = self._way(sweep, case, delay, within)
-            left = [k for k in left if k not in reached]
-            if not left:
+            reached, all_known = self._reached([cases[k] for k in left], self._in_time(latest), within)
+            for k, way in reached.items():
+                found[left[k]] = way
+            left = [case for k, case in enumerate(left) if k not in reached]
+            if not (left and all_known):
                 break
         return found
+
+    def _reached(self, cases: Sequence[Closed], in_time: Counts, within: float) -> tuple[dict[int, Way | None], bool]:
+        """The ways of the cases that reach the goal in time, and whether all are known: the time may be up before."""
+        together = max(1, MOST_TOGETHER // (len(self.grid.lines) * len(self.grid.half_offsets)))
+        base = self._base(cases, in_time) if together == 1 < len(cases) else None
+        reached: dict[int, Way | None] = {}
+        for begin in range(0, len(cases), together):
+            some = cases[begin : begin + together]
+            sweep = self._sweep(some, in_time, base)
+            if sweep is None or sweep.cut_off:
+                return reached, False
+            arrivals = [(begin + case, case, sweep.first_arrival(case)) for case in range(len(some))]
+            traced = [(k, delay, sweep.trace(delay, case)) for k, case, delay in arrivals if delay is not None]
+            del sweep  # before anything else is made: nothing that is kept is larger
+            reached |= {k: self._way(states, delay, within) for k, delay, states in traced}
+        return reached, True
+
+    def _sweep(self, cases: Sequence[Closed], in_time: Counts, base: _Base | None) -> Sweep | None:
+        """One sweep of several cases, from where it differs from a base; None where the time is up before."""
+        free = self.cells.without_each(cases, int(in_time[-1].max()))
+        if self.cells.cut_off or self.cells.out_of_time:
+            return None
+        known = None if base is None else base.until(self.cells.first_line(cases[0], base.closed))
+        return Sweep(self.grid, free, self.ends, in_time, self.deadline, known)
 
     def _base(self, cases: Sequence[Closed], in_time: Counts) -> _Base:
         """A sweep with those sides closed that are in all of several cases, which are swept one at a time."""
@@ -196,10 +205,9 @@ class WaySearch:
         likely = self._fastest + LIKELY * self.grid.delay_step
         return [likely, last] if likely - first < QUICKER * (last - first) else [last]
 
-    def _way(self, sweep: Sweep, case: int, delay: int, within: float) -> Way | None:
-        """The fastest way that a sweep found in a case, by its delay at the goal; None if it takes too long."""
+    def _way(self, states: States, delay: int, within: float) -> Way | None:
+        """The way of states with a delay at the goal; None if it takes too long."""
         grid = self.grid
-        states = sweep.trace(delay, case)
         offsets = grid.offsets[states.offset]
         legs = grid.durations[np.arange(grid.columns), states.speed[1:], states.slope[1:]]
         times = np.concatenate([[0.0], np.cumsum(legs + grid.delay_step * states.waited)])

@@ -19,6 +19,7 @@ from scp_planner.solvers.preparation import given_up
 MANY = 3  # rows to a variable, from which on they are not all looked at
 WORTH = 4_000_000  # products of a program's rows, from which on choosing among them takes less than what it saves
 FIRST, MORE = 2, 1  # to a variable: rows that are looked at first, and of the violated ones that are added at once
+AT_ONCE = 500  # rows of which another matrix is made
 ROUNDS = 10  # after which all rows are taken
 TOLERANCE = 1e-9  # of a row, as solvers keep it
 
@@ -69,7 +70,10 @@ def _first_rows(program: QuadraticProgram) -> Mask:
     """Rows that hold with equality, that are taken as active at first, and that the least share of a step meets."""
     rows, size = program.matrix.shape
     middle, half = 0.5 * (program.upper + program.lower), 0.5 * (program.upper - program.lower)
-    most = program.matrix @ middle + np.abs(program.matrix) @ half  # of each row within the bounds
+    most = program.matrix @ middle  # of each row within the bounds
+    for first in range(0, rows, AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        most[part] += np.abs(program.matrix[part]) @ half
     share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
     kept = np.zeros(rows, dtype=bool)
     kept[_largest(-share, FIRST * size)] = True

@@ -9,7 +9,7 @@ from slopes import problem_and_trip
 
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.bend_sites import bend_sites, station_sites
-from scp_planner.scp.evaluation import evaluate_among, evaluate_trip
+from scp_planner.scp.evaluation import SAMPLE_STRIDE, evaluate_among, evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.merit import Limit, Penalties
 from scp_planner.settings.planning import Settings
@@ -28,7 +28,9 @@ def test_violations_are_those_of_dense_samples_and_the_merit_is_their_price(degr
     points = trip.at(problem.space.time_table(np.linspace(0.0, 1.0, 20_001)))
     entry = -problem.zones.distances(points.time, points.path.position, np.inf).min(axis=0)
     # Between samples the minimum of a parabola is looked at: no deeper than the deepest, and nearer to it
-    deepest, sampled = np.maximum(entry, 0.0), np.maximum(-found.clearance.min(axis=0), 0.0)
+    at_samples = problem.zones.distances(found.points.time, found.points.path.position, 1.0)
+    deepest, sampled = np.maximum(entry, 0.0), np.maximum(-at_samples.min(axis=0), 0.0)
+    assert found.clearance == pytest.approx(at_samples[: problem.grid : SAMPLE_STRIDE], abs=1e-12)
     assert np.all(found.zone_violation <= deepest + 1e-6)
     assert np.all(deepest - found.zone_violation <= 0.5 * (deepest - sampled) + 1e-6)
     speed = np.abs(points.speed).max() / problem.limits.speed - 1.0
