@@ -180,7 +180,7 @@ def motion_limits(data: Mapping[str, Any], times: Array, positions: Array, allow
     found = []
 
     def at_most(name: str, values: Array, limit: float, tolerance: float, when: Array) -> None:
-        found.append(_worst(name, values, limit, tolerance, when))
+        found.extend(_worst(name, values, limit, tolerance, when))
 
     displacements = positions[width:] - positions[:-width]
     chords = np.linalg.norm(displacements, axis=1)
@@ -252,20 +252,23 @@ def _forces(
         # The norm of a mean is at most the mean of the norms: an exact trip is never refused, however it turns.
         changes = (displacements[apart:] - displacements[:-apart]) / (width * step * apart * step)
         together, limit = np.linalg.norm(changes, axis=1), float(vehicle["max_total_acceleration"])
-        found.append(_worst("total_acceleration", together, limit, allowed.acceleration, between))
+        found.extend(_worst("total_acceleration", together, limit, allowed.acceleration, between))
     if vehicle.get("max_power") is not None:
         # The energy won over a time is the integral of the power, whatever the acceleration does meanwhile.
         powers = (speeds[apart:] ** 2 - speeds[:-apart] ** 2) / (2.0 * apart * step)
         jump = float(vehicle["max_acceleration"]) + float(vehicle["max_deceleration"])
         tolerance = allowed.acceleration * max(1.0, float(vehicle["max_speed"])) + POWER_WINDOW * jump**2
-        found.append(_worst("power", powers, float(vehicle["max_power"]), tolerance, between))
+        found.extend(_worst("power", powers, float(vehicle["max_power"]), tolerance, between))
     return found
 
 
-def _worst(name: str, values: Array, limit: float, tolerance: float, when: Array) -> Finding:
+def _worst(name: str, values: Array, limit: float, tolerance: float, when: Array) -> list[Finding]:
+    """The largest of some values; nothing of none, as of a trip that is shorter than they take to be told."""
+    if not values.size:
+        return []
     worst = int(np.argmax(values))
     value = float(values[worst])
-    return Finding(name, value, limit, value - limit, tolerance, float(when[worst]))
+    return [Finding(name, value, limit, value - limit, tolerance, float(when[worst]))]
 
 
 def _backward_speed(displacements: Array, chords: Array, duration: float, when: Array) -> tuple[float, float]:

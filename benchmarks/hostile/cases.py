@@ -228,7 +228,7 @@ def regions(scenario: sp.Scenario, until: float) -> dict[str, float]:
         if each.motion is None:
             estimate = estimate_obstacle(each)
             found[each.id] = region_scale(
-                level, probability, estimate, obstacles=len(uncertain), start=start, stop=until
+                level, probability, estimate, obstacles=len(uncertain), start=start, stop=max(until, start)
             )
         elif isinstance(each.motion, Futures):
             found |= _of_futures(each, each.motion, scenario, len(uncertain))

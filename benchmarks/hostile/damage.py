@@ -63,6 +63,9 @@ ODD_BYTES = (
 )
 
 
+LARGEST = 10**300  # of an integer that was put in, and is multiplied once more
+
+
 def damaged(data: Any, rng: Rng) -> Any:
     """Give a copy of nested data with some damage."""
     made = json.loads(json.dumps(data))
@@ -83,7 +86,7 @@ def _damage_once(data: Any, rng: Rng) -> None:
             value.append(value[int(rng.integers(len(value)))])
         case 3 if isinstance(value, list) and value:
             del value[int(rng.integers(len(value))) :]
-        case 4 | 5 if isinstance(value, int | float) and not isinstance(value, bool):
+        case 4 | 5 if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST:
             parent[key] = value * float(rng.choice([-1.0, 0.0, 1e-6, 1e-3, 10.0, 1e3, 1e6, 1.0 + 1e-9]))
         case _:
             parent[key] = ODD[int(rng.integers(len(ODD)))]

@@ -22,6 +22,7 @@ Of a trip that is driven on, limits that it was once found to keep are known (`M
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -31,7 +32,7 @@ from scp_planner.certificate.clearance import VehicleDisc, least_clearance, leav
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import KeptMotion, Motions
 from scp_planner.certificate.sampled import certify_samples
-from scp_planner.certificate.trip_ends import ends_broken
+from scp_planner.certificate.trip_ends import begins_beside, ends_broken
 from scp_planner.certificate.verdict import (
     BEYOND_ZONES,
     CLEARANCE_TOLERANCE,
@@ -156,13 +157,14 @@ def certify_trip(
 
 def _checked(checked: CheckedTrip, scope: Scope, motions: Motions | None) -> Certificate:
     """Check a trip, of which something may be known."""
-    ends = scope.ends
+    ends, found = scope.ends, None
     if scope.since is not None:
         ends &= Ends.GOAL
-        again = None if motions is None else _checked_again(checked, ends, scope.precision, motions)
-        if again is not None:
-            return again
-    return _checked_whole(checked, ends, scope.precision, motions)
+        found = None if motions is None else _checked_again(checked, ends, scope.precision, motions)
+    if found is None:
+        found = _checked_whole(checked, ends, scope.precision, motions)
+    beside = begins_beside(checked) if found.holds else None
+    return found if beside is None else replace(found, holds=False, violations=(beside,))
 
 
 def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: Motions | None) -> Certificate:

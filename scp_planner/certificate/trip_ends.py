@@ -9,6 +9,8 @@ import numpy as np
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.ends import EndState, goal_violations, start_violations
 from scp_planner.certificate.verdict import EARLIEST, END_TOLERANCE, Ends, Violation
+from scp_planner.mathematics import corridor
+from scp_planner.mathematics.planar import distance_to_polygon
 
 _BOTH_ENDS = np.array([0.0, 1.0])
 
@@ -51,3 +53,32 @@ def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
     if Ends.GOAL in ends:
         found += goal_violations(scenario, goal, checked.absolute(0.0))
     return tuple(sorted(found, key=lambda one: one.what != EARLIEST))
+
+
+def begins_beside(checked: CheckedTrip) -> Violation | None:
+    """Return where what is checked of a trip begins beside the corridor; None where it begins in it.
+
+    Its zones are walls of a thickness: what is in the corridor once and touches none of them stays in it, and only what
+    has left it already, along a trip that was not certified, can be beyond them.
+
+    Parameters
+    ----------
+    checked : CheckedTrip
+
+    Returns
+    -------
+    Violation or None
+    """
+    polygons = checked.scenario.corridor
+    if polygons is None:
+        return None
+    trajectory, frame = checked.trajectory, checked.trip.frame
+    path, drive = trajectory.path, trajectory.drive_at(np.array([checked.first]))
+    point = path.points(path.exact.parameter_at(drive.distance))
+    (place,), (ahead,) = frame.to_world(point.position), frame.vectors_to_world(point.direction)
+    for offset in checked.scenario.vehicle.discs:
+        x, y = (place + offset * ahead).tolist()
+        beside = min(distance_to_polygon((x, y), polygon) for polygon in polygons)
+        if beside > 0.0:
+            return Violation("clearance", -beside, 0.0, checked.absolute(checked.first), corridor.NAME)
+    return None

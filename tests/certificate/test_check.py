@@ -30,10 +30,12 @@ import scp_planner as sp
 from scp_planner.certificate import clearance
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
+from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones import bounds
+from scp_planner.threat_zones.of_scenario import corridor_zones
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.guide import CurvedGuide
 from scp_planner.trips.path import Path
@@ -314,3 +316,23 @@ def test_a_check_ends_with_the_clock_while_it_bounds_many_clearances(monkeypatch
     late = certify_trip(inside, trip, found, Scope(deadline=0.5))
     assert len(parts) == 1 and not late.holds
     assert certify_trip(inside, trip, found, Scope()).holds
+
+
+@pytest.mark.parametrize("side", [1.0, 30.0, -30.0])
+def test_what_has_left_the_corridor_beyond_its_walls_is_not_in_it(side: float) -> None:
+    """Its outside is covered up to some lengths: what drives on there, far from it, touches none of that."""
+    trip = random_trip(1)
+    origin, along = np.array(FRAME.origin), np.array([np.cos(FRAME.heading), np.sin(FRAME.heading)])
+    across = np.array([-along[1], along[0]])
+    corners = ((-5.0, -4.0), (25.0, -4.0), (25.0, 4.0), (-5.0, 4.0))
+    corridor = tuple(tuple((origin + x * along + (y + side - 1.0) * across).tolist()) for x, y in corners)
+    scenario = the_scene().model_copy(update={"corridor": (corridor,)})
+    zones = corridor_zones(scenario)
+    for scope in (Scope(), Scope(FRAME.time + 1.0)):
+        motions = Motions()
+        for _ in range(2):
+            found = certify_trip(scenario, trip, zones, scope, motions=motions)
+            assert found.holds == (side == 1.0)
+            assert {one.obstacle for one in found.violations} == (set() if side == 1.0 else {"corridor"})
+    disc_ahead = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"discs": (0.0, 30.0)})})
+    assert not certify_trip(disc_ahead, trip, zones).holds

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from exact_trips import arc_trip, refused, scenario, straight_trip
 from scenes import VEHICLE
+from scipy.interpolate import CubicSpline
 
 from scp_planner.arrays import Array
 from verification import distances
 from verification.dense_check import check_trip
 from verification.distances import distance_to_uncertain, signed_distance
+from verification.places import disc_centres
 
 
 def _with_vehicle(**changes: Any) -> dict[str, Any]:
@@ -125,6 +127,37 @@ def test_no_disc_of_the_vehicle_may_enter_a_wall() -> None:
         data = _with_vehicle(discs=[0.0, 1.0])
         data["walls"] = [[[left, -1.0], [left + 1.0, -1.0], [left + 1.0, 1.0], [left, 1.0]]]
         assert refused(check_trip(data, position, 0.0, duration)) == names
+
+
+def test_discs_are_where_a_vehicle_points_that_sets_out_in_a_sharp_turn() -> None:
+    """Half a millimetre and more would be missed by chords of a millimetre: it turns by 60 rad/m, and ever less."""
+    times = np.linspace(0.0, 2.0, 20_001)
+    way = 0.25 * times**2
+
+    def heading(s: Array) -> Array:
+        return np.asarray(0.3 * np.exp(-200.0 * s))
+
+    grid = np.linspace(0.0, 1.0, 200_001) ** 2  # as dense as it turns
+    along, across = (CubicSpline(grid, turn(heading(grid))).antiderivative() for turn in (np.cos, np.sin))
+    positions = np.stack([along(way), across(way)], axis=1)
+    (ahead,) = disc_centres(_with_vehicle(discs=[0.8]), positions)
+    exact = positions + 0.8 * np.stack([np.cos(heading(way)), np.sin(heading(way))], axis=1)
+    assert np.abs(ahead - exact).max() < 2e-6
+
+
+def test_where_discs_are_while_a_vehicle_waits() -> None:
+    """It comes along x and stands for a while, and goes on along x: meanwhile it points there."""
+    times = np.linspace(0.0, 3.0, 3001)
+    way = np.where(times < 1.0, times, 1.0) + np.maximum(times - 2.0, 0.0)
+    (ahead,) = disc_centres(_with_vehicle(discs=[0.8]), np.stack([5.0 + way, np.zeros_like(way)], axis=1))
+    assert ahead == pytest.approx(np.stack([5.8 + way, np.zeros_like(way)], axis=1), abs=1e-9)
+    data, still = _with_vehicle(discs=[0.8]), np.ones((100, 2))
+    data["start"]["heading"] = math.pi / 2.0
+    (ahead,) = disc_centres(data, still)
+    assert ahead == pytest.approx(np.tile([1.0, 1.8], (100, 1)))
+    data["start"]["heading"] = None
+    with pytest.raises(ValueError, match="hardly moves"):
+        disc_centres(data, still)
 
 
 def test_an_ellipse_is_as_far_away_as_its_axes_say() -> None:
