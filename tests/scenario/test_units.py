@@ -314,7 +314,7 @@ def test_what_roads_have_is_planned_alike_in_other_units(length: float, time: fl
         factor = NaturalUnits(length, time).factor(UNITS[name])
         assert other.limits[name].worst == pytest.approx(use.worst * factor, rel=1e-3)
     assert sp.certify(scaled, other, sp.zones(scaled)).holds
-    change = {"region": [[40, 9], [44, 9], [44, 12]], "speed_range": [2.5, 2.9], "arrival_step": 0.35}
+    change = {"position": None, "region": [[40, 9], [44, 9], [44, 12]], "speed_range": [2.5, 2.9], "arrival_step": 0.35}
     goal = {**given.to_dict()["goal"], **change}
     wrong = rewritten(
         sp.Scenario(**{**given.to_dict(), "goal": goal}), length, time, shift=(9.0 * length, 4.0 * length)
