@@ -297,6 +297,16 @@ def test_other_units_change_rounding_only(length: float, time: float, crossed: t
     np.testing.assert_allclose(numbers(other, length, time), numbers(plan, 1.0, 1.0), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("vehicle", [{}, {"max_jerk": 4.0}])
+def test_a_slow_stretch_may_begin_where_stations_are(vehicle: dict[str, float]) -> None:
+    """As wherever somebody writes round numbers: whether a station is in it is not for rounding to say."""
+    given = scene(vehicle=vehicle, speed_limits=[{"from": 6.0, "to": 11.0, "speed": 1.2}])
+    plan = sp.plan(given)
+    for length, time in FACTORS:
+        other = sp.plan(NaturalUnits(1.0 / length, 1.0 / time).scenario(given))
+        assert other.travel_time / time == pytest.approx(plan.travel_time, rel=1e-9)
+
+
 @pytest.fixture(scope="module")
 def open_plan() -> sp.Plan:
     return sp.plan(open_goal())
