@@ -70,7 +70,8 @@ def _first_rows(program: QuadraticProgram) -> Mask:
     rows, size = program.matrix.shape
     middle, half = 0.5 * (program.upper + program.lower), 0.5 * (program.upper - program.lower)
     most = program.matrix @ middle + np.abs(program.matrix) @ half  # of each row within the bounds
-    share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
+    with np.errstate(over="ignore"):  # no step meets a row without entries
+        share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
     kept = np.zeros(rows, dtype=bool)
     kept[_largest(-share, FIRST * size)] = True
     kept[: program.equalities] = True
