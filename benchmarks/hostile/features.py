@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from scp_planner.mathematics import planar
+
 Data = dict[str, Any]
 Rng = np.random.Generator
 
@@ -82,7 +84,8 @@ def _goal(data: Data, way: Way, rng: Rng) -> None:
             radius=0.0,
             heading=None,
         )
-        if rng.random() < 0.5:
+        beside = planar.distance_to_polygon(goal["position"], goal["region"]) > abs(vehicle.get("centre", 0.0))
+        if rng.random() < 0.5 or beside:
             del goal["position"]
     if goal["heading"] is None and rng.random() < SELDOM:
         towards = math.atan2(way.ahead[1], way.ahead[0]) + float(rng.normal(0.0, 0.3))

@@ -147,7 +147,8 @@ def sizes_part(rows: list[Row], figures: Figures) -> list[str]:
         "known and observed with noise. *Best* is the shortest certified time of the same scene in three systems of "
         "units, with twice as many ways tried, and with splines twice as fine; *by any* counts the scenes that one of "
         "these certifies. The work is processor time on one thread, beside it over that of a reference scene with as "
-        "many obstacles, on the same machine.",
+        "many obstacles, on the same machine: the median of 30. *Over 3 times* counts the scenes that take more than "
+        "three times that; *reference*, how many of as many reference scenes do, beside their own median.",
         sizes.summary(rows),
         picture,
         "`python -m benchmarks.sizes`",

@@ -43,34 +43,9 @@ def version_is_known(scenario: Any) -> Iterator[Objection]:
         yield Objection(("schema",), scenario.schema_, f"must be {SCHEMA_VERSION}")
 
 
-def goal_is_elsewhere(scenario: Any) -> Iterator[Objection]:
-    """The goal, with its radius, does not hold the start."""
-    start, goal = scenario.start.position, scenario.goal.position
-    if scenario.goal.region is not None:
-        middle = _ahead(scenario.start, scenario.vehicle.centre)
-        region = scenario.goal.region
-        if not any(_polygon_faults(region)) and planar.distance_to_polygon(middle, region) == 0.0:
-            yield Objection(("goal", "region"), region, "must not hold the middle of the vehicle at the start")
-    if _same(start, goal):
-        yield Objection(("goal", "position"), goal, "must not be the start's position")
-    elif math.dist(start, goal) <= scenario.goal.radius:
-        text = f"must be less than {math.dist(start, goal):g}, the distance from start to goal"
-        yield Objection(("goal", "radius"), scenario.goal.radius, text)
-
-
 def start_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
     """The start's speed is within the vehicle's limit."""
-    yield from _speed("start", scenario.start.speed, scenario.vehicle.max_speed)
-
-
-def goal_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
-    """The goal's speed is within the vehicle's limit."""
-    if scenario.goal.speed is not None:
-        yield from _speed("goal", scenario.goal.speed, scenario.vehicle.max_speed)
-    given, top = scenario.goal.speed_range, scenario.vehicle.max_speed
-    if given is not None and given[0] > top:
-        text = f"must be at most vehicle.max_speed, {top:g} m/s"
-        yield Objection(("goal", "speed_range", 0), given[0], text)
+    yield from speed_is_within("start", scenario.start.speed, scenario.vehicle.max_speed)
 
 
 def discs_have_a_reference(vehicle: Any) -> Iterator[Objection]:
@@ -86,48 +61,6 @@ def long_vehicles_steer_ahead(vehicle: Any) -> Iterator[Objection]:
     """What turns where it stands sweeps no more than it covers."""
     if len(vehicle.discs) > 1 and vehicle.steering != "ahead":
         yield Objection(("steering",), vehicle.steering, "must be ahead for a vehicle of more than one disc")
-
-
-def arrival_is_possible(goal: Any) -> Iterator[Objection]:
-    """The latest arrival is not before the earliest one."""
-    earliest, latest = goal.earliest_arrival, goal.latest_arrival
-    if earliest is not None and latest is not None and latest < earliest:
-        yield Objection(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
-
-
-def region_is_simple(goal: Any) -> Iterator[Objection]:
-    """The region's edges bound one area and meet only at its vertices."""
-    for objection in _polygon_faults(goal.region) if goal.region is not None else ():
-        yield Objection(("region", *objection.location[1:]), objection.value, objection.message)
-
-
-def goal_is_told_once(goal: Any) -> Iterator[Objection]:
-    """Where a region or a range is given, there is no radius or value besides it."""
-    if goal.region is not None and goal.radius > 0.0:
-        yield Objection(("radius",), goal.radius, "must be 0 where a region is given")
-    for key in ("heading", "speed"):
-        value = getattr(goal, key)
-        if value is not None and getattr(goal, f"{key}_range") is not None:
-            yield Objection((key,), value, f"must be null where {key}_range is given")
-    if goal.region is not None and goal.heading is not None:
-        yield Objection(("heading",), goal.heading, "must be null where a region is given; heading_range may be given")
-
-
-def ranges_are_not_empty(goal: Any) -> Iterator[Objection]:
-    """A range's first value is not above its second one."""
-    for key in ("heading_range", "speed_range"):
-        given = getattr(goal, key)
-        if given is not None and given[1] < given[0]:
-            yield Objection((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
-
-
-def arrival_is_after_start(scenario: Any) -> Iterator[Objection]:
-    """The trip takes time."""
-    start = scenario.start.time
-    for key in ("earliest_arrival", "latest_arrival"):
-        value = getattr(scenario.goal, key)
-        if value is not None and value <= start:
-            yield Objection(("goal", key), value, f"must be later than start.time, {start:g} s")
 
 
 def start_acceleration_is_allowed(scenario: Any) -> Iterator[Objection]:
@@ -169,23 +102,23 @@ def goal_is_in_bounds(scenario: Any) -> Iterator[Objection]:
 
 def guide_begins_at_start(scenario: Any) -> Iterator[Objection]:
     """The first point of the guide is the start."""
-    if scenario.guide is not None and not _same(scenario.guide[0], scenario.start.position):
-        text = f"must be start.position, {list(scenario.start.position)}"
-        yield Objection(("guide", 0), scenario.guide[0], text)
+    guide, start, goal = scenario.guide, scenario.start.position, scenario.goal.position
+    if guide is not None and not same_place(guide[0], start, goal):
+        yield Objection(("guide", 0), guide[0], f"must be start.position, {list(start)}")
 
 
 def guide_ends_at_goal(scenario: Any) -> Iterator[Objection]:
     """The last point of the guide is the goal."""
-    if scenario.guide is not None and not _same(scenario.guide[-1], scenario.goal.position):
-        text = f"must be goal.position, {list(scenario.goal.position)}"
-        yield Objection(("guide", len(scenario.guide) - 1), scenario.guide[-1], text)
+    guide, start, goal = scenario.guide, scenario.start.position, scenario.goal.position
+    if guide is not None and not same_place(guide[-1], goal, start):
+        yield Objection(("guide", len(guide) - 1), guide[-1], f"must be goal.position, {list(goal)}")
 
 
 def guide_moves_on(scenario: Any) -> Iterator[Objection]:
     """No point of the guide is repeated at once."""
     guide = scenario.guide or ()
     for i in range(1, len(guide)):
-        if _same(guide[i - 1], guide[i]):
+        if same_place(guide[i - 1], guide[i]):
             yield Objection(("guide", i), guide[i], "must differ from the point before it")
 
 
@@ -203,7 +136,7 @@ def _not_convex(key: str, polygons: Any) -> Iterator[Objection]:
     for i, polygon in enumerate(polygons):
         faults = [
             Objection((key, i, *objection.location[1:]), objection.value, objection.message)
-            for objection in _polygon_faults(polygon)
+            for objection in polygon_faults(polygon)
         ]
         yield from faults
         if not faults and not planar.is_convex(polygon):
@@ -289,7 +222,7 @@ def line_moves_on(limit: Any) -> Iterator[Objection]:
     """No point of a line is repeated at once."""
     line = limit.line or ()
     for i in range(1, len(line)):
-        if _same(line[i - 1], line[i]):
+        if same_place(line[i - 1], line[i]):
             yield Objection(("line", i), line[i], "must differ from the point before it")
 
 
@@ -380,15 +313,16 @@ def _rounding_of(times: Any) -> float:
 
 def polygon_is_simple(shape: Any) -> Iterator[Objection]:
     """The polygon's edges bound one area and meet only at its vertices."""
-    yield from _polygon_faults(shape.polygon)
+    yield from polygon_faults(shape.polygon)
 
 
 def _is_no_cell(polygon: Any) -> bool:
     crowded = len(polygon) > corridor.MOST_CORNERS
-    return crowded or any(True for _ in _polygon_faults(polygon)) or not planar.is_convex(polygon)
+    return crowded or any(True for _ in polygon_faults(polygon)) or not planar.is_convex(polygon)
 
 
-def _polygon_faults(vertices: Any) -> Iterator[Objection]:
+def polygon_faults(vertices: Any) -> Iterator[Objection]:
+    """Yield what is wrong with a polygon that is to bound one area."""
     repeated = [i for i, vertex in enumerate(vertices) if vertex == vertices[i - 1]]
     for i in repeated:
         yield Objection(("polygon", i), vertices[i], "must differ from the vertex before it")
@@ -402,7 +336,8 @@ def _polygon_faults(vertices: Any) -> Iterator[Objection]:
         yield Objection(("polygon",), vertices, text)
 
 
-def _speed(place: str, speed: float, limit: float) -> Iterator[Objection]:
+def speed_is_within(place: str, speed: float, limit: float) -> Iterator[Objection]:
+    """Object to a speed at the start or the goal that is above the vehicle's limit, both in m/s."""
     if speed > limit:
         yield Objection((place, "speed"), speed, f"must be at most vehicle.max_speed, {limit:g} m/s")
 
@@ -421,7 +356,7 @@ def _in_bounds(place: str, scenario: Any) -> Iterator[Objection]:
             yield Objection((place, "position"), position, text)
 
 
-def _ahead(end: Any, distance: float) -> planar.Point:
+def ahead_of(end: Any, distance: float) -> planar.Point:
     """The point so far ahead of the start or the goal; the place itself where the heading is not known."""
     x, y = end.position
     if end.heading is None:
@@ -437,8 +372,9 @@ def _disc_centres(end: Any, scenario: Any) -> list[planar.Point]:
     return [(end.position[0] + offset * c, end.position[1] + offset * s) for offset in scenario.vehicle.discs]
 
 
-def _same(p: planar.Point, q: planar.Point) -> bool:
-    return math.dist(p, q) <= SAME_PLACE * max(1.0, *map(abs, p), *map(abs, q))
+def same_place(p: planar.Point, q: planar.Point, *others: planar.Point) -> bool:
+    """Whether two points are one to rounding: that of their coordinates, and of those of others that they are among."""
+    return math.dist(p, q) <= SAME_PLACE * max(abs(value) for point in (p, q, *others) for value in point)
 
 
 def _line_of(limit: Any, scenario: Any) -> Any:

@@ -2,7 +2,7 @@
 
 SI units, radians, planar positions [x, y] in metres. Everything is frozen, holds plain floats and tuples, and
 has been checked when it exists: `scp_planner.scenario.validation` says how faults are collected,
-`scp_planner.scenario.checks` how the fields of a scenario must fit together.
+`scp_planner.scenario.checks` (and `goal_checks`, `obstacle_checks`) how the fields of a scenario must fit together.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
 from scp_planner.mathematics.corridor import MOST_CORNERS
-from scp_planner.scenario import checks, obstacle_checks, ready_made
+from scp_planner.scenario import checks, goal_checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
 from scp_planner.scenario.motions import Covariance, GivenMotion
@@ -106,15 +106,16 @@ class Goal(Part):
     """Where the trip ends, and when."""
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        checks.arrival_is_possible,
+        goal_checks.arrival_is_possible,
         checks.heading_is_in_radians,
-        checks.region_is_simple,
-        checks.goal_is_told_once,
-        checks.ranges_are_not_empty,
+        goal_checks.region_is_simple,
+        goal_checks.goal_is_told_once,
+        goal_checks.ranges_are_not_empty,
     )
 
     position: Vector = Field(
-        description="[x, y], m; may be left out where a region is given: then just inside it, where it is nearest"
+        description="[x, y], m; in a region, if one is given, or beside it by vehicle.centre; or left out: then just"
+        " inside it, where it is nearest"
     )
     heading: Number | None = Field(default=None, description="rad; null: free")
     speed: NotNegative | None = Field(default=None, description="m/s; null: free")
@@ -335,10 +336,11 @@ class Scenario(Part):
     model_config = ConfigDict(title="scp_planner scenario")
     rules: ClassVar[tuple[Rule, ...]] = (
         checks.version_is_known,
-        checks.goal_is_elsewhere,
+        goal_checks.goal_is_elsewhere,
+        goal_checks.goal_position_is_at_its_region,
         checks.start_speed_is_allowed,
-        checks.goal_speed_is_allowed,
-        checks.arrival_is_after_start,
+        goal_checks.goal_speed_is_allowed,
+        goal_checks.arrival_is_after_start,
         checks.start_acceleration_is_allowed,
         checks.start_is_in_bounds,
         checks.goal_is_in_bounds,

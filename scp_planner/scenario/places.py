@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
 
 SAME_FOOT = 1e-6  # of the line's length; nearest points before and after a border that are one
+ON_BORDER = 1e-9  # of the line's length; what is this near to a border is on it: rounding does not tell more
 
 
 class Line:
@@ -140,10 +141,11 @@ def anchored(scenario: Scenario) -> Scenario:
 
 
 def limits_at(parts: Sequence[Stretch], positions: Array) -> Array:
-    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none."""
+    """Lowest limit at positions (n, 2) m, (n,) m/s; inf where there is none. A stretch's borders belong to it."""
     limit = np.full(len(positions), np.inf)
     stations = {line: line.nearest(positions) for line in {part.line: None for part in parts}}
     for part in parts:
-        station = stations[part.line]
-        np.minimum(limit, part.speed, out=limit, where=(station >= part.first) & (station <= part.last))
+        station, near = stations[part.line], ON_BORDER * part.line.length
+        within = (station >= part.first - near) & (station <= part.last + near)
+        np.minimum(limit, part.speed, out=limit, where=within)
     return limit

@@ -74,7 +74,8 @@ def _first_rows(program: QuadraticProgram) -> Mask:
     for first in range(0, rows, AT_ONCE):
         part = slice(first, first + AT_ONCE)
         most[part] += np.abs(program.matrix[part]) @ half
-    share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
+    with np.errstate(over="ignore"):  # no step meets a row without entries
+        share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
     kept = np.zeros(rows, dtype=bool)
     kept[_largest(-share, FIRST * size)] = True
     kept[: program.equalities] = True

@@ -189,6 +189,10 @@ def test_courses_head_where_they_say() -> None:
         ({"position": [20, 0], "speed_range": [2.0, 1.0]}, r"goal.speed_range\[1\] = 1.0: must not be less than 2"),
         ({"position": [20, 0], "heading": 0.1, "heading_range": [0, 1]}, "goal.heading = 0.1: must be null"),
         ({"region": [[10, 0], [14, 3], [14, 0], [10, 2]]}, "must not cross or touch itself"),
+        (
+            {"position": [40, 9], "region": REGION},
+            r"= \[40.0, 9.0\]: must be in goal.region, or at most 0 m",
+        ),
     ],
 )
 def test_faulty_goals_are_refused(goal: dict[str, Any], message: str) -> None:

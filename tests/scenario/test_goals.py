@@ -69,3 +69,30 @@ def test_sides_cut_a_line_where_the_part_does() -> None:
         assert last - first == pytest.approx(cut.length, abs=1e-9) and first < 0.0 < last
     first, last = sides.along(np.array([0.0, 1e3]), np.array([1.0, 0.0]))
     assert first > last
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e5])
+def test_a_position_may_be_beside_its_region_by_as_much_as_the_middle_is_ahead(size: float) -> None:
+    """The tip of a triangle is nearest to points straight ahead of it: so their distances are plain."""
+    region = [[18.0 * size, -size], [20.0 * size, 0.0], [18.0 * size, size]]
+    for centre, away, is_refused in ((0.3, 0.3, False), (-0.3, 0.3, False), (0.3, 0.3003, True), (0.0, 3e-4, True)):
+        vehicle = {"radius": 0.1 * size, "max_speed": size, "max_acceleration": size, "max_deceleration": size}
+        data = {
+            "vehicle": {**vehicle, "centre": centre * size},
+            "start": {"time": 0.0, "position": [0.0, 0.0], "speed": 0.0},
+            "goal": {"position": [(20.0 + away) * size, 0.0], "region": region},
+        }
+        if is_refused:
+            with pytest.raises(sp.ScenarioError, match=r"must be in goal\.region"):
+                sp.Scenario(**data)
+        else:
+            assert sp.Scenario(**data).goal.position[0] > region[1][0]
+
+
+def test_a_guide_may_have_points_as_close_as_its_size_asks_for() -> None:
+    """A trip of 2 micrometres, whose first leg is of half a nanometre: 1 m is no unit of it."""
+    guide = ((0.0, 0.0), (4e-10, 3e-10), (2e-6, 0.0))
+    vehicle = {"radius": 1e-8, "max_speed": 1e-6, "max_acceleration": 1e-6, "max_deceleration": 1e-6}
+    start = {"time": 0.0, "position": [0.0, 0.0], "speed": 0.0}
+    given = sp.Scenario(vehicle=vehicle, start=start, goal={"position": [2e-6, 0.0]}, guide=guide)
+    assert given.guide == guide

@@ -297,6 +297,16 @@ def test_other_units_change_rounding_only(length: float, time: float, crossed: t
     np.testing.assert_allclose(numbers(other, length, time), numbers(plan, 1.0, 1.0), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("vehicle", [{}, {"max_jerk": 4.0}])
+def test_a_slow_stretch_may_begin_where_stations_are(vehicle: dict[str, float]) -> None:
+    """As wherever somebody writes round numbers: whether a station is in it is not for rounding to say."""
+    given = scene(vehicle=vehicle, speed_limits=[{"from": 6.0, "to": 11.0, "speed": 1.2}])
+    plan = sp.plan(given)
+    for length, time in FACTORS:
+        other = sp.plan(NaturalUnits(1.0 / length, 1.0 / time).scenario(given))
+        assert other.travel_time / time == pytest.approx(plan.travel_time, rel=1e-9)
+
+
 @pytest.fixture(scope="module")
 def open_plan() -> sp.Plan:
     return sp.plan(open_goal())
@@ -314,7 +324,7 @@ def test_what_roads_have_is_planned_alike_in_other_units(length: float, time: fl
         factor = NaturalUnits(length, time).factor(UNITS[name])
         assert other.limits[name].worst == pytest.approx(use.worst * factor, rel=1e-3)
     assert sp.certify(scaled, other, sp.zones(scaled)).holds
-    change = {"region": [[40, 9], [44, 9], [44, 12]], "speed_range": [2.5, 2.9], "arrival_step": 0.35}
+    change = {"position": None, "region": [[40, 9], [44, 9], [44, 12]], "speed_range": [2.5, 2.9], "arrival_step": 0.35}
     goal = {**given.to_dict()["goal"], **change}
     wrong = rewritten(
         sp.Scenario(**{**given.to_dict(), "goal": goal}), length, time, shift=(9.0 * length, 4.0 * length)

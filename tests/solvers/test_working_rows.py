@@ -61,6 +61,23 @@ def test_rows_that_bind_though_others_seem_nearer_are_found() -> None:
     assert len(told.rows) == 2
 
 
+def test_rows_without_entries_are_never_met() -> None:
+    """And nothing is said of dividing their bounds, however large, by what they use of them."""
+    program, x = large(1)
+    empty, far = np.zeros((100, 40)), np.full(100, 1e3)
+    wider = replace(
+        program,
+        matrix=np.vstack([program.matrix, empty]),
+        bound=np.concatenate([program.bound, far]),
+        active=None if program.active is None else np.concatenate([program.active, np.zeros(100, dtype=np.int8)]),
+    )
+    told = Told()
+    with np.errstate(all="raise", under="ignore"):
+        found = solved_with_few_rows(wider, told.solve)
+    assert max(told.rows) < 1000
+    np.testing.assert_allclose(found.x, x, atol=1e-7)
+
+
 def test_small_programs_and_those_without_bounds_are_solved_as_they_are() -> None:
     small, _ = known_program(1, size=40, rows=400, equalities=0)
     free, _ = large(1)

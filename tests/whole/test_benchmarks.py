@@ -296,8 +296,10 @@ def test_sizes_are_written_in_other_units_and_summed_up(tmp_path: Path) -> None:
     row = sizes.measured(*next(sizes.scenes(sizes.parser().parse_args([str(tmp_path)]))))
     assert (row["kind"], row["scenario"]) == ("ship", "ship-7")
     assert row["certified"] == row["certified_anyhow"] == 1 and 1.0 <= row["ratio"] < 1.01
-    lines = sizes.summary([{**row, "reference_ms": 2.0 * row["work_ms"]}]).splitlines()
-    assert [cell.strip() for cell in lines[-1].split("|")[1:3]] == ["all", "1/1"] and lines[-1].endswith("0.50 |")
+    works = [{"reference_ms": times * row["work_ms"], "reference_long": 0.25} for times in (0.5, 0.25)]
+    lines = sizes.summary([{**row, **work} for work in works]).splitlines()
+    cells = [cell.strip() for cell in lines[-1].split("|")[1:-1]]
+    assert cells[:2] == ["all", "2/2"] and cells[-3:] == ["3.00", "1", "0.5"]
 
 
 def test_plans_are_compared_with_the_best_known_times_of_a_folder(

@@ -23,6 +23,9 @@ from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
 
+AS_NEAR = (
+    1e-9  # units of length, by which clearances differ that are one: where it does not change rounding tells no minima
+)
 STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
 
 
@@ -126,8 +129,9 @@ class Discs:
         clearance = clearance.reshape(count, len(points.time), self.zones.size)
         sorted_ = clearance[:, self._order]
         lower = np.ones(clearance.shape, dtype=bool)
-        lower[:, 1:] &= sorted_[:, 1:] <= sorted_[:, :-1]
-        lower[:, :-1] &= sorted_[:, :-1] <= sorted_[:, 1:]
+        rise = np.diff(sorted_, axis=1)
+        lower[:, 1:] &= rise <= AS_NEAR
+        lower[:, :-1] &= rise >= -AS_NEAR
         beside = lower.copy()
         beside[:, 1:] |= lower[:, :-1]
         beside[:, :-1] |= lower[:, 1:]

@@ -19,6 +19,7 @@ from scp_planner.trips.trajectory import Trajectory
 BESIDE = 1e-7  # of the travel time; next to a border
 ON_BORDER = 1e-6  # of a cell between stations
 JUMP_STEPS, JUMP_PARTS = 4, 128  # to where the stations along the line jump over a border
+SAME_PIECE = 1e-6  # of the largest acceleration: pieces that differ by less are one, as rounding tells which is larger
 CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend off
 
 
@@ -216,7 +217,7 @@ class _OtherPieces:
             return cls(speed, np.zeros_like(speed), np.full_like(speed, np.inf), own, own, since)
         rise = beta[other] - beta[own]
         extended = speed + rise * since * trajectory.travel_time
-        known = (side * rise > 0.0) & (extended > 0.0)
+        known = (side * rise > SAME_PIECE * np.abs(beta).max()) & (extended > 0.0)
         share = np.where(known, extended, 0.0) / np.where(known, speed, 1.0)
         limit = np.where(known, limit, np.inf)
         return cls(np.where(known, extended, speed), beta[other] * share, limit, own, other, since)

@@ -55,6 +55,20 @@ def test_plans_keep_all_discs_clear(name: str) -> None:
     assert np.nanmin(record_plan(plan, scenario, times).clearance) == pytest.approx(min(gaps), abs=1e-12)
 
 
+def test_rounding_does_not_tell_where_discs_are_nearest() -> None:
+    """Beside what drives as fast as the vehicle no moment is nearer than others."""
+    beside = disc("o", (0.0, 2.5), (1.0, 0.0))
+    scenario = scene(beside, vehicle={**LONG, "max_speed": 1.0})
+    problem, rng = build_problem(scenario, sp.zones(scenario), Settings()), np.random.default_rng(2)
+    space, limit = problem.space, next(one for one in problem.optional if isinstance(one, DiscClearance))
+    theta, beta = np.zeros(space.path_size), np.zeros(space.acceleration_size)
+    counts = np.isfinite(limit.excess(Trajectory.of(space, theta, beta)))
+    assert counts.all()
+    for _ in range(5):
+        moved = Trajectory.of(space, theta + rng.normal(0.0, 1e-14, theta.shape), beta)
+        np.testing.assert_array_equal(np.isfinite(limit.excess(moved)), counts)
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_the_rows_of_discs_agree_with_differences(name: str) -> None:
     scenario = SCENES[name]

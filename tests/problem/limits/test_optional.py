@@ -63,6 +63,23 @@ def problem_and_trip(name: str, seed: int) -> tuple[Problem, Trajectory]:
     return problem, trip_near_the_guide(problem, seed)
 
 
+def test_rounding_does_not_tell_which_of_two_pieces_is_faster() -> None:
+    """Where a drive is refined its accelerations are equal in pairs: in other units by other last digits."""
+    problem = build_problem(scene(), (), Settings())
+    space, rng = problem.space, np.random.default_rng(5)
+    breaks = space.acceleration.breakpoints
+    pairs = np.repeat(rng.uniform(-0.02, 0.2, len(breaks)), 2)[: len(breaks) - 1]
+    line = Line(np.array([[0.0, 0.0], [20.0, 0.0]]))
+    theta = np.zeros(space.path_size)
+    for place in (5.0, 10.0, 15.0):
+        limit = SpeedLimits(space, problem.ends.free, (Stretch(line, place, np.inf, 1.0),))
+        known = np.isfinite(limit.excess(Trajectory.of(space, theta, pairs)))
+        for _ in range(5):
+            rounded = pairs * (1.0 + rng.normal(0.0, 1e-14, len(pairs)))
+            other = limit.excess(Trajectory.of(space, theta, rounded))
+            np.testing.assert_array_equal(np.isfinite(other), known)
+
+
 def test_a_border_moved_past_a_rise_of_the_acceleration_is_foreseen() -> None:
     """Braking up to a slow stretch: whoever is there later, in a share of the travel time, has braked no longer."""
     problem = build_problem(scene(), (), Settings())

@@ -1,0 +1,89 @@
+"""How the fields of a goal must fit together, and to the scene's others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from scp_planner.mathematics import planar
+from scp_planner.scenario.checks import SAME_PLACE, ahead_of, polygon_faults, same_place, speed_is_within
+from scp_planner.scenario.validation import Objection
+
+
+def goal_is_elsewhere(scenario: Any) -> Iterator[Objection]:
+    """The goal, with its radius, does not hold the start."""
+    start, goal = scenario.start.position, scenario.goal.position
+    if scenario.goal.region is not None:
+        middle = ahead_of(scenario.start, scenario.vehicle.centre)
+        region = scenario.goal.region
+        if not any(polygon_faults(region)) and planar.distance_to_polygon(middle, region) == 0.0:
+            yield Objection(("goal", "region"), region, "must not hold the middle of the vehicle at the start")
+    if same_place(start, goal):
+        yield Objection(("goal", "position"), goal, "must not be the start's position")
+    elif math.dist(start, goal) <= scenario.goal.radius:
+        text = f"must be less than {math.dist(start, goal):g}, the distance from start to goal"
+        yield Objection(("goal", "radius"), scenario.goal.radius, text)
+
+
+def goal_position_is_at_its_region(scenario: Any) -> Iterator[Objection]:
+    """The middle of a vehicle whose reference point is at the goal's position can be in the goal's region."""
+    goal, ahead = scenario.goal, abs(scenario.vehicle.centre)
+    if goal.region is None or any(polygon_faults(goal.region)):
+        return
+    away = planar.distance_to_polygon(goal.position, goal.region)
+    if away > ahead + SAME_PLACE * max(map(abs, goal.position)):
+        text = f"must be in goal.region, or at most {ahead:g} m, vehicle.centre, from it; it is {away:.6g} m"
+        yield Objection(("goal", "position"), goal.position, text)
+
+
+def goal_speed_is_allowed(scenario: Any) -> Iterator[Objection]:
+    """The goal's speed is within the vehicle's limit."""
+    if scenario.goal.speed is not None:
+        yield from speed_is_within("goal", scenario.goal.speed, scenario.vehicle.max_speed)
+    given, top = scenario.goal.speed_range, scenario.vehicle.max_speed
+    if given is not None and given[0] > top:
+        text = f"must be at most vehicle.max_speed, {top:g} m/s"
+        yield Objection(("goal", "speed_range", 0), given[0], text)
+
+
+def arrival_is_possible(goal: Any) -> Iterator[Objection]:
+    """The latest arrival is not before the earliest one."""
+    earliest, latest = goal.earliest_arrival, goal.latest_arrival
+    if earliest is not None and latest is not None and latest < earliest:
+        yield Objection(("latest_arrival",), latest, f"must not be before earliest_arrival, {earliest:g} s")
+
+
+def region_is_simple(goal: Any) -> Iterator[Objection]:
+    """The region's edges bound one area and meet only at its vertices."""
+    for objection in polygon_faults(goal.region) if goal.region is not None else ():
+        yield Objection(("region", *objection.location[1:]), objection.value, objection.message)
+
+
+def goal_is_told_once(goal: Any) -> Iterator[Objection]:
+    """Where a region or a range is given, there is no radius or value besides it."""
+    if goal.region is not None and goal.radius > 0.0:
+        yield Objection(("radius",), goal.radius, "must be 0 where a region is given")
+    for key in ("heading", "speed"):
+        value = getattr(goal, key)
+        if value is not None and getattr(goal, f"{key}_range") is not None:
+            yield Objection((key,), value, f"must be null where {key}_range is given")
+    if goal.region is not None and goal.heading is not None:
+        yield Objection(("heading",), goal.heading, "must be null where a region is given; heading_range may be given")
+
+
+def ranges_are_not_empty(goal: Any) -> Iterator[Objection]:
+    """A range's first value is not above its second one."""
+    for key in ("heading_range", "speed_range"):
+        given = getattr(goal, key)
+        if given is not None and given[1] < given[0]:
+            yield Objection((key, 1), given[1], f"must not be less than {given[0]:g}, the first value")
+
+
+def arrival_is_after_start(scenario: Any) -> Iterator[Objection]:
+    """The trip takes time."""
+    start = scenario.start.time
+    for key in ("earliest_arrival", "latest_arrival"):
+        value = getattr(scenario.goal, key)
+        if value is not None and value <= start:
+            yield Objection(("goal", key), value, f"must be later than start.time, {start:g} s")
