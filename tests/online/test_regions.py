@@ -11,9 +11,9 @@ import pytest
 import scp_planner as sp
 from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
-from scp_planner.online import regions, sensor_frames
+from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.many_zones import Future, Sizing, sized_pieces
+from scp_planner.online.many_zones import Future, Sizing, sized_pieces, times_linear
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.regions import MOST_COMPARED
 from scp_planner.online.track import Seen
@@ -173,13 +173,12 @@ def test_zones_of_what_was_seen_twice_at_one_time_are_sized_like_others() -> Non
 def test_zones_made_alone_are_sized_together_as_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """People, half of whom are seen every other time: as much work for many as for two, and the same sizes."""
     sized_with: list[int] = []
-    times_linear = regions.times_linear
 
     def counted(covariances: PiecewisePolynomials, *more: Any) -> PiecewisePolynomials:
         sized_with.append(len(covariances.coefficients))
         return times_linear(covariances, *more)
 
-    monkeypatch.setattr(regions, "times_linear", counted)
+    monkeypatch.setattr("scp_planner.online.regions.times_linear", counted)
     rng, count = np.random.default_rng(8), 12
     tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=Watch(regions=Regions.ADAPTIVE))
     for number in range(count):
