@@ -8,6 +8,7 @@ is tried first, never what is safe: that is up to the certificate.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -41,8 +42,6 @@ EXACT_WITHIN = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
 TOGETHER = 60_000
 """Samples of dodges, times zones, whose distances are computed together."""
-HURRIED = 1_000_000
-"""Samples of dodges, times zones, that are looked at where there is no time left."""
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
 _PATH_DEGREE = 3
@@ -74,7 +73,9 @@ class Room:
         if not spare.any():
             return self.least
         taken = np.concatenate([spare, np.zeros((1, spare.shape[1]))])[self.zones]  # the border is the last
-        least: Array = (self.each - taken[:, None]).min(axis=0, initial=np.inf)
+        least = np.full(self.each.shape[1:], np.inf)
+        for some in in_parts(len(self.each), least.size):
+            np.minimum(least, (self.each[some] - taken[some, None]).min(axis=0), out=least)
         return least
 
     def nearest(self, dodge: int, sample: int) -> int:
@@ -274,12 +275,12 @@ class Dodges:
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
         return cls(families, wait, times, position, headings)
 
-    def hurried(self, zones: int) -> Dodges:
-        """So few of them that a look at so many zones takes next to no time, where there are too many.
+    def few(self, zones: int, samples: int) -> Dodges:
+        """So few of them that a look at so many zones is one at so many samples, where there are too many.
 
         Their directions are as far apart as before, in proportion, and each has all speeds; at least one is left.
         """
-        most = max(HURRIED // max(zones * len(self.times), 1), 1)
+        most = max(samples // max(zones * len(self.times), 1), 1)
         stride = math.ceil(len(self.position) / most)
         if stride == 1:
             return self
@@ -320,7 +321,7 @@ class Dodges:
         Room
         """
         if near is None:
-            near = self._within_reach(batch, max(map(abs, vehicle.discs)))
+            near = self.within_reach(batch, vehicle)
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
         zones, shaped = batch.subset(rounds), batch.subset(others)
@@ -348,19 +349,17 @@ class Dodges:
         thousands, whose intermediate results leave the processor's cache.
         """
         distance = np.empty((batch.size, *place.shape[:-1]))
-        together = max(TOGETHER // place[..., 0].size, 1)
-        for first in range(0, batch.size, together):
-            some = np.arange(first, min(first + together, batch.size))
-            self._put_distances(
-                batch.subset(some) if len(some) < batch.size else batch, place, unseen, distance[some[0] :]
-            )
+        for part in in_parts(batch.size, place[..., 0].size):
+            some = np.arange(part.start, part.stop)
+            zones = batch.subset(some) if len(some) < batch.size else batch
+            self._put_distances(zones, place, unseen, distance[part])
         return distance
 
     def _put_distances(self, batch: ZoneBatch, place: Array, unseen: float, out: Array) -> None:
-        """Put the distances to some zones, (l, C, J) m, at the beginning of an array."""
+        """Put the distances to some zones, (l, C, J) m, into an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
         offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
-        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out[: batch.size])
+        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out)
         distance -= batch.radius[:, None, None]
         if batch.covariances is not None:
             offset = offset[:, batch.uncertain] if len(batch.uncertain) < batch.size else offset
@@ -370,11 +369,19 @@ class Dodges:
                 distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times, unseen)
                 first += family.size
 
-    def _within_reach(self, batch: ZoneBatch, longest: float) -> Index:
-        """The zones that any dodge may come near to."""
+    def within_reach(self, batch: ZoneBatch, vehicle: Vehicle) -> Index:
+        """The zones, in the planning frame, that any dodge of a vehicle may come near to."""
         if batch.size == 0:
             return np.zeros(0, dtype=np.intp)
         here = np.zeros((len(self.times), 2))
         away = batch.distances(self.times, here, EXACT_WITHIN)
-        reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest + EXACT_WITHIN
+        longest = max(map(abs, vehicle.discs)) + EXACT_WITHIN
+        reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))
+
+
+def in_parts(count: int, size: int) -> Iterator[slice]:
+    """Slices of so many zones, each of so many samples, that are looked at together."""
+    together = max(TOGETHER // max(size, 1), 1)
+    for first in range(0, count, together):
+        yield slice(first, min(first + together, count))

@@ -11,7 +11,7 @@ import pytest
 from clock import FakeClock
 from scenes import disc, scene
 
-from scp_planner.online import dodges
+from scp_planner.online import evasion
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.looks import GRIDS
 from scp_planner.online.means import Replan
@@ -57,7 +57,7 @@ def looks_counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    monkeypatch.setattr(evasion, "HURRIED", 100_000)
     looked = looks_counted(monkeypatch)
     planner = surprised()
     assert not looked
@@ -129,7 +129,7 @@ def _problem(planner: Planner) -> Any:
 
 
 def test_a_look_at_all_dodges_is_not_begun_that_takes_longer_than_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    monkeypatch.setattr(evasion, "HURRIED", 100_000)
     looked = looks_counted(monkeypatch)
     clock = SetClock()
     clock.rule(monkeypatch)
