@@ -164,10 +164,14 @@ class Family:
         """
         assert batch.covariances is not None
         count, profiles = self.length.shape
-        until = np.minimum(times, np.maximum(self.profiles.stands, unseen)[:, None])
-        # (3, U, 1, P, J): the same for all courses.
-        spread = batch.covariances.grid(until.ravel()).transpose(2, 1, 0)
-        xx, xy, yy = np.ascontiguousarray(spread).reshape(3, -1, 1, profiles, len(times))
+        until = np.maximum(self.profiles.stands, unseen)
+        still = times > until[:, None]
+        # (3, U, 1, P, J), or (3, U, 1, 1, J): the same for all courses, and all profiles that are under way.
+        spread = np.ascontiguousarray(batch.covariances.grid(times).transpose(2, 1, 0))[:, :, None, None]
+        if still.any():
+            last = batch.covariances.grid(np.where(still.any(axis=1), until, 0.0)).transpose(2, 1, 0)
+            spread = np.where(still, last[:, :, None, :, None], spread)
+        xx, xy, yy = spread
         x, y = offset.reshape(2, -1, count, profiles, len(times))
         along = xx * x
         along += (2.0 * xy) * y
