@@ -11,7 +11,10 @@ import pytest
 from clock import FakeClock
 from scenes import disc, scene
 
+import scp_planner as sp
 from scp_planner.online import evasion
+from scp_planner.online.decision import Decision
+from scp_planner.online.dodge_outlooks import DodgeOutlooks
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.looks import GRIDS
 from scp_planner.online.means import Replan
@@ -141,3 +144,46 @@ def test_a_look_at_all_dodges_is_not_begun_that_takes_longer_than_is_left(monkey
         assert planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5).outcome in AWAY
         most.append(max(looked))
     assert most[1] < 0.2 * most[0]
+
+
+def test_what_replans_take_beyond_their_deadline_is_kept_back_of_the_next_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, left = SetClock(), list[float]()
+    clock.rule(monkeypatch)
+    answer, beyond = Decision.answer, iter([0.02, 0.0, 10.0, 0.0])
+
+    def slow(self: Decision, now: Replan) -> Any:
+        left.append(now.deadline - clock.now)
+        plan = answer(self, now)
+        clock.now = now.deadline + next(beyond)
+        return plan
+
+    monkeypatch.setattr(Decision, "answer", slow)
+    planner = Planner(scene())
+    for number in range(4):
+        planner.replan(0.1 * number, (0.0, 0.0), 0.0, 0.0, deadline=0.1)
+    reserve = sp.OnlineSettings().reserve
+    assert left == pytest.approx([0.1 - reserve - back for back in (0.0, 0.02, 0.8 * 0.02, 0.05)])
+
+
+def test_few_dodges_are_looked_at_first_where_the_pace_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock goes on by so much for each distance: by little, all are looked at after it, or else no more."""
+    monkeypatch.setattr(evasion, "HURRIED", 100_000)
+    seen = DodgeOutlooks.of
+    for each in (1e-9, 1e-5):
+        clock, looked = SetClock(), list[int]()
+
+        def slow(
+            self: DodgeOutlooks, *given: Any, clock: SetClock = clock, looked: list[int] = looked, each: float = each
+        ) -> Any:
+            found = seen(self, *given)
+            looked.append(found.room.each.size)
+            clock.now += each * looked[-1]
+            return found
+
+        with pytest.MonkeyPatch.context() as patched:
+            clock.rule(patched)
+            patched.setattr(DodgeOutlooks, "of", slow)
+            planner = surprised()
+            assert planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5).outcome in AWAY
+        assert looked[0] < 200_000
+        assert (max(looked) > 500_000) == (each == 1e-9)
