@@ -44,11 +44,11 @@ def odds(moment: Moment, dodges: Dodges, box: Box) -> Array:
     (C,) array
     """
     vehicle, times = moment.scenario.vehicle, dodges.times
-    whole, part = (_grown(one.batch, vehicle) for one in (moment, moment.with_smaller_zones(PART)))
+    whole = _grown(moment.batch, vehicle)
     near, least = dodges.within_reach(whole, vehicle), np.ones(dodges.heading.shape)
     for some in in_parts(max(len(near), 1), least.size):  # the border is one more, also where no zone is near
-        each, less = (dodges.room(zones, box, vehicle, np.inf, near[some]).each for zones in (whole, part))
-        np.minimum(least, _shares(each, less, times, vehicle), out=least)
+        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (1.0, PART))
+        np.minimum(least, _shares(each.each, less.each, times, vehicle), out=least)
     return _over_time(least) - _moves(dodges.position, times, vehicle)
 
 

@@ -118,8 +118,9 @@ class DodgeOutlooks:
         for some in in_parts(len(turning), least.size):
             offset_x, offset_y = place[..., 0] - centers[0, some], place[..., 1] - centers[1, some]
             nearer = x[some] * offset_x + y[some] * offset_y
-            nearer /= np.maximum(np.hypot(offset_x, offset_y), TINY)
-            np.minimum(least, (room.each[turning[some]] - np.maximum(nearer, 0.0)).min(axis=0), out=least)
+            nearer /= np.maximum(np.sqrt(offset_x * offset_x + offset_y * offset_y), TINY)
+            np.subtract(room.each[turning[some]], np.maximum(nearer, 0.0, out=nearer), out=nearer)
+            np.minimum(least, nearer.min(axis=0), out=least)
         return least
 
     def be_patient(self, waited: float) -> None:

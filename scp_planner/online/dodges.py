@@ -25,6 +25,7 @@ from scp_planner.online.dodge_courses import (
     Courses,
     DodgeProfiles,
 )
+from scp_planner.online.foresight import smaller
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -326,51 +327,63 @@ class Dodges:
         """
         if near is None:
             near = self.within_reach(batch, vehicle)
+        (room,) = self.rooms(batch, box, vehicle, unseen, near, (1.0,))
+        return room
+
+    def rooms(
+        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, shares: tuple[float, ...]
+    ) -> list[Room]:
+        """Look how far it keeps from some zones of which ellipses are such shares as large; see :meth:`room`."""
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
-        zones, shaped = batch.subset(rounds), batch.subset(others)
-        least: Array | None = None
+        zones, shaped = batch.subset(rounds), [smaller(batch.subset(others), share) for share in shares]
+        numbers, least = np.concatenate([rounds, others, border]), list[Array]()
         for offset in vehicle.discs:
             place = self.position
             if offset != 0.0:
                 place = place + offset * np.stack([np.cos(self.heading), np.sin(self.heading)], axis=-1)
-            found = [self._from_rounds(zones, place, unseen)]
-            if len(others):
-                times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
-                away = shaped.distances(times, points, EXACT_WITHIN)
-                found.append(away.T.reshape(-1, *self.heading.shape))
-            if len(border):
-                found.append(box.room(place)[None])
-            each = np.concatenate(found) if len(found) > 1 else found[0]
-            least = each if least is None else np.minimum(least, each)
-        assert least is not None, "a vehicle has a disc"
-        return Room(np.concatenate([rounds, others, border]), least)
+            found = [[some] for some in self._from_rounds(zones, place, unseen, shares)]
+            for parts, outlined in zip(found, shaped, strict=True):
+                if len(others):
+                    times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
+                    away = outlined.distances(times, points, EXACT_WITHIN)
+                    parts.append(away.T.reshape(-1, *self.heading.shape))
+                if len(border):
+                    parts.append(box.room(place)[None])
+            each = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in found]
+            least = [np.minimum(*both) for both in zip(least, each, strict=True)] if least else each
+        return [Room(numbers, one) for one in least]
 
-    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float) -> Array:
-        """Distances to zones without outlines, (L, C, J) m, in the direction of their centres: never too large.
+    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float, shares: tuple[float, ...]) -> Array:
+        """Distances to S shares of zones without outlines, (S, L, C, J) m, towards their centres: never too large.
 
         Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow; and so would be those over
         thousands, whose intermediate results leave the processor's cache.
         """
-        distance = np.empty((batch.size, *place.shape[:-1]))
+        distance = np.empty((len(shares), batch.size, *place.shape[:-1]))
         for part in in_parts(batch.size, place[..., 0].size):
             some = np.arange(part.start, part.stop)
             zones = batch.subset(some) if len(some) < batch.size else batch
-            self._put_distances(zones, place, unseen, distance[part])
+            self._put_distances(zones, place, unseen, shares, distance[:, part])
         return distance
 
-    def _put_distances(self, batch: ZoneBatch, place: Array, unseen: float, out: Array) -> None:
-        """Put the distances to some zones, (l, C, J) m, into an array."""
+    def _put_distances(
+        self, batch: ZoneBatch, place: Array, unseen: float, shares: tuple[float, ...], out: Array
+    ) -> None:
+        """Put the distances to S shares of some zones, (S, l, C, J) m, into an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
         offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
-        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out)
+        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out[0])
         distance -= batch.radius[:, None, None]
+        out[1:] = distance
         if batch.covariances is not None:
             offset = offset[:, batch.uncertain] if len(batch.uncertain) < batch.size else offset
             first = 0
             for family in self.families:
                 some = slice(first, first + family.size)
-                distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times, unseen)
+                extents = family.extents(batch, offset[:, :, some], self.times, unseen)
+                for share, each in zip(shares, out, strict=True):
+                    each[batch.uncertain, some] -= extents if share == 1.0 else share * extents
                 first += family.size
 
     def within_reach(self, batch: ZoneBatch, vehicle: Vehicle) -> Index:

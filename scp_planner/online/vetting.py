@@ -22,9 +22,8 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.braking import Braking, braking_of
-from scp_planner.online.foresight import foreseen
+from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import fits, standing_from, standing_trip, surely_clear
 from scp_planner.problem.problem import Problem
@@ -104,7 +103,7 @@ class Moment:
             if self.whole is None:
                 batch = ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius)
             else:
-                batch = _smaller(self.whole.batch_in(frame), self.share**2)
+                batch = smaller(self.whole.batch_in(frame), self.share)
             self._batches[frame] = batch
         return batch
 
@@ -172,14 +171,6 @@ class Moment:
             self.scenario, stands, self.zones, Scope(ends=Ends(0), precision=math.inf), batch=still
         )
         return None if certificate.holds else certificate
-
-
-def _smaller(batch: ZoneBatch, factor: float) -> ZoneBatch:
-    """Zones whose covariances are so many times as large."""
-    covariances = batch.covariances
-    if covariances is None:
-        return batch
-    return replace(batch, covariances=PiecewisePolynomials(covariances.breakpoints, factor * covariances.coefficients))
 
 
 @dataclass(frozen=True)

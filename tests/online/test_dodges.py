@@ -163,9 +163,9 @@ def test_distances_to_many_zones_are_computed_some_at_a_time(monkeypatch: pytest
     counts: list[int] = []
     put = Dodges._put_distances
 
-    def counted(self: Dodges, batch: ZoneBatch, place: Any, unseen: float, out: Any) -> None:
+    def counted(self: Dodges, batch: ZoneBatch, *more: Any) -> None:
         counts.append(batch.size)
-        put(self, batch, place, unseen, out)
+        put(self, batch, *more)
 
     monkeypatch.setattr(Dodges, "_put_distances", counted)
     parts = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
