@@ -157,6 +157,8 @@ class Fallback:
         time, stands = moment.state.time, moment.state.speed <= STANDING
         least: tuple[float, Trip, Certificate] | None = None
         for trip in self._stops(now, problem, ahead):
+            if least is not None and now.late:
+                break
             stop = Stop(trip, trip.frame.time)
             since = time if trip.frame.time < time else None
             if since is not None and since >= stop.stands:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import islice
 from typing import Any
 
@@ -16,6 +17,7 @@ from scp_planner.online import evasion
 from scp_planner.online.decision import Decision
 from scp_planner.online.dodge_outlooks import DodgeOutlooks
 from scp_planner.online.dodges import Dodges
+from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import GRIDS
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import AWAY, Outcome
@@ -34,11 +36,11 @@ class SetClock(FakeClock):
         return self.now
 
 
-def surprised() -> Planner:
+def surprised(low: Sequence[float] = (4.0, -8.0), high: Sequence[float] = (30.0, 8.0)) -> Planner:
     """A planner on its way, into whose view comes a crowd."""
     planner = Planner(scene(goal={"position": [60.0, 0.0]}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
-    places = np.random.default_rng(0).uniform([4.0, -8.0], [30.0, 8.0], (COUNT, 2))
+    places = np.random.default_rng(0).uniform(low, high, (COUNT, 2))
     for number, place in enumerate(places):
         planner.add_obstacle(f"n{number}", {"disc": 0.4}, covariance=[[0.0025, 0.0], [0.0, 0.0025]])
         planner.observe(f"n{number}", 0.1, place)
@@ -187,3 +189,24 @@ def test_few_dodges_are_looked_at_first_where_the_pace_is_not_known(monkeypatch:
             assert planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5).outcome in AWAY
         assert looked[0] < 200_000
         assert (max(looked) > 500_000) == (each == 1e-9)
+
+
+def test_who_is_late_and_hemmed_in_looks_at_one_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = []
+    for deadline in (None, 0.5):
+        given, stops = list[Any](), Fallback._stops
+
+        def counted(self: Fallback, *of: Any, given: list[Any] = given, stops: Any = stops) -> Any:
+            for stop in stops(self, *of):
+                yield stop
+                given.append(stop)
+
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(Fallback, "_stops", counted)
+            planner = surprised([-1.0, -1.5], [2.5, 1.5])
+            if deadline is not None:
+                FakeClock(1.0).rule(patched)
+            plan = planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=deadline)
+        assert not plan.certified and plan.reason
+        counts.append(len(given))
+    assert counts[0] > 1 and counts[1] == 1
