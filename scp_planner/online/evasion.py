@@ -300,7 +300,7 @@ class Evasion:
             dodges, begun = self._dodges(moment), self._begun(now)
             near = dodges.within_reach(moment.batch, moment.scenario.vehicle)
             dodges = dodges.few(len(near), LOOKED_AT)
-            few = dodges.few(len(near), HURRIED)
+            few = dodges.few(moment.batch.size, HURRIED)
             going_on = None if begun is None else self.outlooks.of_stop(moment, begun, dodges.times)
             every = len(dodges.position) * len(near)
             pace_is_known = self._each > 0.0 or not np.isfinite(now.deadline)
@@ -326,7 +326,7 @@ class Evasion:
         """What is seen, of few dodges where there is no time for so many further looks at as many."""
         view = self._looked(now)
         if not view.hurried and now.late_after(looks * self._each * view.pairs):
-            few = view.dodges.few(len(view.near), HURRIED)
+            few = view.dodges.few(now.moment.batch.size, HURRIED)
             if few is not view.dodges:
                 seen = self._seen(now, few, view.near)
                 view = self._view = replace(view, dodges=few, seen=seen, hurried=True, odds=None)
