@@ -12,7 +12,7 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.online.dodge_worth import FADING, GAIN, a_moment
-from scp_planner.online.dodges import BORDER, Dodges
+from scp_planner.online.dodges import Dodges, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Box
@@ -43,11 +43,13 @@ def odds(moment: Moment, dodges: Dodges, box: Box) -> Array:
     -------
     (C,) array
     """
-    vehicle = moment.scenario.vehicle
-    whole = dodges.room(_grown(moment.batch, vehicle), box, vehicle, np.inf)
-    part = moment.with_smaller_zones(PART)
-    less = dodges.room(_grown(part.batch, vehicle), box, vehicle, np.inf, whole.zones[whole.zones != BORDER])
-    return _shares(whole.each, less.each, dodges.times, vehicle) - _moves(dodges.position, dodges.times, vehicle)
+    vehicle, times = moment.scenario.vehicle, dodges.times
+    whole = _grown(moment.batch, vehicle)
+    near, least = dodges.within_reach(whole, vehicle), np.ones(dodges.heading.shape)
+    for some in in_parts(max(len(near), 1), least.size):  # the border is one more, also where no zone is near
+        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (1.0, PART))
+        np.minimum(least, _shares(each.each, less.each, times, vehicle), out=least)
+    return _over_time(least) - _moves(dodges.position, times, vehicle)
 
 
 def odds_of_stop(moment: Moment, stop: Stop, times: Array) -> float:
@@ -70,7 +72,7 @@ def odds_of_stop(moment: Moment, stop: Stop, times: Array) -> float:
         _grown(one.batch, vehicle).distances(times, place).T[:, None]
         for one in (moment, moment.with_smaller_zones(PART))
     )
-    return float((_shares(whole, less, times, vehicle) - _moves(place[None], times, vehicle))[0])
+    return float((_over_time(_shares(whole, less, times, vehicle)) - _moves(place[None], times, vehicle))[0])
 
 
 def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:
@@ -87,13 +89,18 @@ def _moves(place: Array, times: Array, vehicle: Vehicle) -> Array:
 
 
 def _shares(whole: Array, less: Array, times: Array, vehicle: Vehicle) -> Array:
-    """Of distances (L, C, J) to zones, m, and to those whose extents are `PART` of theirs: the least shares, (C,)."""
+    """Of distances (L, C, J) to zones, m, and to those whose extents are `PART` of theirs: the least shares, (C, J)."""
     extent = np.maximum(less - whole, 0.0) / (1.0 - PART)
     gap = whole + extent
     over = gap / (2.0 * vehicle.radius * (1.0 + FADING * times / a_moment(vehicle)))
     share = np.where(gap > 0.0, 1.0, over)
     np.divide(gap, extent, out=share, where=(gap > 0.0) & (extent > gap))
-    least = share.min(axis=0, initial=1.0)
+    least: Array = share.min(axis=0, initial=1.0)
+    return least
+
+
+def _over_time(least: Array) -> Array:
+    """What shares (C, J) come to, (C,)."""
     # Who is touched now is no better off by what it was: it gets away the sooner, the better.
     found: Array = np.where(least[:, 0] < 0.0, least.mean(axis=1), least.min(axis=1))
     return found

@@ -7,13 +7,13 @@ from functools import partial
 
 import numpy as np
 
-from scp_planner.arrays import Array, Mask
+from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import way_on
 from scp_planner.online.dodge_courses import LIMIT_SHARE
 from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
-from scp_planner.online.dodges import BORDER, Dodges, Room
+from scp_planner.online.dodges import BORDER, Dodges, Room, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
 from scp_planner.online.unrest import Unrest
@@ -114,10 +114,14 @@ class DodgeOutlooks:
         gone = UNREST * np.minimum(times, GAIN * a_moment(self._means.given.vehicle))
         x, y = (self._change[zones] @ moment.frame.rotation).T[:, :, None, None] * gone
         centers = moment.batch.centers.grid(times)[:, zones].T[:, :, None]
-        offset_x, offset_y = place[..., 0] - centers[0], place[..., 1] - centers[1]
-        nearer = (x * offset_x + y * offset_y) / np.maximum(np.hypot(offset_x, offset_y), TINY)
-        closer = np.min(room.each[turning] - np.maximum(nearer, 0.0), axis=0)
-        return np.minimum(room.least, closer)
+        least = room.least.copy()
+        for some in in_parts(len(turning), least.size):
+            offset_x, offset_y = place[..., 0] - centers[0, some], place[..., 1] - centers[1, some]
+            nearer = x[some] * offset_x + y[some] * offset_y
+            nearer /= np.maximum(np.sqrt(offset_x * offset_x + offset_y * offset_y), TINY)
+            np.subtract(room.each[turning[some]], np.maximum(nearer, 0.0, out=nearer), out=nearer)
+            np.minimum(least, nearer.min(axis=0), out=least)
+        return least
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal: the longer, the less nearness counts.
@@ -132,20 +136,22 @@ class DodgeOutlooks:
         lasts = PATIENCE * a_moment(self._means.given.vehicle)
         self._patience = lasts / (lasts + waited)
 
-    def of(self, moment: Moment, dodges: Dodges) -> Outlook:
+    def of(self, moment: Moment, dodges: Dodges, near: Index | None = None) -> Outlook:
         """Return what is seen of dodges among the zones of a moment.
 
         Parameters
         ----------
         moment : Moment
         dodges : Dodges
+        near : array of int, optional
+            Which zones are looked at; None: all that any dodge may come near to.
 
         Returns
         -------
         Outlook
         """
         vehicle = moment.scenario.vehicle
-        room = dodges.room(moment.batch, self.box(moment), vehicle, self._means.vetting.period)
+        room = dodges.room(moment.batch, self.box(moment), vehicle, self._means.vetting.period, near)
         seen = self.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
             return self._with_backing_out(moment, dodges, seen)

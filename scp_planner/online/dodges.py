@@ -8,6 +8,7 @@ is tried first, never what is safe: that is up to the certificate.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +25,7 @@ from scp_planner.online.dodge_courses import (
     Courses,
     DodgeProfiles,
 )
+from scp_planner.online.foresight import smaller
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -41,8 +43,6 @@ EXACT_WITHIN = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
 TOGETHER = 60_000
 """Samples of dodges, times zones, whose distances are computed together."""
-HURRIED = 1_000_000
-"""Samples of dodges, times zones, that are looked at where there is no time left."""
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""
 _PATH_DEGREE = 3
@@ -74,7 +74,9 @@ class Room:
         if not spare.any():
             return self.least
         taken = np.concatenate([spare, np.zeros((1, spare.shape[1]))])[self.zones]  # the border is the last
-        least: Array = (self.each - taken[:, None]).min(axis=0, initial=np.inf)
+        least = np.full(self.each.shape[1:], np.inf)
+        for some in in_parts(len(self.each), least.size):
+            np.minimum(least, (self.each[some] - taken[some, None]).min(axis=0), out=least)
         return least
 
     def nearest(self, dodge: int, sample: int) -> int:
@@ -163,10 +165,14 @@ class Family:
         """
         assert batch.covariances is not None
         count, profiles = self.length.shape
-        until = np.minimum(times, np.maximum(self.profiles.stands, unseen)[:, None])
-        # (3, U, 1, P, J): the same for all courses.
-        spread = batch.covariances.grid(until.ravel()).transpose(2, 1, 0)
-        xx, xy, yy = np.ascontiguousarray(spread).reshape(3, -1, 1, profiles, len(times))
+        until = np.maximum(self.profiles.stands, unseen)
+        still = times > until[:, None]
+        # (3, U, 1, P, J), or (3, U, 1, 1, J): the same for all courses, and all profiles that are under way.
+        spread = np.ascontiguousarray(batch.covariances.grid(times).transpose(2, 1, 0))[:, :, None, None]
+        if still.any():
+            last = batch.covariances.grid(np.where(still.any(axis=1), until, 0.0)).transpose(2, 1, 0)
+            spread = np.where(still, last[:, :, None, :, None], spread)
+        xx, xy, yy = spread
         x, y = offset.reshape(2, -1, count, profiles, len(times))
         along = xx * x
         along += (2.0 * xy) * y
@@ -274,12 +280,12 @@ class Dodges:
         position, headings = (np.concatenate(parts) for parts in zip(*driven, strict=True))
         return cls(families, wait, times, position, headings)
 
-    def hurried(self, zones: int) -> Dodges:
-        """So few of them that a look at so many zones takes next to no time, where there are too many.
+    def few(self, zones: int, samples: int) -> Dodges:
+        """So few of them that a look at so many zones is one at so many samples, where there are too many.
 
         Their directions are as far apart as before, in proportion, and each has all speeds; at least one is left.
         """
-        most = max(HURRIED // max(zones * len(self.times), 1), 1)
+        most = max(samples // max(zones * len(self.times), 1), 1)
         stride = math.ceil(len(self.position) / most)
         if stride == 1:
             return self
@@ -320,61 +326,79 @@ class Dodges:
         Room
         """
         if near is None:
-            near = self._within_reach(batch, max(map(abs, vehicle.discs)))
+            near = self.within_reach(batch, vehicle)
+        (room,) = self.rooms(batch, box, vehicle, unseen, near, (1.0,))
+        return room
+
+    def rooms(
+        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, shares: tuple[float, ...]
+    ) -> list[Room]:
+        """Look how far it keeps from some zones of which ellipses are such shares as large; see :meth:`room`."""
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
-        zones, shaped = batch.subset(rounds), batch.subset(others)
-        least: Array | None = None
+        zones, shaped = batch.subset(rounds), [smaller(batch.subset(others), share) for share in shares]
+        numbers, least = np.concatenate([rounds, others, border]), list[Array]()
         for offset in vehicle.discs:
             place = self.position
             if offset != 0.0:
                 place = place + offset * np.stack([np.cos(self.heading), np.sin(self.heading)], axis=-1)
-            found = [self._from_rounds(zones, place, unseen)]
-            if len(others):
-                times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
-                away = shaped.distances(times, points, EXACT_WITHIN)
-                found.append(away.T.reshape(-1, *self.heading.shape))
-            if len(border):
-                found.append(box.room(place)[None])
-            each = np.concatenate(found) if len(found) > 1 else found[0]
-            least = each if least is None else np.minimum(least, each)
-        assert least is not None, "a vehicle has a disc"
-        return Room(np.concatenate([rounds, others, border]), least)
+            found = [[some] for some in self._from_rounds(zones, place, unseen, shares)]
+            for parts, outlined in zip(found, shaped, strict=True):
+                if len(others):
+                    times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
+                    away = outlined.distances(times, points, EXACT_WITHIN)
+                    parts.append(away.T.reshape(-1, *self.heading.shape))
+                if len(border):
+                    parts.append(box.room(place)[None])
+            each = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in found]
+            least = [np.minimum(*both) for both in zip(least, each, strict=True)] if least else each
+        return [Room(numbers, one) for one in least]
 
-    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float) -> Array:
-        """Distances to zones without outlines, (L, C, J) m, in the direction of their centres: never too large.
+    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float, shares: tuple[float, ...]) -> Array:
+        """Distances to S shares of zones without outlines, (S, L, C, J) m, towards their centres: never too large.
 
         Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow; and so would be those over
         thousands, whose intermediate results leave the processor's cache.
         """
-        distance = np.empty((batch.size, *place.shape[:-1]))
-        together = max(TOGETHER // place[..., 0].size, 1)
-        for first in range(0, batch.size, together):
-            some = np.arange(first, min(first + together, batch.size))
-            self._put_distances(
-                batch.subset(some) if len(some) < batch.size else batch, place, unseen, distance[some[0] :]
-            )
+        distance = np.empty((len(shares), batch.size, *place.shape[:-1]))
+        for part in in_parts(batch.size, place[..., 0].size):
+            some = np.arange(part.start, part.stop)
+            zones = batch.subset(some) if len(some) < batch.size else batch
+            self._put_distances(zones, place, unseen, shares, distance[:, part])
         return distance
 
-    def _put_distances(self, batch: ZoneBatch, place: Array, unseen: float, out: Array) -> None:
-        """Put the distances to some zones, (l, C, J) m, at the beginning of an array."""
+    def _put_distances(
+        self, batch: ZoneBatch, place: Array, unseen: float, shares: tuple[float, ...], out: Array
+    ) -> None:
+        """Put the distances to S shares of some zones, (S, l, C, J) m, into an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
         offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
-        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out[: batch.size])
+        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out[0])
         distance -= batch.radius[:, None, None]
+        out[1:] = distance
         if batch.covariances is not None:
             offset = offset[:, batch.uncertain] if len(batch.uncertain) < batch.size else offset
             first = 0
             for family in self.families:
                 some = slice(first, first + family.size)
-                distance[batch.uncertain, some] -= family.extents(batch, offset[:, :, some], self.times, unseen)
+                extents = family.extents(batch, offset[:, :, some], self.times, unseen)
+                for share, each in zip(shares, out, strict=True):
+                    each[batch.uncertain, some] -= extents if share == 1.0 else share * extents
                 first += family.size
 
-    def _within_reach(self, batch: ZoneBatch, longest: float) -> Index:
-        """The zones that any dodge may come near to."""
+    def within_reach(self, batch: ZoneBatch, vehicle: Vehicle) -> Index:
+        """The zones, in the planning frame, that any dodge of a vehicle may come near to."""
         if batch.size == 0:
             return np.zeros(0, dtype=np.intp)
         here = np.zeros((len(self.times), 2))
         away = batch.distances(self.times, here, EXACT_WITHIN)
-        reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest + EXACT_WITHIN
+        longest = max(map(abs, vehicle.discs)) + EXACT_WITHIN
+        reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))
+
+
+def in_parts(count: int, size: int) -> Iterator[slice]:
+    """Slices of so many zones, each of so many samples, that are looked at together."""
+    together = max(TOGETHER // max(size, 1), 1)
+    for first in range(0, count, together):
+        yield slice(first, min(first + together, count))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
@@ -32,6 +32,12 @@ from scp_planner.trips.trip import Trip
 
 PACE_KEPT = 0.9
 """Of how long looks took, if the next one is faster."""
+ODDS_TAKE = 3.0
+"""Looks that finding the odds takes as long as."""
+HURRIED = 1_000_000
+"""Samples of dodges, times zones, that are looked at where there is no time left..."""
+LOOKED_AT = 20_000_000
+"""...and at most."""
 TRIED = 4
 """Dodges that are certified in one replan, at most."""
 BETTER = 0.1
@@ -92,14 +98,24 @@ class Dodge:
 
 @dataclass(frozen=True)
 class _SeenDodges:
-    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that; and their odds."""
+    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that; and their odds.
+
+    Zones that none comes near to are left out; and it may be that there was the time for few dodges alone.
+    """
 
     moment: Moment
     dodges: Dodges
+    near: Index
     seen: Outlook
     begun: Stop | None
     going_on: Outlook | None
+    hurried: bool
     odds: Array | None = None
+
+    @property
+    def pairs(self) -> int:
+        """Dodges, times the zones that are looked at."""
+        return len(self.dodges.position) * len(self.near)
 
 
 class Evasion:
@@ -131,8 +147,8 @@ class Evasion:
 
     def least_harmful(self, now: Replan) -> Dodge:
         """Return what does best where nothing is safe, see `_ranks`."""
-        view = self._looked(now)
-        return self._made(now.moment, view.dodges, view.seen, int(np.lexsort((view.seen.worth, self._ranks(now)))[-1]))
+        ranks, view = self._ranks(now), self._looked(now)
+        return self._made(now.moment, view.dodges, view.seen, int(np.lexsort((view.seen.worth, ranks))[-1]))
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where no new dodge does better; None where one does.
@@ -231,10 +247,13 @@ class Evasion:
             now.lap("certificate")
             if going_on.safe:
                 return going_on
-        seen = self.outlooks.of(moment, view.dodges)
+        ranks, view = self._ranks(now), self._with_time_for(now, 1.0)
+        if len(ranks) != len(view.dodges.position):
+            ranks = self._ranks(now)
+        seen = self.outlooks.of(moment, view.dodges, view.near)
         now.lap("evasion")
         # Of those the one that does least harm in whole zones: it is no time to gain way.
-        return self._first_safe(now, moment, view.dodges, seen, self._ranks(now))
+        return self._first_safe(now, moment, view.dodges, seen, ranks)
 
     def _stands_soon(self, now: Replan) -> bool:
         """Whether the vehicle may stand within a moment, among zones that hardly grow then."""
@@ -249,6 +268,7 @@ class Evasion:
         """Of the dodges of a moment, see `odds`."""
         view = self._looked(now)
         if view.odds is None:
+            view = self._with_time_for(now, ODDS_TAKE)
             view = self._view = replace(view, odds=odds(now.moment, view.dodges, self.outlooks.box(now.moment)))
         assert view.odds is not None
         return view.odds
@@ -268,23 +288,49 @@ class Evasion:
             now.lap("certificate")
             if found.safe:
                 return found
+            if now.late:
+                break
         return None
 
     def _looked(self, now: Replan) -> _SeenDodges:
-        """What is seen in a moment, which is looked at once."""
+        """What is seen in a moment, looked at once: at few dodges first, where there may be no time for all."""
         if self._view is None or self._view.moment is not now.moment:
-            self.outlooks.note(now.moment)
-            dodges, begun = self._dodges(now.moment), self._begun(now)
-            begin, pairs = now.clock, len(dodges.position) * now.moment.batch.size
-            if now.late_after(self._each * pairs):
-                dodges = dodges.hurried(now.moment.batch.size)
-                pairs = 0
-            going_on = None if begun is None else self.outlooks.of_stop(now.moment, begun, dodges.times)
-            self._view = _SeenDodges(now.moment, dodges, self.outlooks.of(now.moment, dodges), begun, going_on)
-            now.lap("evasion")
-            if pairs > 0:
-                self._each = max(PACE_KEPT * self._each, (now.clock - begin) / pairs)
+            moment = now.moment
+            self.outlooks.note(moment)
+            dodges, begun = self._dodges(moment), self._begun(now)
+            near = dodges.within_reach(moment.batch, moment.scenario.vehicle)
+            dodges = dodges.few(len(near), LOOKED_AT)
+            few = dodges.few(moment.batch.size, HURRIED)
+            going_on = None if begun is None else self.outlooks.of_stop(moment, begun, dodges.times)
+            every = len(dodges.position) * len(near)
+            pace_is_known = self._each > 0.0 or not np.isfinite(now.deadline)
+            hurried = few is not dodges and (not pace_is_known or now.late_after(self._each * every))
+            some = few if hurried else dodges
+            view = _SeenDodges(moment, some, near, self._seen(now, some, near), begun, going_on, hurried)
+            if hurried and not now.late_after(self._each * every):
+                view = replace(view, dodges=dodges, seen=self._seen(now, dodges, near), hurried=False)
+            self._view = view
         return self._view
+
+    def _seen(self, now: Replan, dodges: Dodges, near: Index) -> Outlook:
+        """What is seen of some dodges; and how long it takes."""
+        now.lap("evasion")
+        begin, pairs = now.clock, len(dodges.position) * len(near)
+        seen = self.outlooks.of(now.moment, dodges, near)
+        now.lap("evasion")
+        if pairs * len(dodges.times) > HURRIED // 2:  # else most of the time goes elsewhere
+            self._each = max(PACE_KEPT * self._each, (now.clock - begin) / pairs)
+        return seen
+
+    def _with_time_for(self, now: Replan, looks: float) -> _SeenDodges:
+        """What is seen, of few dodges where there is no time for so many further looks at as many."""
+        view = self._looked(now)
+        if not view.hurried and now.late_after(looks * self._each * view.pairs):
+            few = view.dodges.few(now.moment.batch.size, HURRIED)
+            if few is not view.dodges:
+                seen = self._seen(now, few, view.near)
+                view = self._view = replace(view, dodges=few, seen=seen, hurried=True, odds=None)
+        return view
 
     def _dodges(self, moment: Moment) -> Dodges:
         state = moment.state

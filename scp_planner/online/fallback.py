@@ -157,6 +157,8 @@ class Fallback:
         time, stands = moment.state.time, moment.state.speed <= STANDING
         least: tuple[float, Trip, Certificate] | None = None
         for trip in self._stops(now, problem, ahead):
+            if least is not None and now.late:
+                break
             stop = Stop(trip, trip.frame.time)
             since = time if trip.frame.time < time else None
             if since is not None and since >= stop.stands:
@@ -174,25 +176,27 @@ class Fallback:
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
         early = self._means.online.give_way is GiveWay.EARLY
         if early or stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
-            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(moment, dodge)}"
+            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(now, dodge)}"
             return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"
         return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
-    def _what_holds(self, moment: Moment, dodge: Dodge) -> str:
+    def _what_holds(self, now: Replan, dodge: Dodge) -> str:
         """What is certified of a dodge that is not safe, in words: how long it keeps clear, or from when on."""
-        begin, unit = moment.state.time, self._means.units.time
+        moment, begin, unit = now.moment, now.moment.state.time, self._means.units.time
         whom = dodge.threat or "the border"
         stop = Stop(dodge.trip, dodge.trip.frame.time)
         if 0.0 < dodge.clear < np.inf:
             for share in PARTS:
+                if now.late:
+                    break
                 until = begin + share * dodge.clear
                 certificate = moment.certify(
                     dodge.trip, since=begin, until=until, ends=Ends.START, motions=self._means.vetting.motions
                 )
                 if certificate.holds:
                     return f"certified to keep clear for {share * dodge.clear * unit:.3g} s, then comes near to {whom}"
-        elif 0.0 < dodge.leaves < stop.stands - begin:
+        elif 0.0 < dodge.leaves < stop.stands - begin and not now.late:
             if self._means.vetting.certify_stop(moment, stop, begin + dodge.leaves).holds:
                 return f"near to {whom} now, certified to keep clear from {dodge.leaves * unit:.3g} s from now on"
         return f"comes near to {whom}"

@@ -107,3 +107,11 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     end = np.full((count, 1), np.inf)
     seen = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
     return replace(batch, covariances=seen)
+
+
+def smaller(batch: ZoneBatch, share: float) -> ZoneBatch:
+    """Zones whose ellipses are so many times as large."""
+    if batch.covariances is None or share == 1.0:
+        return batch
+    breaks, whole = batch.covariances.breakpoints, batch.covariances.coefficients
+    return replace(batch, covariances=PiecewisePolynomials(breaks, share**2 * whole))

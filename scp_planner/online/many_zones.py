@@ -236,37 +236,38 @@ def lengths_of(mixtures: Mixture) -> Array:
 def times_linear(
     covariances: PiecewisePolynomials, leads: Array, factors: Array, added: Array | None = None
 ) -> PiecewisePolynomials:
-    """Multiply covariances by a factor that is linear between leads after their start, and constant after the last.
+    """Multiply covariances by factors that are linear between leads after their start, and constant after the last.
 
     Parameters
     ----------
     covariances : PiecewisePolynomials
-        Of one zone: entries xx, xy, yy.
+        Of K zones over the same pieces: entries xx, xy, yy.
     leads : (H,) array
         s, from 0 on, increasing.
-    factors : (H,) array
-    added : (H,) array, optional
-        What is then added to the variance in every direction, m^2, linear between leads too.
+    factors : (K, H) array
+    added : (K, H) array, optional
+        What is then added to the variances in every direction, m^2, linear between leads too.
 
     Returns
     -------
     PiecewisePolynomials
+        Of K zones, over the same pieces as each other.
     """
-    breaks, whole = covariances.breakpoints[0], covariances.coefficients[0]
+    breaks, whole = covariances.breakpoints[0], covariances.coefficients
     edges = np.unique(np.concatenate([breaks, breaks[0] + leads[breaks[0] + leads < breaks[-1]]]))
     begins, widths = edges[:-1], np.diff(edges)
     piece = np.searchsorted(breaks, begins, "right") - 1
-    powers = whole.shape[1]
-    shifted = shift_matrices(powers, begins - breaks[piece]) @ whole[piece]
-    at = np.interp(edges - breaks[0], leads, factors)
-    product = np.zeros((len(begins), powers + 1, whole.shape[2]))
-    product[:, :-1] = at[:-1, None, None] * shifted
-    product[:, 1:] += (np.diff(at) / widths)[:, None, None] * shifted
+    weights = np.array([np.interp(edges - breaks[0], leads, one) for one in np.eye(len(leads))])
+    shifted = shift_matrices(whole.shape[2], begins - breaks[piece]) @ whole[:, piece]
+    product = np.zeros((len(whole), len(begins), whole.shape[2] + 1, whole.shape[3]))
+    at = factors @ weights
+    product[:, :, :-1] = at[:, :-1, None, None] * shifted
+    product[:, :, 1:] += (np.diff(at) / widths)[:, :, None, None] * shifted
     if added is not None:
-        more = np.interp(edges - breaks[0], leads, added)
-        product[:, 0, [0, 2]] += more[:-1, None]
-        product[:, 1, [0, 2]] += (np.diff(more) / widths)[:, None]
-    return PiecewisePolynomials(edges[None], product[None])
+        more = added @ weights
+        product[:, :, 0, [0, 2]] += more[:, :-1, None]
+        product[:, :, 1, [0, 2]] += (np.diff(more) / widths)[:, :, None]
+    return PiecewisePolynomials(np.tile(edges, (len(whole), 1)), product)
 
 
 def made_zones(

@@ -281,12 +281,8 @@ class ObstacleTracks:
         level = Level(self.confidence, estimated)
         headings = self._bounds_headings(tracks)
         made = self._together(tracks, start, level, headings)
-        alone = (track for track in tracks if track.fixed is None and track.id not in made)
-        estimates = {track.id: self._estimate(track) for track in alone}
-        foretell(estimates.values(), start, HORIZON)
-        for track in tracks:
-            if track.fixed is None and track.id not in made:
-                made[track.id] = self._alone(track, estimates[track.id], start, level, headings)
+        alone = [track for track in tracks if track.fixed is None and track.id not in made]
+        made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
         if self.sizes is not None:
             for bank in self._banks.values():
                 bank.foretold.keep(start)
@@ -383,25 +379,35 @@ class ObstacleTracks:
             return estimate.with_manoeuvre(self.manoeuvre)
         return estimate
 
-    def _alone(
+    def _alone(self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool) -> list[ThreatZone]:
+        """Zones of tracks, each from an estimate of its own."""
+        estimates = [self._estimate(track) for track in tracks]
+        foretell(estimates, start, HORIZON)
+        made = [self._plain(*one, start, level, headings) for one in zip(tracks, estimates, strict=True)]
+        if self.sizes is None:
+            return made
+        # what a zone with its heading allows for is no covariance of a position alone
+        turn = [headings and track.body.turning is not None for track in tracks]
+        some = [k for k, track in enumerate(tracks) if track.given is None and track.settled and not turn[k]]
+        sized = self.sizes.sized([tracks[k] for k in some], [made[k] for k in some])
+        for k, zone in zip(some, sized, strict=True):
+            tracks[k].keep_foretold()
+            tracks[k].zone = None if zone is made[k] else zone
+            made[k] = zone
+        return made
+
+    def _plain(
         self, track: ObstacleTrack, estimate: MotionEstimate, start: float, level: Level, headings: bool
     ) -> ThreatZone:
+        """The zone of one track, as its model has it."""
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
         if track.estimator is not None and track.estimator.bank is not None:
-            slot = np.array([track.estimator.slot], dtype=np.intp)
-            track.estimator.bank.foretold.put(slot, start, pieces.center, pieces.covariance)
+            track.estimator.bank.foretold.put(slots_of([track]), start, pieces.center, pieces.covariance)
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)
-        shaped = Embodied(track.id, track.shape, body, track.margin)
-        zone = estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
-        track.zone = None
-        if self.sizes is None or track.given is not None or not track.settled or body.turning is not None:
-            return zone  # what a zone with its heading allows for is no covariance of a position alone
-        track.keep_foretold()
-        sized = self.sizes.sized(track, zone)
-        track.zone = None if sized is zone else sized
-        return sized
+        track.zone, shaped = None, Embodied(track.id, track.shape, body, track.margin)
+        return estimated_zone(shaped, estimate, self.confidence, level.estimated, start)
 
     def learning(self) -> dict[str, Learning]:
         """How estimates will improve, by id: those of polynomial motions."""
@@ -434,8 +440,7 @@ class ObstacleTracks:
     def _foretold(self, zone: ThreatZone) -> Course:
         """Give a zone as a course whose own zone, at the same level, is nowhere larger."""
         uncertain = sum(track.uncertain for track in self.tracks.values() if track.seen)
-        start = float(zone.centers.breakpoints[0, 0])
-        times = start + FORETOLD
+        times = float(zone.centers.breakpoints[0, 0]) + FORETOLD
         confidence = self.confidence
         scale = marginal_scale(str(confidence.level), confidence.probability, len(times), uncertain)
         covariances = zone.covariance(times) / (scale * (1.0 + INTERPOLATED))
@@ -469,11 +474,8 @@ class ObstacleTracks:
         if model.process is None and track.settled:
             model = model.model_copy(update={"manoeuvre": self.manoeuvre})
         if model.prior is None and model.process is None and not track.settled:
-            deviations = self.newcomers
-            prior = Prior(
-                velocity_deviation=deviations.velocity_deviation,
-                acceleration_deviation=deviations.acceleration_deviation,
-            )
+            new = self.newcomers
+            prior = Prior(velocity_deviation=new.velocity_deviation, acceleration_deviation=new.acceleration_deviation)
             model = model.model_copy(update={"prior": prior})
         seen = Observations.model_construct(time=tuple(track.times), position=tuple(track.positions), covariance=each)
         return Obstacle.model_construct(**common, motion=None, observations=seen, model=model)

@@ -59,6 +59,11 @@ SETTINGS = SceneSettings(clearance_margin=0.01, limit_margin=0.005, samples=100,
 """Of the loop, unless others are given: plans are for a moment only, and there is no time to make up for small misses
 between samples."""
 
+MOST_KEPT_BACK = 0.5
+"""Of a deadline: what replans took beyond theirs is kept back of the next ones', up to so much..."""
+OVERRUN_KEPT = 0.8
+"""...and so much of that again at each replan after it."""
+
 
 class Planner:
     """A planner that is called again and again while the vehicle drives.
@@ -142,6 +147,7 @@ class Planner:
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0
+        self._overrun = 0.0  # s that replans take beyond where they are to end
 
     @property
     def solver(self) -> QpSolver:
@@ -370,7 +376,9 @@ class Planner:
         """
         began = perf_counter()
         state = self._when_followed(self._checked_state(time, position, heading, speed, acceleration, deadline))
-        end = math.inf if deadline is None else began + deadline - self._online.reserve
+        end = math.inf
+        if deadline is not None:
+            end = began + deadline - self._online.reserve - min(self._overrun, MOST_KEPT_BACK * deadline)
         with self._inbox.work:
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
             for text in self._assumptions.broken(now.moment, self._last):
@@ -381,6 +389,7 @@ class Planner:
         self._clock = float(time)
         self._cycle += 1
         self.plan = plan.outside(self._units)
+        self._overrun = max(OVERRUN_KEPT * self._overrun, perf_counter() - max(end, began))
         return self.plan
 
     def _checked_state(

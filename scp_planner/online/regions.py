@@ -122,20 +122,38 @@ class RegionSizes:
         leads[:, 0] = np.minimum(leads[:, 0], 0.5 * leads[:, 1])
         return Sizing(leads, kinds, self.scales.scales([track.id for track in tracks], kinds))
 
-    def sized(self, track: ObstacleTrack, zone: ThreatZone) -> ThreatZone:
-        """A zone that was made alone, with its covariances sized; it may be the same."""
-        assert track.predicted is not None, "it has a zone"
-        sizing = self.of([track], np.array([ALONE]))
-        covariances, sizes = zone.covariances, sizing.sizes[0]
-        if covariances is None or (sizes == 1.0).all():
-            return zone
-        level = float(covariances.coefficients[0, 0, 0, 0]) / float(track.predicted.covariance[0, 0])
-        added = level * np.maximum(sizes - 1.0, 0.0)
-        return replace(zone, covariances=times_linear(covariances, sizing.leads[0], np.minimum(sizes, 1.0), added))
+    def sized(self, tracks: Sequence[ObstacleTrack], zones: Sequence[ThreatZone]) -> list[ThreatZone]:
+        """Zones that were made alone, of as many tracks, with their covariances sized; they may be the same."""
+        sizing = self.of(tracks, np.full(len(tracks), ALONE))
+        made, alike = list(zones), dict[tuple[bytes, bytes, tuple[int, ...]], list[int]]()
+        for k in np.flatnonzero((sizing.sizes != 1.0).any(axis=1)).tolist():
+            covariances = zones[k].covariances
+            if covariances is not None:
+                kind = covariances.breakpoints.tobytes(), sizing.leads[k].tobytes(), covariances.coefficients.shape
+                alike.setdefault(kind, []).append(k)
+        for some in alike.values():
+            whole, sizes = _covariances([zones[k] for k in some]), sizing.sizes[some]
+            told = np.array([_predicted(tracks[k]).covariance[0, 0] for k in some])
+            added = (whole.coefficients[:, 0, 0, 0] / told)[:, None] * np.maximum(sizes - 1.0, 0.0)
+            larger = times_linear(whole, sizing.leads[some[0]], np.minimum(sizes, 1.0), added)
+            for k, edges, pieces in zip(some, larger.breakpoints, larger.coefficients, strict=True):
+                made[k] = replace(zones[k], covariances=PiecewisePolynomials(edges[None], pieces[None]))
+        return made
 
     def forget(self, name: str) -> None:
         """Forget an obstacle."""
         self.scales.forget(name)
+
+
+def _covariances(zones: Sequence[ThreatZone]) -> PiecewisePolynomials:
+    """Those of zones over the same pieces."""
+    every = [zone.covariances for zone in zones if zone.covariances is not None]
+    return PiecewisePolynomials(every[0].breakpoints, np.concatenate([one.coefficients for one in every]))
+
+
+def _predicted(track: ObstacleTrack) -> Prediction:
+    assert track.predicted is not None, "it has a zone"
+    return track.predicted
 
 
 def _errors(told: Sequence[Prediction], where: Array) -> tuple[Array, Array]:

@@ -22,9 +22,8 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.braking import Braking, braking_of
-from scp_planner.online.foresight import foreseen
+from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.remaining import State
 from scp_planner.online.stops import fits, standing_from, standing_trip, surely_clear
 from scp_planner.problem.problem import Problem
@@ -70,12 +69,18 @@ class Moment:
     zones : tuple of ThreatZone
     tube : TrackingTube or None
         What the vehicle may be off its trips when it drives.
+    whole : Moment or None
+        Of which this is one with zones of a lower level.
+    share : float
+        Of the ellipses of its zones.
     """
 
     state: State
     scenario: Scenario
     zones: tuple[ThreatZone, ...]
     tube: TrackingTube | None = None
+    whole: Moment | None = None
+    share: float = 1.0
 
     @cached_property
     def frame(self) -> PlanningFrame:
@@ -95,12 +100,16 @@ class Moment:
         """The zones in a frame, inflated by the vehicle."""
         batch = self._batches.get(frame)
         if batch is None:
-            batch = self._batches[frame] = ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius)
+            if self.whole is None:
+                batch = ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius)
+            else:
+                batch = smaller(self.whole.batch_in(frame), self.share)
+            self._batches[frame] = batch
         return batch
 
     def with_smaller_zones(self, share: float) -> Moment:
         """The same moment with the zones of a lower level: their ellipses are so much smaller, of all obstacles."""
-        return replace(self, zones=tuple(_smaller(zone, share**2) for zone in self.zones))
+        return replace(self, whole=self, share=share)
 
     @property
     def growing(self) -> bool:
@@ -157,19 +166,11 @@ class Moment:
         heading = trip.frame.vectors_to_world(points.path.direction)[0]
         frame = PlanningFrame((place[0], place[1]), math.atan2(heading[1], heading[0]), since)
         stands = standing_trip(trip, frame, wait)
-        still = foreseen(ZoneBatch.of(self.zones, frame, self.scenario.vehicle.radius), grows, {})
+        still = foreseen(self.batch_in(frame), grows, {})
         certificate = certify_trip(
             self.scenario, stands, self.zones, Scope(ends=Ends(0), precision=math.inf), batch=still
         )
         return None if certificate.holds else certificate
-
-
-def _smaller(zone: ThreatZone, factor: float) -> ThreatZone:
-    """A zone whose covariances are so many times as large."""
-    covariances = zone.covariances
-    if covariances is None:
-        return zone
-    return replace(zone, covariances=PiecewisePolynomials(covariances.breakpoints, factor * covariances.coefficients))
 
 
 @dataclass(frozen=True)

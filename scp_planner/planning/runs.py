@@ -216,7 +216,7 @@ class CheckedRuns:
                 return Attempt(run, None)
             attempt = self.judged(run)
             certificate = attempt.verdict
-            if certificate.holds or not run.feasible or certificate.late:
+            if certificate.holds or not run.feasible or certificate.late or self.task.out_of_time:
                 break
             # What the samples missed: ask for a little more of it, and go on from here.
             problem = self._asking_for_more(problem, attempt, URGENCY**repeat)

@@ -171,6 +171,8 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             self.tally.iterations += len(run.record)
             self.tally.tried += 1
             yield run
+            if self.out_of_time:  # those that have not begun are not looked at either
+                break
 
     def _cutoff(self, rival: ScpAttempt | None) -> float:
         """What another trip has to be faster than, s."""

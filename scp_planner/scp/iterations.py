@@ -136,10 +136,14 @@ class Iterations:
             return self._end(LoopStatus.TIME_LIMIT)
         self._begun = now
         rows = yield from self._rows()
+        if self._late():
+            return self._end(LoopStatus.TIME_LIMIT)
         sub = self._subproblem(rows)
-        solution = self.setup.solver.solve(sub.program, self.limits.deadline)
+        solution = None if self._late() else self.setup.solver.solve(sub.program, self.limits.deadline)
         if solution is None:
             del sub
+            if self._late():
+                return self._end(LoopStatus.TIME_LIMIT)
             ended = yield from self._without_step()
             return ended
         if self._trial is None and number > 1:
@@ -153,6 +157,10 @@ class Iterations:
         del sub  # the largest matrix of all is not kept while a trip is looked at
         step = yield from self._led_to(step, rows, solution.x, prices)
         return self._judged(number, step, len(rows.gap))
+
+    def _late(self) -> bool:
+        """Whether the time is up: among thousands of rows each part of an iteration takes long."""
+        return perf_counter() > self.limits.deadline
 
     def _rows(self) -> Generator[Wish, Evaluation | Rows, Rows]:
         """The trip, linearised: anew only where that has not been done after a step that was rejected."""

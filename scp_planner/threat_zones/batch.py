@@ -29,6 +29,7 @@ DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
 AT_ONCE = 2**17  # distances: what they are made of takes several times their room
 FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
 PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
+TOGETHER = 40_000  # distances that are computed together
 _ALL = slice(None)
 _NO_DISCS = KnownDiscs(np.zeros(0, dtype=np.intp), [], np.zeros(0), np.zeros((0, 3, 2)))
 
@@ -301,6 +302,17 @@ class ZoneBatch:
 
     def _distances(self, times: Array, points: Array, exact_below: float) -> Array:
         """Signed distances to zones among which there are no polygons that stand and are known."""
+        rows = max(TOGETHER // max(self.size, 1), 1)
+        if len(times) <= rows:
+            return self._distances_of_few(times, points, exact_below)
+        distance = np.empty((len(times), self.size))
+        for first in range(0, len(times), rows):
+            some = slice(first, first + rows)
+            distance[some] = self._distances_of_few(times[some], points[some], exact_below)
+        return distance
+
+    def _distances_of_few(self, times: Array, points: Array, exact_below: float) -> Array:
+        """The same, all at once: what lies in between of many more would leave the processor's cache."""
         centers = self.centers.grid(times)
         dx = points[:, 0, None] - centers[:, :, 0]
         dy = points[:, 1, None] - centers[:, :, 1]

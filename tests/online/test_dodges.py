@@ -11,7 +11,8 @@ from scenes import disc, scene
 
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dodge_courses import GRADUAL, LIMIT_SHARE, PROMPT, Bend, Profiles
-from scp_planner.online.dodges import HURRIED, Dodges
+from scp_planner.online.dodges import Dodges
+from scp_planner.online.evasion import HURRIED
 from scp_planner.online.planner import Planner
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
@@ -162,9 +163,9 @@ def test_distances_to_many_zones_are_computed_some_at_a_time(monkeypatch: pytest
     counts: list[int] = []
     put = Dodges._put_distances
 
-    def counted(self: Dodges, batch: ZoneBatch, place: Any, unseen: float, out: Any) -> None:
+    def counted(self: Dodges, batch: ZoneBatch, *more: Any) -> None:
         counts.append(batch.size)
-        put(self, batch, place, unseen, out)
+        put(self, batch, *more)
 
     monkeypatch.setattr(Dodges, "_put_distances", counted)
     parts = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle)
@@ -175,10 +176,10 @@ def test_distances_to_many_zones_are_computed_some_at_a_time(monkeypatch: pytest
 @pytest.mark.parametrize("heading", [None, 0.7])
 def test_who_is_late_looks_at_few_dodges_among_many_zones(heading: float | None) -> None:
     dodges = dodges_of(heading, 1.2, 0.2, 0.3)
-    assert dodges.hurried(3) is dodges, "among few zones all of them take no time"
+    assert dodges.few(3, HURRIED) is dodges, "among few zones all of them take no time"
     before = len(dodges.position)
     for zones in (500, 2000, 10**6):
-        fewer = dodges.hurried(zones)
+        fewer = dodges.few(zones, HURRIED)
         speeds = sum(len(family.profiles.stands) for family in fewer.families)
         most = max(HURRIED // (zones * len(dodges.times)), 1)
         assert len(fewer.position) <= min(most + speeds, before) and len(fewer.position) < len(dodges.position)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import islice
 from typing import Any
 
@@ -11,8 +12,12 @@ import pytest
 from clock import FakeClock
 from scenes import disc, scene
 
-from scp_planner.online import dodges
+import scp_planner as sp
+from scp_planner.online import evasion
+from scp_planner.online.decision import Decision
+from scp_planner.online.dodge_outlooks import DodgeOutlooks
 from scp_planner.online.dodges import Dodges
+from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import GRIDS
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import AWAY, Outcome
@@ -31,11 +36,11 @@ class SetClock(FakeClock):
         return self.now
 
 
-def surprised() -> Planner:
+def surprised(low: Sequence[float] = (4.0, -8.0), high: Sequence[float] = (30.0, 8.0)) -> Planner:
     """A planner on its way, into whose view comes a crowd."""
     planner = Planner(scene(goal={"position": [60.0, 0.0]}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
-    places = np.random.default_rng(0).uniform([4.0, -8.0], [30.0, 8.0], (COUNT, 2))
+    places = np.random.default_rng(0).uniform(low, high, (COUNT, 2))
     for number, place in enumerate(places):
         planner.add_obstacle(f"n{number}", {"disc": 0.4}, covariance=[[0.0025, 0.0], [0.0, 0.0025]])
         planner.observe(f"n{number}", 0.1, place)
@@ -47,9 +52,9 @@ def looks_counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     looked: list[int] = []
     rounds = Dodges._from_rounds
 
-    def counted(self: Dodges, batch: Any, place: Any, unseen: float) -> Any:
-        found = rounds(self, batch, place, unseen)
-        looked.append(found.size)
+    def counted(self: Dodges, *given: Any) -> Any:
+        found = rounds(self, *given)
+        looked.append(found[0].size)
         return found
 
     monkeypatch.setattr(Dodges, "_from_rounds", counted)
@@ -57,7 +62,7 @@ def looks_counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_who_is_late_gets_out_of_the_way_of_a_crowd_with_little_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    monkeypatch.setattr(evasion, "HURRIED", 100_000)
     looked = looks_counted(monkeypatch)
     planner = surprised()
     assert not looked
@@ -129,7 +134,7 @@ def _problem(planner: Planner) -> Any:
 
 
 def test_a_look_at_all_dodges_is_not_begun_that_takes_longer_than_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dodges, "HURRIED", 100_000)
+    monkeypatch.setattr(evasion, "HURRIED", 100_000)
     looked = looks_counted(monkeypatch)
     clock = SetClock()
     clock.rule(monkeypatch)
@@ -141,3 +146,67 @@ def test_a_look_at_all_dodges_is_not_begun_that_takes_longer_than_is_left(monkey
         assert planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5).outcome in AWAY
         most.append(max(looked))
     assert most[1] < 0.2 * most[0]
+
+
+def test_what_replans_take_beyond_their_deadline_is_kept_back_of_the_next_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, left = SetClock(), list[float]()
+    clock.rule(monkeypatch)
+    answer, beyond = Decision.answer, iter([0.02, 0.0, 10.0, 0.0])
+
+    def slow(self: Decision, now: Replan) -> Any:
+        left.append(now.deadline - clock.now)
+        plan = answer(self, now)
+        clock.now = now.deadline + next(beyond)
+        return plan
+
+    monkeypatch.setattr(Decision, "answer", slow)
+    planner = Planner(scene())
+    for number in range(4):
+        planner.replan(0.1 * number, (0.0, 0.0), 0.0, 0.0, deadline=0.1)
+    reserve = sp.OnlineSettings().reserve
+    assert left == pytest.approx([0.1 - reserve - back for back in (0.0, 0.02, 0.8 * 0.02, 0.05)])
+
+
+def test_few_dodges_are_looked_at_first_where_the_pace_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock goes on by so much for each distance: by little, all are looked at after it, or else no more."""
+    monkeypatch.setattr(evasion, "HURRIED", 100_000)
+    seen = DodgeOutlooks.of
+    for each in (1e-9, 1e-5):
+        clock, looked = SetClock(), list[int]()
+
+        def slow(
+            self: DodgeOutlooks, *given: Any, clock: SetClock = clock, looked: list[int] = looked, each: float = each
+        ) -> Any:
+            found = seen(self, *given)
+            looked.append(found.room.each.size)
+            clock.now += each * looked[-1]
+            return found
+
+        with pytest.MonkeyPatch.context() as patched:
+            clock.rule(patched)
+            patched.setattr(DodgeOutlooks, "of", slow)
+            planner = surprised()
+            assert planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=0.5).outcome in AWAY
+        assert looked[0] < 200_000
+        assert (max(looked) > 500_000) == (each == 1e-9)
+
+
+def test_who_is_late_and_hemmed_in_looks_at_one_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = []
+    for deadline in (None, 0.5):
+        given, stops = list[Any](), Fallback._stops
+
+        def counted(self: Fallback, *of: Any, given: list[Any] = given, stops: Any = stops) -> Any:
+            for stop in stops(self, *of):
+                yield stop
+                given.append(stop)
+
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(Fallback, "_stops", counted)
+            planner = surprised([-1.0, -1.5], [2.5, 1.5])
+            if deadline is not None:
+                FakeClock(1.0).rule(patched)
+            plan = planner.replan(0.1, (0.1, 0.0), 0.0, 1.0, deadline=deadline)
+        assert not plan.certified and plan.reason
+        counts.append(len(given))
+    assert counts[0] > 1 and counts[1] == 1

@@ -245,15 +245,16 @@ def test_without_alarms_all_is_believed() -> None:
 
 def test_covariances_times_a_linear_factor() -> None:
     rng = np.random.default_rng(17)
-    whole = PiecewisePolynomials(np.array([[2.0, 5.0, 9.0]]), rng.normal(size=(1, 2, 4, 3)))
-    leads, factors = np.array([0.0, 1.0, 4.0]), np.array([1.0, 3.0, 2.0])
-    scaled = times_linear(whole, leads, factors)
+    whole = PiecewisePolynomials(np.array(2 * [[2.0, 5.0, 9.0]]), rng.normal(size=(2, 2, 4, 3)))
+    leads, factors = np.array([0.0, 1.0, 4.0]), np.array([[1.0, 3.0, 2.0], [0.5, 0.2, 4.0]])
+    added = np.array([[0.0, 2.0, 5.0], [1.0, 0.0, 3.0]])
+    scaled, wider = times_linear(whole, leads, factors), times_linear(whole, leads, factors, added)
     at = np.linspace(2.0, 9.0, 71)
-    expected = np.interp(at - 2.0, leads, factors)[:, None] * whole.grid(at)[:, 0]
-    assert scaled.grid(at)[:, 0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    added = np.array([0.0, 2.0, 5.0])
-    wider = times_linear(whole, leads, factors, added).grid(at)[:, 0] - scaled.grid(at)[:, 0]
-    assert wider == pytest.approx(np.interp(at - 2.0, leads, added)[:, None] * [1.0, 0.0, 1.0], abs=1e-9)
+    for k in range(2):
+        expected = np.interp(at - 2.0, leads, factors[k])[:, None] * whole.grid(at)[:, k]
+        assert scaled.grid(at)[:, k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        more = wider.grid(at)[:, k] - scaled.grid(at)[:, k]
+        assert more == pytest.approx(np.interp(at - 2.0, leads, added[k])[:, None] * [1.0, 0.0, 1.0], abs=1e-9)
 
 
 def test_shapes_of_a_mixture_are_those_of_the_noise() -> None:

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 import scp_planner as sp
 from scp_planner.estimation.conformal import AdaptiveScales, region_score, sized
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online import sensor_frames
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.many_zones import Future, Sizing, sized_pieces
+from scp_planner.online.many_zones import Future, Sizing, sized_pieces, times_linear
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.regions import MOST_COMPARED
 from scp_planner.online.track import Seen
 from scp_planner.scenario.models import Model
 from scp_planner.scenario.shapes import Disc, Rectangle
 from scp_planner.settings.online import Regions, Watch
+from scp_planner.threat_zones.of_scenario import Embodied, estimated_zone
 
 NOISE, STEP, COUNT, FRAMES, LEVEL = 0.1, 0.1, 4, 70, 0.5
 LEADS = (0.0, 1.0, 2.0, 4.0)
 
 
-def tracks_of(regions: Regions) -> ObstacleTracks:
+def tracks_of(kind: Regions) -> ObstacleTracks:
     """Two that are taken for standing, and two for going straight on."""
-    tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=Watch(regions=regions))
+    tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=Watch(regions=kind))
     for number in range(COUNT):
         tracks.add_unseen(str(number), Disc(disc=0.3), Model(order=2 * number // COUNT), 0.0, NOISE**2 * np.eye(2))
     return tracks
@@ -134,9 +137,9 @@ def test_zones_are_sized_by_what_came() -> None:
 def test_zones_with_a_bounded_heading_are_those_of_the_model() -> None:
     """A box that is driven in a way that no polynomial foretells, beside a disc that is: only the disc is sized."""
     made = {}
-    for regions in Regions:
+    for kind in Regions:
         rng = np.random.default_rng(6)
-        watch = Watch(alarm_probability=0.0, gate_probability=0.0, regions=regions)
+        watch = Watch(alarm_probability=0.0, gate_probability=0.0, regions=kind)
         tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=watch)
         for name, shape in (("box", Rectangle(rectangle=(2.0, 0.5))), ("disc", Disc(disc=0.3))):
             tracks.add_unseen(name, shape, Model(order=1), 0.0, NOISE**2 * np.eye(2))
@@ -146,7 +149,7 @@ def test_zones_with_a_bounded_heading_are_those_of_the_model() -> None:
                 x, y = rng.normal([3.0 * time, 4.0 * k + 0.5 * math.sin(time)], NOISE)
                 tracks.observe(name, time, (float(x), float(y)))
             zones = tracks.zones(time)
-        made[regions] = {zone.id: zone.covariance(np.array([time + 1.0]))[0] for zone in zones}
+        made[kind] = {zone.id: zone.covariance(np.array([time + 1.0]))[0] for zone in zones}
     adaptive, model = made[Regions.ADAPTIVE], made[Regions.MODEL]
     assert np.array_equal(adaptive["box"], model["box"])
     assert adaptive["disc"][0, 0] > 2.0 * model["disc"][0, 0]
@@ -165,3 +168,42 @@ def test_zones_of_what_was_seen_twice_at_one_time_are_sized_like_others() -> Non
             for piece in [int(np.searchsorted(edges[k], 2.0 + lag, "right")) - 1]
         ]
         assert np.allclose(at[0], at[1], atol=1e-6)
+
+
+def test_zones_made_alone_are_sized_together_as_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """People, half of whom are seen every other time: as much work for many as for two, and the same sizes."""
+    sized_with: list[int] = []
+
+    def counted(covariances: PiecewisePolynomials, *more: Any) -> PiecewisePolynomials:
+        sized_with.append(len(covariances.coefficients))
+        return times_linear(covariances, *more)
+
+    monkeypatch.setattr("scp_planner.online.regions.times_linear", counted)
+    rng, count = np.random.default_rng(8), 12
+    tracks = ObstacleTracks(sp.Confidence(probability=LEVEL, level="per_time"), watch=Watch(regions=Regions.ADAPTIVE))
+    for number in range(count):
+        tracks.add_unseen(str(number), Disc(disc=0.3), Model(process="pedestrian"), 0.0, NOISE**2 * np.eye(2))
+    for number in range(FRAMES):
+        for k in range(0, count, 1 + number % 2):
+            place = 2.0 * k + math.sin(STEP * number + k), 3.0 * k + rng.normal(0.0, NOISE)
+            tracks.observe(str(k), STEP * number, place)
+        sized_with.clear()
+        zones = tracks.zones(STEP * number)
+    assert sum(sized_with) == count and len(sized_with) <= 3
+    sizes, every = tracks.sizes, list(tracks.tracks.values())
+    assert sizes is not None
+    plain = [
+        estimated_zone(
+            Embodied(track.id, track.shape, track.body, track.margin),
+            track.estimate(tracks.newcomers),
+            tracks.confidence,
+            count,
+            STEP * (FRAMES - 1),
+        )
+        for track in every
+    ]
+    at = STEP * (FRAMES - 1) + np.array([0.0, 0.3, 1.5, 3.0, 6.0])
+    for track, zone, model in zip(every, zones, plain, strict=True):
+        (alone,) = sizes.sized([track], [model])
+        assert np.allclose(alone.covariance(at), zone.covariance(at), rtol=1e-12, atol=0.0)
+        assert not np.allclose(alone.covariance(at), model.covariance(at))

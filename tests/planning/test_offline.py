@@ -191,10 +191,10 @@ def test_the_time_limit_is_kept_and_the_best_so_far_is_returned(monkeypatch: pyt
     assert quick.wall_time <= 0.001 + 0.02
     assert quick.iterations == 0
     exact = sp.Settings(tolerance=1e-8)
-    plans = [sp.plan(SCENES["slow"], exact, time_limit=limit) for limit in (0.001, 0.014, None)]
+    plans = [sp.plan(SCENES["slow"], exact, time_limit=limit) for limit in (0.001, 0.02, None)]
     iterations = [plan.iterations for plan in plans]
     assert 0 == iterations[0] < iterations[1] < iterations[2]
-    assert plans[1].wall_time <= 0.014 + 0.02
+    assert plans[1].wall_time <= 0.02 + 0.02
     assert plans[1].certified and plans[1].travel_time == pytest.approx(plans[2].travel_time, rel=0.05)
 
 

@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from scenes import disc, scene
 
 import scp_planner as sp
@@ -14,6 +15,7 @@ from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 
@@ -58,3 +60,28 @@ def test_a_run_that_circles_what_is_a_little_too_narrow_makes_room() -> None:
     assert found.lower_bound is not None
     assert found.travel_time < 1.002 * found.lower_bound
     assert found.iterations < 150
+
+
+def test_what_a_certificate_misses_is_not_asked_for_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that was given up for want of time says of nothing that it holds."""
+    clock = FakeClock(0.0)
+    clock.rule(monkeypatch)
+    scenario = scene()
+    runs = CheckedRuns(Task(scenario, (), Settings(), 0.5, last_check=0.6))
+    start = next(iter(bows(runs.problem)))
+    found = ScpLoop(runs.problem, runs.solver).run(start, 60)
+    assert found.feasible
+    ran: list[LoopRun] = []
+
+    class Late:
+        """A loop that finds that, too late."""
+
+        def run(self, *_: Any, **__: Any) -> LoopRun:
+            clock.tick = 1.0
+            ran.append(found)
+            return found
+
+    monkeypatch.setattr(CheckedRuns, "_loop", lambda *_, **__: Late())
+    attempt = runs.attempt(start, loop=cast(ScpLoop, Late()))
+    assert len(ran) == 1
+    assert not attempt.holds

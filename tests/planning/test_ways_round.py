@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from clock import FakeClock
 from scenes import disc, scene
 
 from scp_planner import zones
 from scp_planner.planning import ways_round
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, Task
 from scp_planner.planning.ways_round import Branch, WaysRound
+from scp_planner.scp import loop, together
+from scp_planner.scp.evaluation import evaluate_trips
+from scp_planner.search.first_trips import bows
 from scp_planner.settings.planning import Settings
 
 STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.8), disc("last", (14.0, 0.3)))
@@ -47,3 +53,25 @@ def test_a_way_may_turn_out_better_than_its_estimate_by_as_much_as_another_did(
     assert first.missed == first.estimate - attempt.travel_time > 0.0
     # The second one is estimated to be slower than what the first led to, and is not.
     assert attempt.travel_time < search.branches[1].estimate <= attempt.travel_time + first.missed
+
+
+def test_of_bows_that_are_looked_at_one_by_one_none_is_begun_when_the_time_is_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The clock stands still, but that each look at a trip takes as long as all that is left."""
+    clock = FakeClock(0.0)
+    clock.rule(monkeypatch)
+    monkeypatch.setattr(loop, "MOST_TOGETHER", 1)
+    looked: list[int] = []
+
+    def slow(problem: Any, trips: Any, near: float) -> Any:
+        looked.append(len(trips))
+        clock.tick = 1.0
+        return evaluate_trips(problem, trips, near)
+
+    monkeypatch.setattr(together, "evaluate_trips", slow)
+    runs = CheckedRuns(Task(STANDING, zones(STANDING), Settings(), 0.5))
+    assert len(list(bows(runs.problem))) > 3
+    attempt = WaysRound(runs)._from_bows()
+    assert looked == [1, 1], "the first bow, and what it came to, to be judged"
+    assert not attempt.holds

@@ -19,7 +19,9 @@ from scp_planner.scp import iterations, together
 from scp_planner.scp.evaluation import Evaluation, evaluate_trips
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
+from scp_planner.scp.projection import Projection
 from scp_planner.scp.record import LoopStatus
+from scp_planner.scp.step_solver import StepSolver
 from scp_planner.scp.subproblem import Subproblem, build_subproblem
 from scp_planner.search.first_trips import bows
 from scp_planner.solvers import solver_named
@@ -74,6 +76,32 @@ def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPat
         each = ended[-1] / (1 + len(run.record))
     assert ended[0] > 20.0
     assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each
+
+
+@pytest.mark.parametrize("part", ["linearise_trips", "build_subproblem", "solve"])
+def test_an_iteration_ends_between_its_parts_when_the_time_is_up(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock stands still but for one part, which takes too long: none of what would follow is begun."""
+    clock = FakeClock(0.0)
+    clock.rule(monkeypatch)
+    begun: list[str] = []
+
+    def counted(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        def done(*given: Any) -> Any:
+            begun.append(name)
+            if name == part:
+                clock.tick = 1.0
+            found = work(*given)
+            return None if name == part == "solve" else found
+
+        return done
+
+    parts = {"linearise_trips": together, "build_subproblem": iterations, "solve": StepSolver}
+    for name, place in parts.items():
+        monkeypatch.setattr(place, name, counted(name, getattr(place, name)))
+    monkeypatch.setattr(Projection, "within_limits", counted("within_limits", Projection.within_limits))
+    run = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60, deadline=0.5)
+    assert run.status is LoopStatus.TIME_LIMIT and run.evaluation.trajectory is START
+    assert begun == list(parts)[: list(parts).index(part) + 1]
 
 
 def test_no_trip_is_linearised_twice_or_looked_at_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -171,3 +171,20 @@ def test_walls_are_as_far_away_however_they_are_looked_at(pair_cost: int, monkey
     assert found[near] == pytest.approx(true[near], abs=1e-9)
     assert np.all(found[true >= 1.0] >= 1.0 - 1e-9)
     assert np.all(found[true == 0.0] <= 1e-9)
+
+
+def test_distances_of_many_are_found_in_parts(batch: ZoneBatch, monkeypatch: pytest.MonkeyPatch) -> None:
+    times = np.linspace(0.0, 9.0, 50)
+    points = np.stack([2.0 * times, np.sin(times)], axis=1)
+    whole = batch.distances(times, points)
+    looked: list[int] = []
+    few = ZoneBatch._distances_of_few
+
+    def counted(self: ZoneBatch, some: np.ndarray, where: np.ndarray, exact_below: float) -> np.ndarray:
+        looked.append(len(some) * self.size)
+        return few(self, some, where, exact_below)
+
+    monkeypatch.setattr(ZoneBatch, "_distances_of_few", counted)
+    monkeypatch.setattr(batch_module, "TOGETHER", 12)
+    assert batch.distances(times, points) == pytest.approx(whole, rel=1e-12, abs=1e-12)
+    assert max(looked) <= 12 and sum(looked) == whole.size
