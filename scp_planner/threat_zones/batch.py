@@ -26,7 +26,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 
 SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
-AT_ONCE = 2**17  # distances: what they are made of takes several times their room
 FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
 PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
 TOGETHER = 40_000  # distances that are computed together
@@ -263,13 +262,6 @@ class ZoneBatch:
         (n, L) array
             m, negative inside.
         """
-        if len(times) * self.size > AT_ONCE and len(times) > 1:
-            some = max(1, AT_ONCE // self.size)
-            apart = np.empty((len(times), self.size))
-            for first in range(0, len(times), some):
-                part = slice(first, first + some)
-                apart[part] = self.distances(times[part], points[part], exact_below)
-            return apart
         if self.ground is None or not self._ground_pays(points, exact_below):
             return self._distances(times, points, exact_below)
         distance = np.empty((len(times), self.size))
