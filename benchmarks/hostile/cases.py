@@ -38,8 +38,6 @@ from verification.findings import Tolerances
 
 PLAN_TIME = 4.0
 """s that a plan may take if nobody says otherwise."""
-GOAL_SPEED_SHARE = 1e-3 / 3.0
-"""Of the highest speed, by which the goal's may be missed: the page of the certificate says so."""
 PLANNED = ("crossing", "headon", "overtaking")
 """Scenarios whose plan files are damaged."""
 
@@ -202,7 +200,7 @@ def _checked(drawn: Wild, scenario: sp.Scenario, plan: sp.Plan) -> Outcome:
         position=max(usual.position, 2e-6 / finer),
         clearance=usual.clearance + 1e-6 / finer,
         arrival=usual.arrival / min(1.0, time),
-        goal_speed=usual.boundary_speed + GOAL_SPEED_SHARE * float(drawn.data["vehicle"]["max_speed"]),
+        goal_speed=drives.goal_speed_missed(drawn.data),
     )
     aimed = {"position": [value / length for value in scenario.goal.position]}  # may be left out for a region
     report = check_trip(
