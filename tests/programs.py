@@ -11,6 +11,7 @@ from scp_planner.solvers import (
     QuadraticProgram,
     Solution,
 )
+from scp_planner.solvers.slacked import SlackedProgram
 
 Array = np.ndarray
 SEEDS = range(12)
@@ -121,4 +122,23 @@ def long_program() -> QuadraticProgram:
         rng.normal(size=(rows, size)),
         np.abs(rng.normal(size=rows)) + 0.1,
         0,
+    )
+
+
+def without_slacks(program: QuadraticProgram) -> SlackedProgram:
+    """The same program, as one in which no row has a slack."""
+    size = len(program.gradient)
+    return SlackedProgram(
+        program.hessian,
+        program.gradient,
+        program.lower,
+        program.upper,
+        program.matrix,
+        np.zeros((0, size)),
+        np.zeros(0, dtype=np.intp),
+        program.bound,
+        program.equalities,
+        program.active,
+        program.origin,
+        program.time_limit,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -83,13 +84,13 @@ def _damage_once(data: Any, rng: Rng) -> None:
         case 1 if isinstance(parent, dict):
             parent[f"{key}s"] = parent.pop(key)
         case 2 if isinstance(value, list) and value:
-            value.append(value[int(rng.integers(len(value)))])
+            value.append(deepcopy(value[int(rng.integers(len(value)))]))
         case 3 if isinstance(value, list) and value:
             del value[int(rng.integers(len(value))) :]
         case 4 | 5 if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST:
             parent[key] = value * float(rng.choice([-1.0, 0.0, 1e-6, 1e-3, 10.0, 1e3, 1e6, 1.0 + 1e-9]))
         case _:
-            parent[key] = ODD[int(rng.integers(len(ODD)))]
+            parent[key] = deepcopy(ODD[int(rng.integers(len(ODD)))])
 
 
 def _some_place(data: Any, rng: Rng) -> tuple[Any, Any]:

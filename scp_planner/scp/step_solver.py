@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from time import perf_counter
 
-from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus, solver_named
+from scp_planner.solvers.interface import QpSolver, Solution, SolverStatus, solver_named
+from scp_planner.solvers.slacked import SlackedProgram
 from scp_planner.solvers.working_rows import solved_with_few_rows
 
 
@@ -26,12 +27,12 @@ class StepSolver:
     fallback: str | None
     shortest: float
 
-    def solve(self, program: QuadraticProgram, deadline: float) -> Solution | None:
+    def solve(self, program: SlackedProgram, deadline: float) -> Solution | None:
         """Return the step, or None; a solver has what is left of the time, or else of its own limit.
 
         Parameters
         ----------
-        program : QuadraticProgram
+        program : SlackedProgram
         deadline : float
             Value of :func:`time.perf_counter`, s.
 
@@ -44,7 +45,7 @@ class StepSolver:
             solution = self._solved(solver_named(self.fallback), program, deadline)
         return solution if solution.status is SolverStatus.OPTIMAL else None
 
-    def _solved(self, solver: QpSolver, program: QuadraticProgram, deadline: float) -> Solution:
+    def _solved(self, solver: QpSolver, program: SlackedProgram, deadline: float) -> Solution:
         left = max(deadline - perf_counter(), self.shortest)
         limited = program if left >= program.time_limit else replace(program, time_limit=left)
         return solved_with_few_rows(limited, solver.solve)

@@ -18,7 +18,8 @@ from scp_planner.scp.last_step import LastStep
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.drive import KinematicRows
-from scp_planner.solvers.interface import QuadraticProgram, Solution, StepOrigin
+from scp_planner.solvers.interface import Solution, StepOrigin
+from scp_planner.solvers.slacked import SlackedProgram
 from scp_planner.trips.trajectory import Trajectory
 
 PROXIMAL_OFFSET = 1e-2  # on steps of the offset's control points
@@ -62,7 +63,7 @@ class Subproblem:
 
     Attributes
     ----------
-    program : QuadraticProgram
+    program : SlackedProgram
     rows : Rows
         Those that may be violated at a price.
     step_size : int
@@ -73,7 +74,7 @@ class Subproblem:
         Number G of violations in the merit.
     """
 
-    program: QuadraticProgram
+    program: SlackedProgram
     rows: Rows
     step_size: int
     groups: Index
@@ -135,22 +136,22 @@ def build_subproblem(
     present = np.bincount(rows.group, minlength=len(weights)) > 0
     (groups,) = present.nonzero()
     slack = (present.cumsum() - 1)[rows.group]
-    hard, size = kinematics.count, kinematics.width
+    size = kinematics.width
     total = size + len(groups)
-    matrix = np.zeros((hard + len(rows.gap), total))
-    kinematics.write(trajectory, matrix[:hard, :size])
-    matrix[hard:, :size] = rows.matrix
-    matrix[np.arange(hard, len(matrix)), size + slack] = -1.0
+    hard = np.empty((kinematics.count, size))
+    kinematics.write(trajectory, hard)
     gradient = np.zeros(total)
     gradient[size - 1] = trajectory.travel_time
     gradient[size:] = weights[groups]
     lower, upper = _bounds(problem, trajectory, trust, total)
-    program = QuadraticProgram(
+    program = SlackedProgram(
         _hessian(problem, trajectory, rows, total, last),
         gradient,
         lower,
         upper,
-        matrix,
+        hard,
+        rows.matrix,
+        size + slack,
         np.concatenate([kinematics.bounds(trajectory), rows.gap]),
         kinematics.equalities,
         None if active is None else active.guess(rows, groups),

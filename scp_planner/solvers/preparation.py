@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
+from scp_planner.solvers.slacked import SlackedProgram
 
 _CACHED, _UNCACHED = 0.5e-9, 1.5e-9  # s for a number of a matrix, times its columns: while it fits into a cache, or not
 _CACHE = 2_000_000  # numbers
@@ -47,7 +48,7 @@ def sparse_preparation(program: QuadraticProgram) -> float:
     return _PAIR * float((np.count_nonzero(program.matrix, axis=1).astype(float) ** 2).sum())
 
 
-def given_up(program: QuadraticProgram) -> Solution:
+def given_up(program: QuadraticProgram | SlackedProgram) -> Solution:
     """Return the answer to a program for which there is no time."""
     size, rows = len(program.gradient), len(program.bound)
     return Solution(SolverStatus.FAILED, np.zeros(size), np.zeros(size + rows))

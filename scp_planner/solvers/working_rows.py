@@ -10,26 +10,25 @@ from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
 from scp_planner.solvers.preparation import given_up
+from scp_planner.solvers.slacked import SlackedProgram
 
 MANY = 3  # rows to a variable, from which on they are not all looked at
 WORTH = 4_000_000  # products of a program's rows, from which on choosing among them takes less than what it saves
 FIRST, MORE = 2, 1  # to a variable: rows that are looked at first, and of the violated ones that are added at once
-AT_ONCE = 500  # rows of which another matrix is made
 ROUNDS = 10  # after which all rows are taken
 TOLERANCE = 1e-9  # of a row, as solvers keep it
 
 
-def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticProgram], Solution]) -> Solution:
+def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProgram], Solution]) -> Solution:
     """Solve a program, with few of its rows where there are very many.
 
     Parameters
     ----------
-    program : QuadraticProgram
+    program : SlackedProgram
     solve : callable
         Of a solver.
 
@@ -38,10 +37,10 @@ def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticPr
     Solution
         With the multipliers of all rows.
     """
-    rows, size = program.matrix.shape
+    rows, size = len(program.bound), len(program.gradient)
     boxed = np.isfinite(program.lower).all() and np.isfinite(program.upper).all()
     if rows <= MANY * size or rows * size**2 < WORTH or not boxed:
-        return solve(program)
+        return solve(program.whole())
     until, active = perf_counter() + program.time_limit, program.active
     kept = _first_rows(program)
     for _ in range(ROUNDS):
@@ -49,13 +48,13 @@ def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticPr
         if left <= 0.0:
             return given_up(program)
         chosen = np.flatnonzero(kept)
-        found = solve(_with_rows(program, chosen, active, left))
+        found = solve(program.only(chosen, active, left))
         if found.status is SolverStatus.INFEASIBLE:
             return replace(given_up(program), status=found.status)
         if found.status is not SolverStatus.OPTIMAL:
             break
         solution = _of_all_rows(program, chosen, found)
-        over = program.matrix @ found.x - program.bound
+        over = program.of_rows(found.x) - program.bound
         over[kept] = 0.0
         violated = int((over > TOLERANCE).sum())
         if not violated:
@@ -63,17 +62,15 @@ def solved_with_few_rows(program: QuadraticProgram, solve: Callable[[QuadraticPr
         kept[_largest(over, min(violated, MORE * size))] = True
         active = np.sign(solution.multipliers).astype(np.int8)
     left = until - perf_counter()
-    return given_up(program) if left <= 0.0 else solve(replace(program, time_limit=left))  # some take 0 for no limit
+    # Some solvers take 0 for no limit
+    return given_up(program) if left <= 0.0 else solve(replace(program.whole(), time_limit=left))
 
 
-def _first_rows(program: QuadraticProgram) -> Mask:
+def _first_rows(program: SlackedProgram) -> Mask:
     """Rows that hold with equality, that are taken as active at first, and that the least share of a step meets."""
-    rows, size = program.matrix.shape
+    rows, size = len(program.bound), len(program.gradient)
     middle, half = 0.5 * (program.upper + program.lower), 0.5 * (program.upper - program.lower)
-    most = program.matrix @ middle  # of each row within the bounds
-    for first in range(0, rows, AT_ONCE):
-        part = slice(first, first + AT_ONCE)
-        most[part] += np.abs(program.matrix[part]) @ half
+    most = program.of_rows(middle) + program.reach_of_rows(half)  # of each row within the bounds
     with np.errstate(over="ignore"):  # no step meets a row without entries
         share = np.where(program.bound > 0.0, program.bound / np.maximum(most, np.finfo(float).tiny), 0.0)
     kept = np.zeros(rows, dtype=bool)
@@ -88,16 +85,7 @@ def _largest(values: Array, count: int) -> Index:
     return np.argpartition(values, len(values) - count)[len(values) - count :]
 
 
-def _with_rows(
-    program: QuadraticProgram, chosen: Index, active: NDArray[np.int8] | None, time_limit: float
-) -> QuadraticProgram:
-    size = len(program.gradient)
-    guess = None if active is None else np.concatenate([active[:size], active[size + chosen]])
-    matrix, bound = program.matrix[chosen], program.bound[chosen]
-    return replace(program, matrix=matrix, bound=bound, active=guess, time_limit=time_limit)
-
-
-def _of_all_rows(program: QuadraticProgram, chosen: Index, found: Solution) -> Solution:
+def _of_all_rows(program: SlackedProgram, chosen: Index, found: Solution) -> Solution:
     size = len(program.gradient)
     multipliers = np.zeros(size + len(program.bound))
     multipliers[:size], multipliers[size + chosen] = found.multipliers[:size], found.multipliers[size:]

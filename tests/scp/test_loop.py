@@ -163,7 +163,7 @@ def test_no_program_is_kept_while_a_trip_is_looked_at(monkeypatch: pytest.Monkey
 
     def built(*given: Any, **named: Any) -> Subproblem:
         sub = build_subproblem(*given, **named)
-        matrices.append(weakref.ref(sub.program.matrix))
+        matrices.append(weakref.ref(sub.program))
         return sub
 
     def looked(*given: Any, **named: Any) -> list[Evaluation]:

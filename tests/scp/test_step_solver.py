@@ -11,14 +11,17 @@ from clock import FakeClock
 from scp_planner.scp import step_solver
 from scp_planner.scp.step_solver import StepSolver
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus, solver_named
+from scp_planner.solvers.slacked import SlackedProgram
 
 # The nearest point to (1, 2) with x + y <= 1: (0, 1).
-PROGRAM = QuadraticProgram(
+PROGRAM = SlackedProgram(
     hessian=np.eye(2),
     gradient=np.array([-1.0, -2.0]),
     lower=np.full(2, -5.0),
     upper=np.full(2, 5.0),
-    matrix=np.ones((1, 2)),
+    hard=np.ones((1, 2)),
+    soft=np.zeros((0, 2)),
+    slack=np.zeros(0, dtype=np.intp),
     bound=np.ones(1),
     equalities=0,
     time_limit=5.0,

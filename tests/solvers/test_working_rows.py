@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from programs import known_program, optimality
+from programs import known_program, optimality, without_slacks
 
 from scp_planner.solvers import working_rows
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus, solver_named
@@ -35,7 +35,7 @@ def large(seed: int, equalities: int = 2) -> tuple[QuadraticProgram, np.ndarray]
 def test_the_answer_is_that_of_all_rows(name: str, seed: int) -> None:
     program, x = large(seed)
     told = Told(name)
-    found = solved_with_few_rows(program, told.solve)
+    found = solved_with_few_rows(without_slacks(program), told.solve)
     assert found.status is SolverStatus.OPTIMAL
     assert max(told.rows) < 1000
     np.testing.assert_allclose(found.x, x, atol=1e-7)
@@ -55,7 +55,7 @@ def test_rows_that_bind_though_others_seem_nearer_are_found() -> None:
     gradient[0] = -5.0
     program = QuadraticProgram(np.eye(size), gradient, -np.ones(size), np.ones(size), away, bound, 0)
     told = Told()
-    found = solved_with_few_rows(program, told.solve)
+    found = solved_with_few_rows(without_slacks(program), told.solve)
     assert found.x[0] == pytest.approx(0.9, abs=1e-9)
     assert found.multipliers[-1] == pytest.approx(4.1, abs=1e-8)
     assert len(told.rows) == 2
@@ -73,7 +73,7 @@ def test_rows_without_entries_are_never_met() -> None:
     )
     told = Told()
     with np.errstate(all="raise", under="ignore"):
-        found = solved_with_few_rows(wider, told.solve)
+        found = solved_with_few_rows(without_slacks(wider), told.solve)
     assert max(told.rows) < 1000
     np.testing.assert_allclose(found.x, x, atol=1e-7)
 
@@ -84,7 +84,7 @@ def test_small_programs_and_those_without_bounds_are_solved_as_they_are() -> Non
     free = replace(free, upper=np.where(np.arange(40) == 3, np.inf, free.upper))
     for program in (small, free):
         told = Told()
-        solved_with_few_rows(program, told.solve)
+        solved_with_few_rows(without_slacks(program), told.solve)
         assert told.rows == [len(program.bound)]
 
 
@@ -97,7 +97,7 @@ def test_what_no_row_subset_allows_is_infeasible() -> None:
         matrix=np.concatenate([program.matrix, contradiction]),
         bound=np.concatenate([program.bound, [x[0], -x[0] - 0.05]]),
     )
-    found = solved_with_few_rows(program, Told().solve)
+    found = solved_with_few_rows(without_slacks(program), Told().solve)
     assert found.status is SolverStatus.INFEASIBLE
     assert len(found.multipliers) == 40 + len(program.bound)
 
@@ -105,17 +105,20 @@ def test_what_no_row_subset_allows_is_infeasible() -> None:
 def test_where_the_solver_fails_or_rounds_are_over_all_rows_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     program, x = large(3)
     failing = Told(status=SolverStatus.FAILED)
-    assert solved_with_few_rows(program, failing.solve).status is SolverStatus.FAILED
+    assert solved_with_few_rows(without_slacks(program), failing.solve).status is SolverStatus.FAILED
     assert failing.rows[1:] == [4000]
     monkeypatch.setattr(working_rows, "ROUNDS", 1)
     told = Told()
-    np.testing.assert_allclose(solved_with_few_rows(program, told.solve).x, x, atol=1e-7)
+    np.testing.assert_allclose(solved_with_few_rows(without_slacks(program), told.solve).x, x, atol=1e-7)
     assert told.rows[1:] == [4000]
 
 
 def test_without_time_nothing_is_begun() -> None:
     told = Told()
-    assert solved_with_few_rows(replace(large(0)[0], time_limit=0.0), told.solve).status is SolverStatus.FAILED
+    assert (
+        solved_with_few_rows(without_slacks(replace(large(0)[0], time_limit=0.0)), told.solve).status
+        is SolverStatus.FAILED
+    )
     assert told.rows == []
 
 
@@ -123,6 +126,6 @@ def test_what_takes_all_of_the_time_with_few_rows_is_not_begun_with_all(monkeypa
     """Some solvers take a limit of 0 for none."""
     failing, clock = Told(status=SolverStatus.FAILED), iter([0.0, 0.0, 2.0])
     monkeypatch.setattr(working_rows, "perf_counter", lambda: next(clock))
-    found = solved_with_few_rows(replace(large(0)[0], time_limit=1.0), failing.solve)
+    found = solved_with_few_rows(without_slacks(replace(large(0)[0], time_limit=1.0)), failing.solve)
     assert found.status is SolverStatus.FAILED
     assert len(failing.rows) == 1 and failing.rows[0] < 1000
