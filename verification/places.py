@@ -13,20 +13,25 @@ from verification.differences import SPEED_WINDOW, Array
 from verification.distances import distance_to_polygon
 from verification.findings import Finding, Tolerances
 
+LITTLE = 0.05  # of a chord, by which the next ones may change it
 ROUNDED = 1e6 * np.finfo(float).eps  # of the coordinates: shorter steps have no direction to a millionth
 
 
 def disc_centres(data: Mapping[str, Any], positions: Array) -> list[Array]:
     """Centres (n, 2) of the vehicle's discs: so far ahead of the positions, along the direction of the way there.
 
-    That direction is that of the velocity by central differences of fourth order. Where rounding leaves little of
-    these, it goes straight over the way driven from what it is before to what it is after.
+    That direction is that of the velocity by central differences, of fourth order where that changes little: not where
+    the vehicle is about to stand or to set out. Where rounding leaves little of them, it goes straight over the way
+    driven from what it is before to what it is after.
     """
     offsets = [float(offset) for offset in data["vehicle"].get("discs") or (0.0,)]
     if offsets == [0.0]:
         return [positions]
-    moved = (8.0 * (positions[3:-1] - positions[1:-3]) - (positions[4:] - positions[:-4])) / 6.0  # in two steps
-    told = np.flatnonzero(np.linalg.norm(moved, axis=1) > ROUNDED * np.abs(positions).max())
+    chords = positions[3:-1] - positions[1:-3]
+    more = (chords + chords - positions[4:] + positions[:-4]) / 6.0  # of what they are in two steps
+    lengths = np.linalg.norm(chords, axis=1)
+    moved = chords + np.where(np.linalg.norm(more, axis=1) < LITTLE * lengths, more.T, 0.0).T
+    told = np.flatnonzero(lengths > ROUNDED * np.abs(positions).max())
     stands = data["start"].get("heading")
     if told.size < 2 and stands is None:
         raise ValueError("the vehicle hardly moves, and start.heading is not given: where its discs are is not known")

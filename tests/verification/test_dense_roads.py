@@ -145,10 +145,11 @@ def test_discs_are_where_a_vehicle_points_that_sets_out_in_a_sharp_turn() -> Non
     assert np.abs(ahead - exact).max() < 2e-6
 
 
-def test_where_discs_are_while_a_vehicle_waits() -> None:
-    """It comes along x and stands for a while, and goes on along x: meanwhile it points there."""
+@pytest.mark.parametrize("creep", [0.0, 1e-6])
+def test_where_discs_are_while_a_vehicle_waits(creep: float) -> None:
+    """It comes along x, stands or creeps for a while, and goes on: meanwhile it points along x, and never back."""
     times = np.linspace(0.0, 3.0, 3001)
-    way = np.where(times < 1.0, times, 1.0) + np.maximum(times - 2.0, 0.0)
+    way = 1.0 - np.maximum(1.0 - times, 0.0) ** 2 + np.maximum(times - 2.0, 0.0) ** 2 + creep * times
     (ahead,) = disc_centres(_with_vehicle(discs=[0.8]), np.stack([5.0 + way, np.zeros_like(way)], axis=1))
     assert ahead == pytest.approx(np.stack([5.8 + way, np.zeros_like(way)], axis=1), abs=1e-9)
     data, still = _with_vehicle(discs=[0.8]), np.ones((100, 2))
