@@ -64,9 +64,12 @@ def test_the_acceleration_at_the_start_is_the_one_asked_for(asked: float, names:
 
 
 @pytest.mark.parametrize(("asked", "names"), [(0.5, set()), (0.45, {"start_acceleration"})])
-def test_the_acceleration_at_the_start_of_a_sharp_turn_is_the_one_along_it(asked: float, names: set[str]) -> None:
+@pytest.mark.parametrize(("size", "rate"), [(5e-3, 40.0), (1e-4, 400.0)])
+def test_the_acceleration_at_the_start_of_a_sharp_turn_is_the_one_along_it(
+    asked: float, names: set[str], size: float, rate: float
+) -> None:
     """At the start 20 m/s2 across the trip, 0.5 m/s2 along it, and that changes as fast as only a turn makes it."""
-    duration, size, rate = 1.0, 5e-3, 40.0
+    duration = 1.0
 
     def position(t: Array) -> Array:
         angle = rate * t  # a wave without a second derivative at the start, and with a fourth one
