@@ -16,9 +16,7 @@ from verification.distances import distance_to_polygon
 from verification.findings import Finding, Tolerances
 
 STEP_SHARE = 0.01  # of a step, by which an arrival may miss a multiple of it
-SECOND_WINDOW = (
-    1e-3  # s, at most, of the points from which the acceleration at the start is extrapolated; of 1 s of trip
-)
+SECOND_WINDOW = 1e-3  # s, the widest between points from which the first acceleration is extrapolated; of 1 s of trip
 WINDOWS = 5  # of which each is a third of the one before
 _FIRST: Array = np.array([-137.0, 300.0, -300.0, 200.0, -75.0, 12.0]) / 60.0  # one-sided, of fifth order: for turns
 _SECOND: Array = np.array([45.0, -154.0, 214.0, -156.0, 61.0, -10.0]) / 12.0  # and of fourth order
@@ -77,7 +75,8 @@ def _first_acceleration(position: PositionFunction, begin: float, end: float, wi
     """Acceleration along the path at the start by one-sided differences over windows, s."""
     points = np.asarray(position(begin + window * np.arange(float(_SECOND.size))), dtype=float)
     velocity, force = _FIRST @ points / window, _SECOND @ points / window**2
-    heading = end_heading(position, end - begin, begin, 1)
-    if np.linalg.norm(velocity) > window * np.linalg.norm(force):  # else it is at rest, or nearly
+    if np.linalg.norm(velocity) > window * np.linalg.norm(force):
         heading = math.atan2(velocity[1], velocity[0])
+    else:  # at rest, or nearly
+        heading = end_heading(position, end - begin, begin, 1)
     return float(force @ np.array([math.cos(heading), math.sin(heading)]))

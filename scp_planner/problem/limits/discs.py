@@ -23,9 +23,7 @@ from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
 
-AS_NEAR = (
-    1e-9  # units of length, by which clearances differ that are one: where it does not change rounding tells no minima
-)
+AS_NEAR = 1e-9  # units of length, by which clearances differ that are one: rounding is to tell no minima
 STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
 
 
