@@ -176,6 +176,7 @@ def _checked_whole(checked: CheckedTrip, ends: Ends, precision: float, motions: 
     findings = limits_found(checked, limits, pieces, enclosure)
     violations += [violation for finding in findings.values() for violation in finding.violations]
     uses = {name: finding.use for name, finding in findings.items()}
+    checked.go_on()
     discs = tuple(VehicleDisc.on(enclosure, offset, checked.tube) for offset in checked.scenario.vehicle.discs)
     outside = [one for one in (leaves_bounds(checked, pieces, disc) for disc in discs) if one is not None]
     known = motions is not None and checked.tube is None and not violations and not outside

@@ -129,6 +129,7 @@ def _bounded(checked: CheckedTrip, name: str, enclosure: Enclosure) -> _Bounded:
 
 def _bend_limit(checked: CheckedTrip, name: str, limit: float, pieces: Pieces, enclosure: Enclosure) -> Finding:
     """Curvature, its rate, accelerations across or in total, or power, by quartering: rounds cost most."""
+    checked.go_on()
     allowed = limit * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = -1.0, 0.0, False
     for _ in range(MAX_HALVINGS // 2):
@@ -167,6 +168,7 @@ def _jerk(checked: CheckedTrip, limit: float) -> Finding:
 
 def _speed_limit(checked: CheckedTrip, name: str, part: Stretch, pieces: Pieces, enclosure: Enclosure) -> Finding:
     """The speed wherever the vehicle may be in a stretch of a line, by halving."""
+    checked.go_on()
     allowed = part.speed * (1.0 + RELATIVE_TOLERANCE)
     best, best_sigma, kept = 0.0, 0.0, False
     for _ in range(MAX_HALVINGS):

@@ -356,11 +356,21 @@ def _that_stand(batch: ZoneBatch) -> ZoneBatch:
 def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Mask:
     """Whether places (..., 2), m, are in the workspace, and clear of zones that stand."""
     clear: Mask = box.room(place) >= 0.0
-    if standing.size:
-        points = place.reshape(-1, 2)
-        away = standing.distances(np.zeros(len(points)), points, 0.0).min(axis=1)
+    points = place.reshape(-1, 2)
+    # Most of the walls of a long corridor are nowhere near
+    near = standing.subset(_within_box(standing, points)) if standing.size else standing
+    if near.size:
+        away = near.distances(np.zeros(len(points)), points, 0.0).min(axis=1)
         clear = clear & (away >= 0.0).reshape(clear.shape)
     return clear
+
+
+def _within_box(standing: ZoneBatch, points: Array) -> Index:
+    """Zones that stand and may reach into the box round points, (n, 2) m."""
+    now = np.zeros(1)
+    centers, reach = standing.centers.grid(now)[0], standing.reach(now)[0]
+    beyond = np.maximum(np.maximum(points.min(axis=0) - centers, centers - points.max(axis=0)), 0.0)
+    return np.flatnonzero(np.hypot(beyond[:, 0], beyond[:, 1]) <= reach)
 
 
 def until_over(near: Array, driven: Driven) -> Array:

@@ -91,8 +91,8 @@ def _drives(runs: CheckedRuns) -> Iterator[_GuideRuns]:
     slow = slow_stretches(problem.scenario, problem.frame, problem.settings)
     for beside in (0.0, BESIDE) if slow else (0.0,):
         with task.tally.timed("search"):
-            points = fastest_way(problem, slow, beside)
-        if points is not None:
+            points = fastest_way(problem, slow, beside, task.deadline)
+        if points is not None and not task.out_of_time:
             guide = guide_over(with_headings(points, problem), problem.scenario, problem.limits, problem.settings)
             again = CheckedRuns(task, guide)
             yield _GuideRuns(again, float(fastest_times(again.problem, np.array([0.0, guide.length]))[-1]))

@@ -6,7 +6,8 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import log2
+from math import isfinite, log2
+from time import perf_counter
 
 import numpy as np
 
@@ -29,6 +30,7 @@ OFF = 0.5  # largest violation of a run over another guide, after which a patien
 TOUCHING = 0.02  # units of length; a converged trip is held up only by zones nearer than this
 SECOND_THOUGHTS = 3  # ways that are started again, closer to them, where no run from any way was certified
 ESTIMATE_ERROR = 3.2  # steps of the delay by which a way may turn out better than its estimate, where none did by more
+FIRST_SEARCH = 0.7  # of the time there is, that the search for the first way may take
 FAR_FROM_BOUND = 1.1  # times the lower bound: trips above that are compared with bows
 FINER_EFFORT = 2.0  # from this effort on finer grids are searched as well
 FINER_GRIDS = (Fineness(stations=1.3, shrunk=0.8), Fineness(stations=1.8, shrunk=0.6))
@@ -66,6 +68,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         super().__init__(runs.lower_bound, self.settings.effort, runs.task.deadline, runs.task.arrival_step)
         self._failed: list[Branch] = []
         self._known = np.inf  # s; the travel time of a trip over another guide, that is to be beaten
+        self._cut_off = False  # whether there was no time for even the first way
         self._near: ScpAttempt | None = None  # the one that fails by the least of those that may beat it
 
     def best(self) -> ScpAttempt:
@@ -154,7 +157,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         """Run the loop from bows, in a race, where the search finds no way, or leads to none that is fast."""
         logger.info("starting from bows")
         cutoff = self._cutoff(rival)
-        if self.out_of_time:
+        if self.out_of_time or self._cut_off:
             self.tally.tried += 1
             return self.runs.attempt(next(bows(self.problem)), cutoff)
         with self.tally.timed("scp"):
@@ -195,16 +198,25 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
 
     def _branches(self) -> Iterator[Branch]:
         """Ways round with starts for the loop."""
+        until = self._first_deadline()
         for coarseness in coarsenesses(self.problem):
             count = 0
-            for branch in self._branches_on(WaySearch(self.problem, coarseness, deadline=self.deadline)):
+            for branch in self._branches_on(WaySearch(self.problem, coarseness, deadline=until)):
                 count += 1
                 yield branch
-            if count or self.out_of_time:
+            self._cut_off = not count and perf_counter() > until
+            if count or self._cut_off:
                 break
         if self.settings.effort >= FINER_EFFORT and not self._proven():
             for fineness in FINER_GRIDS:
                 yield from self._branches_on(WaySearch(self.problem, fineness=fineness, deadline=self.deadline))
+
+    def _first_deadline(self) -> float:
+        """Until when the first way is looked for: so that there is time to drive it, or what is not one."""
+        if self.incumbent is not None or not isfinite(self.deadline):
+            return self.deadline
+        now = perf_counter()
+        return now + FIRST_SEARCH * max(self.deadline - now, 0.0)
 
     def _proven(self) -> bool:
         """Whether it is proved that no trip is notably faster than the best so far; the bound is raised to what is."""
@@ -225,6 +237,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         with timed("search"):
             tree = WayTree(search, max(1, round(self.settings.searches * effort)), self._within(search, missed))
             way = tree.next()
+        search.go_on_until(self.deadline)
         for left in range(self._most_runs, 0, -1):
             if way is None or way.travel_time > self._within(search, missed):
                 return

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, sqrt
+from time import perf_counter
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -25,7 +26,7 @@ MOST_NODES = 2500
 NEIGHBOURS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and those opposite
 LONGEST_LEG = 4.0  # steps, and more: between neighbours, of which ends may be half a step off their places
 LOOKS_A_STEP = 4  # at a straight leg, in the distance of two nodes
-MOST_LOOKS = 200_000  # points times zones that are looked at together
+MOST_LOOKS = 200_000  # points times zones, or times the corners of these, that are looked at together
 PASSES = 3  # of pulling tight
 AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 SAVED = 1e-9  # relative: a straight leg that is so little slower is taken
@@ -50,6 +51,8 @@ class Ground:
         Speed where there is no limit, m/s.
     beside : float
         Places so near to slow ones count as slow, m.
+    deadline : float
+        Value of :func:`time.perf_counter`, at which looks at it are given up.
     """
 
     standing: ZoneBatch
@@ -59,6 +62,12 @@ class Ground:
     slow: tuple[Stretch, ...]
     top: float
     beside: float = 0.0
+    deadline: float = np.inf
+
+    def _go_on(self) -> None:
+        """Give a look up that is late."""
+        if perf_counter() > self.deadline:
+            raise _OutOfTimeError
 
     def room(self, points: Array, enough: float = 0.0) -> Array:
         """How far points (n, 2) m are from where may not be driven, (n,) m; negative there.
@@ -67,8 +76,10 @@ class Ground:
         """
         found = np.minimum(self.farthest - self.line.distances(points), self.box.room(points))
         if self.standing.size:
-            size = max(1, MOST_LOOKS // self.standing.size)
+            outlines = self.standing.outlines
+            size = max(1, MOST_LOOKS // max(self.standing.size, 0 if outlines is None else len(outlines.corners)))
             for begin in range(0, len(points), size):
+                self._go_on()
                 part = points[begin : begin + size]
                 away = self.standing.distances(np.zeros(len(part)), part, enough).min(axis=1)
                 np.minimum(found[begin : begin + size], away, out=found[begin : begin + size])
@@ -77,8 +88,13 @@ class Ground:
     def slowness(self, points: Array) -> Array:
         """Time in s that a metre takes at points (n, 2) m, (n,)."""
         around = self.beside * AROUND if self.beside > 0.0 else AROUND[:1]
-        limits = limits_at(self.slow, (points + around[:, None]).reshape(-1, 2)).reshape(len(around), -1)
-        return 1.0 / np.minimum(limits.min(axis=0), self.top)
+        size, limits = max(1, MOST_LOOKS // (len(around) * max(len(self.slow), 1))), np.empty(len(points))
+        for begin in range(0, len(points), size):
+            self._go_on()
+            places = points[begin : begin + size] + around[:, None]
+            found = limits_at(self.slow, places.reshape(-1, 2)).reshape(len(around), -1)
+            limits[begin : begin + size] = found.min(axis=0)
+        return 1.0 / np.minimum(limits, self.top)
 
     def duration(self, begin: Array, end: Array, step: float) -> float:
         """Time that a straight leg takes, s, looked at in steps of so many m; inf where it may not be driven."""
@@ -90,7 +106,13 @@ class Ground:
         return length * float(self.slowness(points).mean())
 
 
-def fastest_way(problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0) -> Array | None:
+class _OutOfTimeError(Exception):
+    """A look at the ground was not done at its deadline."""
+
+
+def fastest_way(
+    problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0, deadline: float = np.inf
+) -> Array | None:
     """Return the way from start to goal that takes least at the highest speeds that are allowed.
 
     Parameters
@@ -102,22 +124,27 @@ def fastest_way(problem: Problem, slow: tuple[Stretch, ...], beside: float = 0.0
     beside : float
         Steps of the grid; places so near to slow ones count as slow: round the corner of one a smooth path is to pass
         it, too.
+    deadline : float
+        Value of :func:`time.perf_counter`.
 
     Returns
     -------
     (n, 2) array or None
-        Points of a polyline in the planning frame, m; None where the grid has no way.
+        Points of a polyline in the planning frame, m; None where the grid has no way, or it was not found in time.
     """
-    ground = ground_of(problem, slow)
-    grid = _NodesNearLine.of(ground)
-    ground = replace(ground, beside=beside * grid.step)
-    points = grid.way(ground)
-    if points is None:
+    ground = replace(ground_of(problem, slow), deadline=deadline)
+    try:
+        grid = _NodesNearLine.of(ground)
+        ground = replace(ground, beside=beside * grid.step)
+        points = grid.way(ground)
+        if points is None:
+            return None
+        for _ in range(PASSES):
+            before, points = len(points), _pulled_tight(points, ground, grid.step / LOOKS_A_STEP)
+            if len(points) == before:
+                break
+    except _OutOfTimeError:
         return None
-    for _ in range(PASSES):
-        before, points = len(points), _pulled_tight(points, ground, grid.step / LOOKS_A_STEP)
-        if len(points) == before:
-            break
     return points
 
 

@@ -264,7 +264,7 @@ class ZoneBatch:
         """
         if self.ground is None or not self._ground_pays(points, exact_below):
             return self._distances(times, points, exact_below)
-        distance = np.empty((len(times), self.size))
+        distance = np.empty((self.size, len(times))).T  # as that of polygons comes
         distance[:, self.ground.zones] = self.ground.distances(points) - self.radius[self.ground.zones]
         if len(self._besides_ground):
             distance[:, self._besides_ground] = self._without_ground.distances(times, points, exact_below)

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 from scenes import disc, scene
 
+import scp_planner as sp
 from scp_planner.arrays import Array, Mask
+from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import FAR, STEPS, way_on
+from scp_planner.online.dodge_outlooks import _is_clear, _within_box
 from scp_planner.online.planner import Planner
+from scp_planner.scenario.limits import Box
 from scp_planner.settings.online import OnlineSettings
+from scp_planner.threat_zones.batch import ZoneBatch
 
 PERIOD = 0.1
 
@@ -62,3 +67,27 @@ def test_in_a_narrow_room_no_dodge_ends_where_no_trip_leads_on() -> None:
         plan = planner.replan(time, place, float(plan.heading(time)), max(float(plan.speed(time)), 0.0))
     assert float(plan.position(7.4)[0]) > stood[0] + 0.2
     assert plan.arrival_time < 20.0
+
+
+def test_walls_that_are_nowhere_near_are_left_out() -> None:
+    """Those that are left decide of all places as all of them do."""
+    rng = np.random.default_rng(5)
+    places = rng.uniform([-40.0, -9.0], [60.0, 9.0], (120, 2)).tolist()
+    crates = [disc(f"disc {k}", (x, y)) for k, (x, y) in enumerate(places[:60])]
+    for k, (x, y) in enumerate(places[60:]):
+        shape = {"rectangle": rng.uniform(0.2, 6.0, 2).tolist(), "heading": float(rng.uniform(0.0, 3.0))}
+        crates.append({"id": f"wall {k}", "shape": shape, "motion": {"position": [x, y]}})
+    found = sp.zones(scene(*crates, start={"position": [0.0, 40.0]}))
+    standing = ZoneBatch.of(found, PlanningFrame((0.0, 0.0), 0.0, 0.0), 0.3)
+    local = rng.uniform([3.0, -4.0], [9.0, 4.0], (7, 11, 2))
+    counts, blocked = list[int](), 0
+    for moved in np.linspace(-60.0, 60.0, 13):
+        place = local + np.array([moved, 0.0])
+        points = place.reshape(-1, 2)
+        every = standing.distances(np.zeros(len(points)), points, 0.0).min(axis=1) >= 0.0
+        clear = _is_clear(Box(np.zeros((0, 2)), np.zeros(0)), standing, place)
+        assert np.array_equal(clear.ravel(), every)
+        counts.append(len(_within_box(standing, points)))
+        blocked += int((~every).sum())
+    assert 0 < max(counts) < standing.size / 4
+    assert blocked > 50

@@ -16,6 +16,7 @@ from scp_planner.planning.ways_round import Branch, WaysRound
 from scp_planner.scp import loop, together
 from scp_planner.scp.evaluation import evaluate_trips
 from scp_planner.search.first_trips import bows
+from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings
 
 STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.8), disc("last", (14.0, 0.3)))
@@ -75,3 +76,26 @@ def test_of_bows_that_are_looked_at_one_by_one_none_is_begun_when_the_time_is_up
     attempt = WaysRound(runs)._from_bows()
     assert looked == [1, 1], "the first bow, and what it came to, to be judged"
     assert not attempt.holds
+
+
+def test_a_search_that_takes_most_of_the_time_leaves_enough_for_one_trip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search finds nothing in its share of the time: one bow is run, once, in what is left."""
+    clock = FakeClock(0.0)
+    clock.rule(monkeypatch)
+    deadlines: list[float] = []
+
+    class Slow(WaySearch):
+        def __init__(self, *given: Any, **named: Any) -> None:
+            super().__init__(*given, **named)
+            deadlines.append(self.deadline)
+
+        def best_of(self, cases: Any, within: float = np.inf) -> list[Any]:
+            monkeypatch.setattr(FakeClock, "__call__", lambda _: 0.8)
+            return [None] * len(cases)
+
+    monkeypatch.setattr(ways_round, "WaySearch", Slow)
+    search = WaysRound(CheckedRuns(Task(STANDING, zones(STANDING), Settings(), 1.0)))
+    best = search.best()
+    assert deadlines == [ways_round.FIRST_SEARCH]
+    assert search.tally.tried == 1
+    assert best.run.record, "there was time for it"

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from scenes import disc, scene
 
 import scp_planner as sp
+from scp_planner.problem import shortcuts
 from scp_planner.problem.build import build_problem, slow_stretches
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.shortcuts import fastest_way, ground_of
@@ -122,3 +125,33 @@ def test_more_than_enough_room_is_not_measured_exactly() -> None:
         assert 0.05 < near.mean() < 0.95
         assert np.array_equal(found[near], exact[near])
         assert np.all((found[~near] > enough) & (found[~near] <= exact[~near] + 1e-12))
+
+
+def test_a_look_at_the_ground_is_given_up_at_its_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Among many slow places each part of a look takes long: the clock goes on by 1 at each time it is looked at."""
+    lines = [[[x, -6.0], [x + 1.0, 0.3 * x], [x + 2.0, 6.0]] for x in np.linspace(2.0, 16.0, 40)]
+    limits = [{"from": 1.0, "to": 3.0, "speed": 1.0, "line": line} for line in lines]
+    scenario = scene(shelf(10.0, 1.0, 2.0, 6.0), speed_limits=limits)
+    problem = problem_of(scenario)
+    slow = slow_stretches(scenario, problem.frame, problem.settings)
+    whole = fastest_way(problem, slow)
+    assert whole is not None
+    clock = FakeClock(1.0)
+    clock.rule(monkeypatch)
+    assert fastest_way(problem, slow, deadline=2.5) is None
+    assert clock() == 4.0, "the look at which it was late was the last"
+    assert np.array_equal(whole, np.asarray(fastest_way(problem, slow, deadline=1e9)))
+
+
+def test_how_slow_places_are_does_not_depend_on_how_many_are_looked_at_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    line = [[7.0, -0.4], [10.0, 5.0], [13.0, -0.4]]
+    scenario = scene(speed_limits=[{"from": 2.0, "to": 10.4, "speed": 0.5, "line": line}])
+    problem = problem_of(scenario)
+    ground = replace(ground_of(problem, slow_stretches(scenario, problem.frame, problem.settings)), beside=0.3)
+    places = np.random.default_rng(0).uniform([0.0, -6.0], [20.0, 6.0], (500, 2))
+    together = ground.slowness(places)
+    monkeypatch.setattr(shortcuts, "MOST_LOOKS", 35)
+    assert np.array_equal(together, ground.slowness(places))
+    assert 0.1 < (together > together.min()).mean() < 0.9
