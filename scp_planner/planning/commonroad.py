@@ -12,7 +12,7 @@ from scp_planner.certificate.check import certify
 from scp_planner.certificate.verdict import LATEST, OFF_STEP
 from scp_planner.errors import TooLargeError
 from scp_planner.planning.commonroad_referee import SPEED, axle_states, shown_states
-from scp_planner.planning.offline import plan
+from scp_planner.planning.offline import planned
 from scp_planner.planning.plan import Plan
 from scp_planner.scenario.commonroad import MORE_DISCS, CommonRoadFile, read_commonroad, scenario_of
 from scp_planner.scenario.commonroad_goals import GoalAim, GoalState
@@ -144,7 +144,9 @@ class _Job:
         settings = self.settings or road_settings(scenario)
         if trial.quick:
             settings = replace(settings, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
-        return CommonRoadPlan(scenario, plan(scenario, settings, time_limit=None if left == inf else left))
+        return CommonRoadPlan(
+            scenario, planned(scenario, settings, time_limit=None if left == inf else left, thorough=trial.thorough)
+        )
 
     def again(self, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
         """Plan what is tried; what there is already, where the time is over before all obstacles can be looked at."""
@@ -194,10 +196,11 @@ def _touches_alone(job: _Job, made: CommonRoadPlan) -> bool:
 
 @dataclass(frozen=True)
 class _Trial:
-    """What is planned for, whether it is only looked at, and which limits are closer than the car's."""
+    """What is planned for, whether it is only looked at, all is tried, and which limits are closer than the car's."""
 
     aim: GoalAim
     quick: bool
+    thorough: bool = False
     discs: int = FEWEST_DISCS
     soft: Mapping[str, float] = field(default_factory=dict)
 
@@ -205,15 +208,17 @@ class _Trial:
 def _trials(number: int, state: GoalState) -> Iterator[_Trial]:
     """What is tried in turn for a goal state, until something is certified."""
     if state.places:
+        # What takes longest, and hardly ever finds a trip, comes after all other aims.
         yield _Trial(GoalAim(number), quick=False)
         if state.heading is not None:
             yield _Trial(GoalAim(number, turn=inf), quick=True)
         for depth in DEPTHS:
             yield _Trial(GoalAim(number, depth=depth), quick=True)
+        yield _Trial(GoalAim(number), quick=False, thorough=True)
         return
     for quick in (True, False):
         for way in TIMED_WAYS:
-            yield _Trial(GoalAim(number, timed_way=way), quick)
+            yield _Trial(GoalAim(number, timed_way=way), quick, thorough=not quick)
 
 
 def road_settings(scenario: Scenario) -> Settings:

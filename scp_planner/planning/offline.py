@@ -88,6 +88,32 @@ def plan(
             return plan(roomier, settings, solver, left, constraints)
 
         return plan_in_tube(scenario, tube, without, time_limit)
+    return planned(scenario, settings, solver, time_limit, constraints)
+
+
+def planned(
+    scenario: Scenario,
+    settings: Settings | None = None,
+    solver: str | QpSolver | None = None,
+    time_limit: float | None = None,
+    constraints: UserConstraints | None = None,
+    *,
+    thorough: bool = True,
+) -> Plan:
+    """Plan a trip without a tube round it, see :func:`plan`.
+
+    Parameters
+    ----------
+    scenario, settings, solver, time_limit, constraints
+        As in :func:`plan`.
+    thorough : bool
+        Whether, where no way round leads to a certified trip, bows are tried, and a proof that there is none, and other
+        guides where it is late. Else something else is tried in place of this scenario first.
+
+    Returns
+    -------
+    Plan
+    """
     began = perf_counter()
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:
@@ -112,15 +138,22 @@ def plan(
         own_solver=solver,
         given=None if constraints is None else OwnConstraints(constraints, units),
         arrival_step=inside.goal.arrival_step,
+        thorough=thorough,
     )
     runs = among_small_zones(CheckedRuns(task))
     best = WaysRound(runs).best()
-    if constraints is None:  # those are written in stations of the guide
+    # Constraints are written in stations of the guide.
+    if constraints is None and (thorough or best.holds or not _arrives_late(inside, best)):
         for over, attempt in with_the_fastest_way(runs, best):
             further = refined(over, attempt)
             best = further if further.better_than(best) else best
     best = on_a_step(runs, inside, best)
     return _told(scenario, runs, best, units, began)
+
+
+def _arrives_late(scenario: Scenario, best: ScpAttempt) -> bool:
+    latest = scenario.goal.latest_arrival
+    return latest is not None and scenario.start.time + best.travel_time > latest
 
 
 def _told(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, units: NaturalUnits, began: float) -> Plan:
@@ -148,7 +181,7 @@ def _told(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, units: Natura
 def _reason(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, trip: Trip, units: NaturalUnits) -> str:
     """Why there is no certified plan; with a proof, where there is time for one and a trip is hardly to be had."""
     now, deadline = perf_counter(), runs.task.deadline
-    hopeless = deadline - now > PROOF_TIME and (best.late or not best.run.feasible)
+    hopeless = runs.task.thorough and deadline - now > PROOF_TIME and (best.late or not best.run.feasible)
     ending = Ending.of(best.run, runs.task.tally.tried, units.time)
     found = best.verdict.outside(units)
     if hopeless:

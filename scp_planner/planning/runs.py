@@ -74,6 +74,8 @@ class Task:
     given : OwnConstraints, optional
     arrival_step : float, optional
         s; what the scenario does not ask for: the trip is brought to one of these at last.
+    thorough : bool
+        Whether bows are tried where no way leads to a certified trip, and a proof that there is none.
     tally : Tally
         What has been done.
     """
@@ -86,6 +88,7 @@ class Task:
     own_solver: QpSolver | None = None
     given: OwnConstraints | None = None
     arrival_step: float | None = None
+    thorough: bool = True
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
     @property

@@ -150,7 +150,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             self.tally.tried += 1
             yield self.runs.attempt(branch.start(CLOSE_SMOOTHING), loop=self.runs.patient_loop)
         # Runs over another guide count as well: where no way was found over this one, nothing has been tried here.
-        if self.incumbent is None or self.tally.tried < self._most_runs:
+        if self.incumbent is None or (self.runs.task.thorough and self.tally.tried < self._most_runs):
             yield self._from_bows()
 
     def _from_bows(self, rival: ScpAttempt | None = None) -> ScpAttempt:

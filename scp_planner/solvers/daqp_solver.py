@@ -20,7 +20,7 @@ _NO_BOUND = 1e30
 _AT_START = 1e-9  # a bound closer to the origin than this is first taken as active
 _STATUS = {1: SolverStatus.OPTIMAL, 2: SolverStatus.OPTIMAL, -1: SolverStatus.INFEASIBLE}
 _PRIMAL_TOLERANCE = 1e-9
-_ITERATIONS = (500, 2)  # at most, and for each variable; what takes twice as many as others did runs in a cycle
+_ITERATIONS = (500, 2)  # at most, and for each variable and row; what takes twice as many as others did is in a cycle
 
 
 class DaqpSolver:
@@ -57,7 +57,7 @@ def _solve(program: QuadraticProgram, active: NDArray[np.int8] | None) -> Soluti
     sense[size : size + equalities] = 0
     guessed = sense.any()
     sense[size : size + equalities] = _EQUALITY
-    most = _ITERATIONS[0] + _ITERATIONS[1] * size
+    most = _ITERATIONS[0] + _ITERATIONS[1] * (size + len(program.bound))
     settings = {"primal_tol": _PRIMAL_TOLERANCE, "iter_limit": most, "time_limit": program.time_limit}
     x, _, flag, info = daqp.solve(program.hessian, program.gradient, program.matrix, upper, lower, sense, **settings)
     status = _STATUS.get(int(flag), SolverStatus.FAILED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +24,9 @@ pytest.importorskip("commonroad", reason="needs commonroad-io, which is not inst
 
 from scp_planner.errors import TooLargeError
 from scp_planner.export.commonroad_solution import export_commonroad_solution
+from scp_planner.planning import offline
 from scp_planner.planning.commonroad import plan_commonroad
+from scp_planner.planning.plan import PlanStatus
 from scp_planner.scenario.commonroad import load_commonroad
 from scp_planner.scenario.commonroad_goals import GoalAim, seen_heading
 from scp_planner.scenario.commonroad_models import CARS, VehicleModel, car_named, vehicle_of
@@ -280,13 +283,29 @@ def test_trials_that_there_is_no_time_for_leave_what_there_is(road_file: Path, m
         asked.append(scenario)
         if len(asked) > 1:
             raise TooLargeError("the time is over")
-        return sp.plan(scenario, *rest, **more)
+        return offline.planned(scenario, *rest, **more)
 
-    monkeypatch.setattr("scp_planner.planning.commonroad.plan", planned)
+    monkeypatch.setattr("scp_planner.planning.commonroad.planned", planned)
     made = plan_commonroad(road_file, model="PM")
     assert len(asked) > 1
     assert made.scenario is asked[0]
     assert not made.plan.certified
+
+
+def test_all_aims_are_tried_before_the_first_one_is_tried_thoroughly(road_file: Path, monkeypatch: Any) -> None:
+    """Nothing is ever certified: what takes longest comes last, for the aim that would be reached first."""
+    asked = []
+
+    def planned(scenario: sp.Scenario, *rest: Any, thorough: bool, **more: Any) -> sp.Plan:
+        asked.append((scenario.goal.position, thorough))
+        found = offline.planned(scenario, *rest, thorough=thorough, **more)
+        return replace(found, status=PlanStatus.INFEASIBLE)
+
+    monkeypatch.setattr("scp_planner.planning.commonroad.planned", planned)
+    assert not plan_commonroad(road_file, model="KS").plan.certified
+    assert [thorough for _, thorough in asked] == [False] * (len(asked) - 1) + [True]
+    assert len({position for position, _ in asked}) > 2
+    assert asked[-1][0] == asked[0][0]
 
 
 def test_no_time_at_all_leaves_what_is_at_hand(road_file: Path) -> None:

@@ -11,7 +11,7 @@ from clock import FakeClock
 from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
-from scp_planner.planning import ways_round
+from scp_planner.planning import offline, ways_round
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Limits, straight_travel_time
@@ -289,3 +289,14 @@ def test_spans_of_long_straight_trips_grow_instead_of_their_number() -> None:
 
 def problem_of(scenario: sp.Scenario, settings: sp.Settings | None) -> Problem:
     return build_problem(scenario, sp.zones(scenario), settings or sp.Settings())
+
+
+@pytest.mark.parametrize("thorough", [True, False])
+def test_other_guides_are_tried_for_who_is_late_if_all_is_to_be_tried(thorough: bool) -> None:
+    """Along its own guide the vehicle is late; along a straight one it is not."""
+    bow = scene(guide=[[0.0, 0.0], [10.0, 15.0], [20.0, 0.0]], goal={"latest_arrival": 8.0})
+    assert offline.planned(bow, thorough=thorough).certified is thorough
+    in_time = scene(guide=[[0.0, 0.0], [10.0, 15.0], [20.0, 0.0]])
+    found = offline.planned(in_time, thorough=thorough)
+    assert found.certified
+    assert found.travel_time < 1.001 * found.lower_bound

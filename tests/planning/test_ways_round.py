@@ -17,7 +17,7 @@ from scp_planner.scp import loop, together
 from scp_planner.scp.evaluation import evaluate_trips
 from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
-from scp_planner.settings.planning import Settings
+from scp_planner.settings.planning import Settings, for_scene
 
 STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.8), disc("last", (14.0, 0.3)))
 
@@ -99,3 +99,25 @@ def test_a_search_that_takes_most_of_the_time_leaves_enough_for_one_trip(monkeyp
     assert deadlines == [ways_round.FIRST_SEARCH]
     assert search.tally.tried == 1
     assert best.run.record, "there was time for it"
+
+
+@pytest.mark.parametrize("thorough", [True, False])
+def test_bows_are_tried_where_no_way_leads_to_a_trip_if_all_is_to_be_tried(
+    thorough: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hemmed_in = scene(*(disc(f"o{k}", (10.0, y), radius=0.6) for k, y in enumerate(np.arange(-12.0, 13.0))))
+    asked: list[WaysRound] = []
+    from_bows = WaysRound._from_bows
+
+    def watched(search: WaysRound, *rest: Any) -> ScpAttempt:
+        asked.append(search)
+        return from_bows(search, *rest)
+
+    monkeypatch.setattr(WaysRound, "_from_bows", watched)
+    task = Task(hemmed_in, zones(hemmed_in), for_scene(Settings()), np.inf, thorough=thorough)
+    search = WaysRound(CheckedRuns(task))
+    search._failed = [Branch(1.0, lambda _: next(bows(search.problem)), exhausted=True)]
+    search.incumbent = search.runs.attempt(next(bows(search.problem)))
+    assert not search.incumbent.holds
+    list(search._second_thoughts())
+    assert len(asked) == int(thorough)

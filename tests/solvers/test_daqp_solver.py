@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from programs import INFEASIBLE_PROGRAM, SEEDS, Array, known_program, long_program
+from programs import INFEASIBLE_PROGRAM, SEEDS, Array, known_program, long_program, optimality
 
 from scp_planner.solvers import (
     QuadraticProgram,
@@ -50,6 +50,29 @@ def test_every_status_of_daqp_is_mapped(monkeypatch: pytest.MonkeyPatch, flag: i
 def test_daqp_ends_at_its_limit_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(daqp_solver, "_ITERATIONS", (50, 0))
     assert solver_named("daqp").solve(long_program()).status is SolverStatus.FAILED
+
+
+@pytest.mark.parametrize("guess", ["none", "everything"])
+def test_programs_of_very_many_rows_may_take_many_iterations(guess: str) -> None:
+    """On the border of a ball, each of whose 3,000 tangents may become active on the way to the minimiser."""
+    rng = np.random.default_rng(0)
+    size, rows = 100, 3000
+    normals = rng.normal(size=(rows, size))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    program = QuadraticProgram(
+        1e-3 * np.eye(size),
+        rng.normal(size=size),
+        np.full(size, -10.0),
+        np.full(size, 10.0),
+        normals,
+        1.0 + rng.uniform(0.0, 0.02, rows),
+        0,
+        active=None if guess == "none" else np.ones(size + rows, dtype=np.int8),
+        time_limit=LONGEST_SOLVE,
+    )
+    solution = solver_named("daqp").solve(program)
+    assert solution.status is SolverStatus.OPTIMAL
+    assert optimality(program, solution) < 1e-8
 
 
 def test_what_daqp_did_not_write_is_a_failure_and_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
