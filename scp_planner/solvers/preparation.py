@@ -14,6 +14,7 @@ from scp_planner.solvers.slacked import SlackedProgram
 
 _CACHED, _UNCACHED = 0.5e-9, 1.5e-9  # s for a number of a matrix, times its columns: while it fits into a cache, or not
 _CACHE = 2_000_000  # numbers
+_WRITTEN = 10e-9  # s for a number of a large matrix that is made anew
 _PAIR = 15e-9  # s for a pair of numbers in a row: to factorise what they make, in as few iterations as may be
 
 
@@ -32,6 +33,20 @@ def dense_preparation(program: QuadraticProgram) -> float:
     if np.count_nonzero(program.hessian) <= columns:
         return 0.0  # on the diagonal alone: nothing but a factor for each column
     return (_CACHED if rows * columns <= _CACHE else _UNCACHED) * rows * columns**2
+
+
+def whole_preparation(program: SlackedProgram) -> float:
+    """Return how long it takes at least to put down all rows of a program with slacks, s.
+
+    Parameters
+    ----------
+    program : SlackedProgram
+
+    Returns
+    -------
+    float
+    """
+    return _WRITTEN * len(program.bound) * len(program.gradient)
 
 
 def sparse_preparation(program: QuadraticProgram) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
 from scp_planner.solvers.interface import QuadraticProgram, Solution, SolverStatus
-from scp_planner.solvers.preparation import given_up
+from scp_planner.solvers.preparation import given_up, whole_preparation
 from scp_planner.solvers.slacked import SlackedProgram
 
 MANY = 3  # rows to a variable, from which on they are not all looked at
@@ -62,8 +62,8 @@ def solved_with_few_rows(program: SlackedProgram, solve: Callable[[QuadraticProg
         kept[_largest(over, min(violated, MORE * size))] = True
         active = np.sign(solution.multipliers).astype(np.int8)
     left = until - perf_counter()
-    # Some solvers take 0 for no limit
-    return given_up(program) if left <= 0.0 else solve(replace(program.whole(), time_limit=left))
+    # Not at 0 either: some solvers take that for no limit
+    return given_up(program) if left <= whole_preparation(program) else solve(replace(program.whole(), time_limit=left))
 
 
 def _first_rows(program: SlackedProgram) -> Mask:

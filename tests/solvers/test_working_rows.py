@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from clock import FakeClock
 from programs import known_program, optimality, without_slacks
 
 from scp_planner.solvers import working_rows
@@ -129,3 +130,17 @@ def test_what_takes_all_of_the_time_with_few_rows_is_not_begun_with_all(monkeypa
     found = solved_with_few_rows(without_slacks(replace(large(0)[0], time_limit=1.0)), failing.solve)
     assert found.status is SolverStatus.FAILED
     assert len(failing.rows) == 1 and failing.rows[0] < 1000
+
+
+@pytest.mark.parametrize(("left", "then"), [(1.0, [4000]), (1e-4, [])])
+def test_all_rows_are_not_put_down_where_that_takes_longer_than_there_is(
+    left: float, then: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The solver fails with few rows; to make the matrix of all 4,000 in 40 columns takes a millisecond or more."""
+    FakeClock(0.0).rule(monkeypatch)
+    program, _ = large(0)
+    told = Told(status=SolverStatus.FAILED)
+    found = solved_with_few_rows(replace(without_slacks(program), time_limit=left), told.solve)
+    assert found.status is SolverStatus.FAILED
+    assert told.rows[0] < 1000
+    assert told.rows[1:] == then
