@@ -384,6 +384,15 @@ class Vetting:
         -------
         Vetted or None
         """
+        if whole:
+            # What is certified keeps clear of foreseen zones too, which are no larger
+            if not self.is_on(now, last):
+                return None
+            certificate = now.certify(last, since=now.state.time, motions=self.motions)
+            if certificate.holds:
+                return Vetted(last, certificate, None, 0.0)
+        if not self.stops_will_do:
+            return None
         ahead = self._ahead(now, last)
         if ahead is None:
             return None
@@ -394,17 +403,10 @@ class Vetting:
             violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, EXACT).min())
         if violation > DEEP:
             return None
-        violation = max(violation, 0.0)
-        if whole:
-            certificate = now.certify(last, since=now.state.time, motions=self.motions)
-            if certificate.holds:
-                return Vetted(last, certificate, None, violation)
-        if not self.stops_will_do:
-            return None
         found = self._stop(now, last, branch)
         if isinstance(found, Refusal):
             return None
-        return Vetted(last, found[1], found[0], violation)
+        return Vetted(last, found[1], found[0], max(violation, 0.0))
 
     def vet_kept(self, now: Moment, last: Trip) -> Vetted | None:
         """The last trip as it is, if the vehicle is where it should be and the certificate holds from now on."""
