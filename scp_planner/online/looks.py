@@ -96,12 +96,19 @@ class Looks:
         self._grid = 0  # which of `GRIDS` the next search is on
 
     def is_due(self, now: Replan, best: Vetted | None) -> bool:
-        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
+        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive.
+
+        And none where even a straight way without obstacles would not be faster enough.
+        """
         if now.last is None:
             return True  # a plan is worth waiting for only where there is none at all
         every = self._means.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
-        if best is not None and self._look is None and now.cycle - self._looked < every:
-            return False
+        if best is not None:
+            if self._look is None and now.cycle - self._looked < every:
+                return False
+            if _cutoff(now, best) <= self._means.least_time(now.moment.scenario):
+                self._look = None
+                return False
         # A search for ways that is broken off has found nothing.
         in_time = perf_counter() + self._look_time < now.deadline
         if not in_time:
@@ -111,10 +118,7 @@ class Looks:
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
         began, problem, first = perf_counter(), loop.problem, now.last is None
-        cutoff, self._deadline = math.inf, now.deadline
-        if best is not None:
-            tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
-            cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
+        cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOK_RUNS
             self._look = look = Look(runs, cutoff)
@@ -168,6 +172,8 @@ class Looks:
             if ended:
                 look.trip = None
                 if not first:
+                    if look.runs <= 0:
+                        self._look = None
                     break
         return spare, said
 
@@ -208,3 +214,9 @@ class Looks:
         A vehicle that stands waits for a clear way rather than creep into a dead end.
         """
         return now.moment.state.speed > STANDING and float(evaluation.limit_violation.max()) <= HOPELESS
+
+
+def _cutoff(now: Replan, best: Vetted) -> float:
+    """In how many units of time another way must reach the goal to be worth changing over to."""
+    tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
+    return tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)

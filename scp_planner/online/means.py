@@ -22,6 +22,7 @@ from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
+from scp_planner.scenario.limits import Limits, straight_travel_time
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
@@ -170,6 +171,15 @@ class Means:
         if self.given.guide is not None:
             changes["guide"] = _guide_from(self.given.guide, state.position)
         return self.given.model_copy(update=changes)
+
+    def least_time(self, scenario: Scenario) -> float:
+        """Return the time that a straight trip without obstacles takes within the limits of the plans, s."""
+        goal = scenario.goal
+        length = math.dist(goal.position, scenario.start.position) - goal.radius
+        if length <= 0.0:
+            return 0.0
+        limits = Limits.of(scenario, self.settings.limit_margin)
+        return straight_travel_time(length, scenario.start.speed, limits, goal.speed)[0]
 
     def foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
         """The zones that trips are planned among, of those on a clock that shows a time now."""
