@@ -72,6 +72,11 @@ class Look:
     steps: int = 0
     begun: bool = False
 
+    @property
+    def over(self) -> bool:
+        """Whether the last way has been tried."""
+        return self.trip is None and self.runs <= 0
+
     def begin_next(self) -> bool:
         """Go on to the next start, if there is one."""
         self.trip = next(self.starts, None) if self.runs > 0 else None
@@ -123,12 +128,12 @@ class Looks:
             runs = self._means.online.first_runs if best is None else LOOK_RUNS
             self._look = look = Look(runs, cutoff)
             look.starts = self._means.starts(problem, lambda: look.cutoff, lambda: self._deadline, GRIDS[self._grid])
-        self._looked = now.cycle
+        look, self._looked = self._look, now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else NEARLY_CLEAR
-        found, said = self._try_ways(now, loop, self._look, cutoff, tolerance, best is None)
-        if first or (found is not None and found.violation <= NEARLY_CLEAR):
+        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
+        if first or look.over or (found is not None and found.violation <= NEARLY_CLEAR):
             self._look = None
         if not first:
             self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
@@ -172,8 +177,6 @@ class Looks:
             if ended:
                 look.trip = None
                 if not first:
-                    if look.runs <= 0:
-                        self._look = None
                     break
         return spare, said
 
