@@ -36,6 +36,8 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 ROOM_PRICE = 7e-3
 """Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
+HOPELESS = 1.0
+"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -197,7 +199,10 @@ class Decision:
         return found
 
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
-        """Improve what is left of the last trip; once more where it is refused before it keeps its limits."""
+        """Improve what is left of the last trip; once more where it is refused before it keeps its limits.
+
+        Not if all stops from it are so deep in zones that a few steps more would not get one out.
+        """
         steps = 0
         for last_run in (False, True):
             run = self._run(now, loop, ahead)
@@ -206,6 +211,8 @@ class Decision:
             found = self._means.vet(now, loop.problem, ahead, evaluation, steps)
             finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
             if last_run or finished or isinstance(found, Vetted):
+                break
+            if -math.inf < found.room < -HOPELESS * now.moment.scenario.vehicle.radius:
                 break
         return found
 

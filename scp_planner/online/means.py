@@ -206,9 +206,18 @@ class Means:
         self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0
     ) -> Vetted | Refusal:
         """Certify a trip, with the newest observations."""
+        branch = math.inf if now.last is None else now.last.branch_time
+        return self._vetted(now, problem, trajectory, evaluation, iterations, branch)
+
+    def vet_slower(self, now: Replan, problem: Problem, trajectory: Trajectory) -> Vetted | Refusal:
+        """Certify a trip along which the last one is driven slower: where that was left says little of it."""
+        return self._vetted(now, problem, trajectory, None, 0, math.inf)
+
+    def _vetted(
+        self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any, iterations: int, branch: float
+    ) -> Vetted | Refusal:
         if self.inbox:
             now.moment = self.moment(now.moment.state)
-        branch = math.inf if now.last is None else now.last.branch_time
         vetted = self.vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
         now.lap("certificate")
         return vetted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,13 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.online import decision
+from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
+from scp_planner.online.remaining import State
+from scp_planner.online.vetting import Refusal
 from scp_planner.problem.build import build_problem
+from scp_planner.scp.loop import ScpLoop
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.trips.trajectory import Trajectory
@@ -72,3 +77,26 @@ def test_no_room_is_looked_for_on_a_trip_that_does_not_keep_clear() -> None:
     aside = np.full(space.path_size, 2.0)
     assert not decision._keeps_clear(problem, through)
     assert decision._keeps_clear(problem, Trajectory.of(space, aside, np.zeros(space.acceleration_size)))
+
+
+@pytest.mark.parametrize(("radii", "runs"), [(-1.1, 1), (-0.9, 2), (0.5, 2), (math.inf, 2), (-math.inf, 2)])
+def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trip that exceeds limits yet is improved for once more, unless all stops from it are deep inside of zones."""
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    means, made, run = planner._means, [], ScpLoop.run
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), 0.0, 3.0 / planner._units.speed)), 0.0, math.inf, planner._last, 1)
+    refusal = Refusal("none", radii * now.moment.scenario.vehicle.radius)
+
+    def unfinished(self: ScpLoop, *given: Any, **choices: Any) -> Any:
+        made.append(run(self, *given, **choices))
+        return made[-1]
+
+    monkeypatch.setattr(ScpLoop, "run", unfinished)
+    monkeypatch.setattr(means, "vet", lambda *_: refusal)
+    monkeypatch.setattr(decision, "FEASIBILITY", -1.0)
+    loop = ScpLoop(means.problem(now), means.solver)
+    space = loop.problem.space
+    ahead = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
+    assert planner._decision._without_room(now, loop, ahead) is refusal
+    assert len(made) == runs
