@@ -180,7 +180,7 @@ class Stop:
     trip: Trip
     branch: float
 
-    @property
+    @cached_property
     def stands(self) -> float:
         """Absolute time from which on the vehicle stands, s."""
         return self.trip.frame.time + standing_from(self.trip.trajectory)
