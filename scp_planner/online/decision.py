@@ -78,6 +78,7 @@ class Decision:
         self._looks, self._fallback = Looks(means), Fallback(means)
         self._improved = 0
         self._good_enough = True
+        self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
         self._waiting = Waiting(means.given.goal.position)
@@ -134,7 +135,11 @@ class Decision:
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
         if best is None:
-            return self._fallback.fall_back(now, problem, last, ahead, why)
+            plan = self._fallback.fall_back(now, problem, last, ahead, why)
+            if self._put_off and not plan.safe:
+                best, why = self._looked(now, loop)
+            if best is None:
+                return plan
         later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + SLOWER
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
@@ -162,20 +167,26 @@ class Decision:
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
     def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
-        """Continue the last plan and, where that is due, look at other ways round."""
-        best: Vetted | None = None
-        why, refused = "first plan", ""
+        """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
+        refused = ""
         if ahead is not None:
             found = self._continued(now, loop, ahead)
             if isinstance(found, Vetted):
-                best, why = found, "the last plan, continued"
-            else:
-                refused = found.why
-        if best is None and self._looks.is_due(now, best):
-            best, said = self._looks.look(now, loop, None)
-            why = "first plan" if now.last is None else "another way round"
-            refused = refused or said
-        return best, why if best is not None else refused
+                self._put_off = False
+                return found, "the last plan, continued"
+            refused, self._put_off = found.why, not self._put_off
+            if self._put_off:
+                return None, refused
+        best, why = self._looked(now, loop)
+        return best, (refused or why) if best is None else why
+
+    def _looked(self, now: Replan, loop: ScpLoop) -> tuple[Vetted | None, str]:
+        """Look at other ways round, where that is due; and what that comes to, in words."""
+        self._put_off = False
+        if not self._looks.is_due(now, None):
+            return None, ""
+        best, said = self._looks.look(now, loop, None)
+        return best, said if best is None else "first plan" if now.last is None else "another way round"
 
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without."""

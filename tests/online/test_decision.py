@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.vetting import Refusal
+from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop
+from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.trips.trajectory import Trajectory
@@ -100,3 +103,39 @@ def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, m
     ahead = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
     assert planner._decision._without_room(now, loop, ahead) is refusal
     assert len(made) == runs
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch, safe: bool) -> list[str]:
+    """What is done in replans in which all that is left of the last trip is refused; all else is, or is not, safe."""
+    done: list[str] = []
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=OnlineSettings(improve_every=1))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    kept = planner._last
+    assert kept is not None and kept.safe
+    answer = replace(kept, status=PlanStatus.INFEASIBLE, stop=kept.trip if safe else None)
+    decide = planner._decision
+
+    def noted(owner: Any, name: str, what: str, answer: Any) -> None:
+        def answered(*_: Any) -> Any:
+            done.append(what)
+            return answer
+
+        monkeypatch.setattr(owner, name, answered)
+
+    noted(decide, "_continued", "continue", Refusal("no stop"))
+    noted(decide._looks, "look", "look", (None, "no way"))
+    noted(decide._fallback, "fall_back", "fall back", answer)
+    for time in (0.1, 0.2, 0.3, 0.4):
+        done.append("replan")
+        planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+    return done
+
+
+def test_other_ways_are_looked_at_every_other_time_that_a_trip_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    put_off = ["replan", "continue", "fall back"]
+    assert refusing(monkeypatch, safe=True) == 2 * [*put_off, *put_off[:2], "look", "fall back"]
+
+
+def test_other_ways_are_looked_at_at_once_where_nothing_else_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    done = refusing(monkeypatch, safe=False)
+    assert done.count("look") == done.count("replan") == 4
