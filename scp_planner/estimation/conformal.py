@@ -238,6 +238,8 @@ class AdaptiveScales:
         which = sorted(set(kind.tolist()))
         if len(names) and any(self._known(k, horizon) is not None for k in which for horizon in range(self.horizons)):
             rows = self._rows_of(names)
+            if len(which) == 1:
+                return self._sizes(rows, which[0], range(self.horizons))
             for k in which:
                 some = kind == k
                 sizes[some] = self._sizes(rows[some], k, range(self.horizons))

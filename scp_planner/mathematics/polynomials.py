@@ -119,7 +119,7 @@ class PiecewisePolynomials:
         """Whether all have the same breakpoints: then a grid is a matrix product or two."""
         breaks = self.breakpoints
         last = breaks.shape[1] - (1 if breaks.shape[1] == 2 else 0)  # a single piece goes on beyond its end
-        return len(breaks) > 0 and bool(np.all(breaks[:, :last] == breaks[0, :last]))
+        return len(breaks) > 0 and bool((breaks[:, :last] == breaks[0, :last]).all())
 
     @cached_property
     def _instants(self) -> Array:
@@ -246,7 +246,11 @@ class PiecewisePolynomials:
         squares = terms * terms
         if width == 3:
             squares[:, :, 1] *= 2.0
-        sizes = np.sqrt(squares.sum(axis=2))
+        # NUMPY-CALLS: a sum over so short an axis takes several times as long
+        total = squares[:, :, 0]
+        for part in range(1, width):
+            total += squares[:, :, part]
+        sizes = np.sqrt(total)
         radius = 0.5 * (right - left)
         bound = sizes[:, -1].copy()
         for power in range(order - 2, -1, -1):

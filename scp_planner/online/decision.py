@@ -36,6 +36,8 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 ROOM_PRICE = 7e-3
 """Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
+HOPELESS = 1.0
+"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -76,6 +78,7 @@ class Decision:
         self._looks, self._fallback = Looks(means), Fallback(means)
         self._improved = 0
         self._good_enough = True
+        self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
         self._waiting = Waiting(means.given.goal.position)
@@ -132,7 +135,11 @@ class Decision:
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
         if best is None:
-            return self._fallback.fall_back(now, problem, last, ahead, why)
+            plan = self._fallback.fall_back(now, problem, last, ahead, why)
+            if self._put_off and not plan.safe:
+                best, why = self._looked(now, loop)
+            if best is None:
+                return plan
         later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + SLOWER
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
@@ -160,20 +167,26 @@ class Decision:
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
     def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
-        """Continue the last plan and, where that is due, look at other ways round."""
-        best: Vetted | None = None
-        why, refused = "first plan", ""
+        """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
+        refused = ""
         if ahead is not None:
             found = self._continued(now, loop, ahead)
             if isinstance(found, Vetted):
-                best, why = found, "the last plan, continued"
-            else:
-                refused = found.why
-        if best is None and self._looks.is_due(now, best):
-            best, said = self._looks.look(now, loop, None)
-            why = "first plan" if now.last is None else "another way round"
-            refused = refused or said
-        return best, why if best is not None else refused
+                self._put_off = False
+                return found, "the last plan, continued"
+            refused, self._put_off = found.why, not self._put_off
+            if self._put_off:
+                return None, refused
+        best, why = self._looked(now, loop)
+        return best, (refused or why) if best is None else why
+
+    def _looked(self, now: Replan, loop: ScpLoop) -> tuple[Vetted | None, str]:
+        """Look at other ways round, where that is due; and what that comes to, in words."""
+        self._put_off = False
+        if not self._looks.is_due(now, None):
+            return None, ""
+        best, said = self._looks.look(now, loop, None)
+        return best, said if best is None else "first plan" if now.last is None else "another way round"
 
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
@@ -197,7 +210,10 @@ class Decision:
         return found
 
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
-        """Improve what is left of the last trip; once more where it is refused before it keeps its limits."""
+        """Improve what is left of the last trip; once more where it is refused before it keeps its limits.
+
+        Not if all stops from it are so deep in zones that a few steps more would not get one out.
+        """
         steps = 0
         for last_run in (False, True):
             run = self._run(now, loop, ahead)
@@ -206,6 +222,8 @@ class Decision:
             found = self._means.vet(now, loop.problem, ahead, evaluation, steps)
             finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
             if last_run or finished or isinstance(found, Vetted):
+                break
+            if -math.inf < found.room < -HOPELESS * now.moment.scenario.vehicle.radius:
                 break
         return found
 

@@ -143,7 +143,7 @@ class Family:
         place, heading = self.courses.along(self.lead, self.length, self.profiles.distance(times))
         return place.reshape(self.size, len(times), 2), heading.reshape(self.size, len(times))
 
-    def extents(self, batch: ZoneBatch, offset: Array, times: Array, unseen: float) -> Array:
+    def extents(self, batch: ZoneBatch, offset: Array, squared: Array, times: Array, unseen: float) -> Array:
         """How far ellipses of zones reach towards the vehicle.
 
         They do not grow any more from when it stands, and has looked again.
@@ -153,6 +153,8 @@ class Family:
         batch : ZoneBatch
         offset : (2, U, K P, J) array
             Of the vehicle from the centres of the U uncertain ones, m.
+        squared : (U, K P, J) array
+            Of its length, m2.
         times : (J,) array
             s from now.
         unseen : float
@@ -174,11 +176,13 @@ class Family:
             spread = np.where(still, last[:, :, None, :, None], spread)
         xx, xy, yy = spread
         x, y = offset.reshape(2, -1, count, profiles, len(times))
-        along = xx * x
-        along += (2.0 * xy) * y
+        along, part = xx * x, (2.0 * xy) * y
+        along += part
         along *= x
-        along += yy * y * y
-        along /= np.maximum(x * x + y * y, 1e-300)
+        np.multiply(yy, y, out=part)
+        part *= y
+        along += part
+        along /= np.maximum(squared.reshape(x.shape), 1e-300, out=part)
         np.sqrt(np.maximum(along, 0.0, out=along), out=along)
         return along.reshape(-1, self.size, len(times))
 
@@ -372,16 +376,21 @@ class Dodges:
     ) -> None:
         """Put the distances to S shares of some zones, (S, l, C, J) m, into an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
-        offset = np.stack([place[..., 0] - centers[0], place[..., 1] - centers[1]])
-        distance: Array = np.sqrt(offset[0] ** 2 + offset[1] ** 2, out=out[0])
+        offset = np.empty((2, *out.shape[1:]))
+        for axis in (0, 1):
+            np.subtract(place[..., axis], centers[axis], out=offset[axis])
+        squared: Array = offset[0] * offset[0]
+        squared += np.multiply(offset[1], offset[1], out=out[0])
+        distance: Array = np.sqrt(squared, out=out[0])
         distance -= batch.radius[:, None, None]
         out[1:] = distance
         if batch.covariances is not None:
-            offset = offset[:, batch.uncertain] if len(batch.uncertain) < batch.size else offset
+            if len(batch.uncertain) < batch.size:
+                offset, squared = offset[:, batch.uncertain], squared[batch.uncertain]
             first = 0
             for family in self.families:
                 some = slice(first, first + family.size)
-                extents = family.extents(batch, offset[:, :, some], self.times, unseen)
+                extents = family.extents(batch, offset[:, :, some], squared[:, some], self.times, unseen)
                 for share, each in zip(shares, out, strict=True):
                     each[batch.uncertain, some] -= extents if share == 1.0 else share * extents
                 first += family.size

@@ -146,7 +146,7 @@ class Fallback:
             trial = Trajectory.of(problem.space, ahead.theta, eased(problem, ahead, share))
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
-            vetted = self._means.vet(now, problem, trial)
+            vetted = self._means.vet_slower(now, problem, trial)
             if isinstance(vetted, Vetted):
                 return vetted
         return None

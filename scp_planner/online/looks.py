@@ -72,6 +72,11 @@ class Look:
     steps: int = 0
     begun: bool = False
 
+    @property
+    def over(self) -> bool:
+        """Whether the last way has been tried."""
+        return self.trip is None and self.runs <= 0
+
     def begin_next(self) -> bool:
         """Go on to the next start, if there is one."""
         self.trip = next(self.starts, None) if self.runs > 0 else None
@@ -96,12 +101,19 @@ class Looks:
         self._grid = 0  # which of `GRIDS` the next search is on
 
     def is_due(self, now: Replan, best: Vetted | None) -> bool:
-        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive."""
+        """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive.
+
+        And none where even a straight way without obstacles would not be faster enough.
+        """
         if now.last is None:
             return True  # a plan is worth waiting for only where there is none at all
         every = self._means.online.look_every // (1 if best is None or best.violation <= NEARLY_CLEAR else LOOK_SOONER)
-        if best is not None and self._look is None and now.cycle - self._looked < every:
-            return False
+        if best is not None:
+            if self._look is None and now.cycle - self._looked < every:
+                return False
+            if _cutoff(now, best) <= self._means.least_time(now.moment.scenario):
+                self._look = None
+                return False
         # A search for ways that is broken off has found nothing.
         in_time = perf_counter() + self._look_time < now.deadline
         if not in_time:
@@ -111,20 +123,17 @@ class Looks:
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
         """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
         began, problem, first = perf_counter(), loop.problem, now.last is None
-        cutoff, self._deadline = math.inf, now.deadline
-        if best is not None:
-            tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
-            cutoff = tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)
+        cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOK_RUNS
             self._look = look = Look(runs, cutoff)
             look.starts = self._means.starts(problem, lambda: look.cutoff, lambda: self._deadline, GRIDS[self._grid])
-        self._looked = now.cycle
+        look, self._looked = self._look, now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else NEARLY_CLEAR
-        found, said = self._try_ways(now, loop, self._look, cutoff, tolerance, best is None)
-        if first or (found is not None and found.violation <= NEARLY_CLEAR):
+        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
+        if first or look.over or (found is not None and found.violation <= NEARLY_CLEAR):
             self._look = None
         if not first:
             self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
@@ -208,3 +217,9 @@ class Looks:
         A vehicle that stands waits for a clear way rather than creep into a dead end.
         """
         return now.moment.state.speed > STANDING and float(evaluation.limit_violation.max()) <= HOPELESS
+
+
+def _cutoff(now: Replan, best: Vetted) -> float:
+    """In how many units of time another way must reach the goal to be worth changing over to."""
+    tau = best.arrival - now.moment.state.time + VIOLATION_COST * best.violation
+    return tau - max(LOOK_GAIN * tau, LOOK_GAIN_TIME)

@@ -160,7 +160,7 @@ class Sizing:
         """Those of some obstacles."""
         return Sizing(self.leads[some], self.kinds[some], self.sizes[some])
 
-    @property
+    @cached_property
     def others(self) -> Index:
         """Those whose regions are not right as they are."""
         return np.flatnonzero((self.sizes != 1.0).any(axis=1))
@@ -360,8 +360,8 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
     leads, sizes = sizing.leads[some], sizing.sizes[some]
     start, count = future.breaks[0], len(some)
     if len(future.breaks) == 2:
-        begins = np.concatenate([np.zeros((count, 1)), leads], axis=1)
-        at = np.concatenate([sizes[:, :1], sizes, sizes[:, -1:]], axis=1)
+        begins, at = np.zeros((count, leads.shape[1] + 1)), np.empty((count, leads.shape[1] + 2))
+        begins[:, 1:], at[:, 1:-1], at[:, 0], at[:, -1] = leads, sizes, sizes[:, 0], sizes[:, -1]
         piece = np.zeros(begins.shape[1], dtype=np.intp)
     else:
         lead = leads.mean(axis=0)
@@ -370,12 +370,15 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
         weights = np.array([np.interp(np.append(edges, np.inf), lead, one) for one in np.eye(len(lead))])
         at = sizes @ weights
         piece = np.searchsorted(future.breaks[:-1] - start, edges, "right") - 1
-    ends = np.concatenate([begins, np.full((count, 1), future.breaks[-1] - start)], axis=1)
+    ends = np.empty((count, begins.shape[1] + 1))
+    ends[:, :-1], ends[:, -1] = begins, future.breaks[-1] - start
     whole = future.covariances[some][:, piece]
     powers, shift = whole.shape[2], begins - (future.breaks[piece] - start)
     shifted = (shift_matrices(powers, shift.ravel()) @ whole.reshape(-1, powers, 3)).reshape(whole.shape)
     pieces = np.zeros((count, len(piece), powers + 1, 3))
-    parts, widths = np.stack([np.minimum(at, 1.0), np.maximum(at - 1.0, 0.0)]), ends[:, 1:] - ends[:, :-1]
+    parts, widths = np.empty((2, *at.shape)), ends[:, 1:] - ends[:, :-1]
+    np.minimum(at, 1.0, out=parts[0])
+    np.maximum(at - 1.0, 0.0, out=parts[1])
     # of what was seen twice at one time the first piece is empty
     steps = parts[:, :, 1:] - parts[:, :, :-1]
     slopes = np.divide(steps, widths, out=np.zeros_like(steps), where=widths > 0.0)

@@ -282,7 +282,8 @@ class ObstacleTracks:
         headings = self._bounds_headings(tracks)
         made = self._together(tracks, start, level, headings)
         alone = [track for track in tracks if track.fixed is None and track.id not in made]
-        made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
+        if alone:
+            made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
         if self.sizes is not None:
             for bank in self._banks.values():
                 bank.foretold.keep(start)

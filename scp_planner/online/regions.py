@@ -116,10 +116,11 @@ class RegionSizes:
 
     def of(self, tracks: Sequence[ObstacleTrack], kinds: Index) -> Sizing:
         """Sizes of the regions of some obstacles, whose predictions are of kinds (n,)."""
-        leads = np.tile(HORIZONS, (len(tracks), 1))
+        leads = np.empty((len(tracks), len(HORIZONS)))
+        leads[:] = HORIZONS
         # what is compared next is as far ahead as it was the last time
-        leads[:, 0] = [track.times[-1] - track.times[-2] if len(track.times) > 1 else 0.0 for track in tracks]
-        leads[:, 0] = np.minimum(leads[:, 0], 0.5 * leads[:, 1])
+        last = [track.times[-1] - track.times[-2] if len(track.times) > 1 else 0.0 for track in tracks]
+        leads[:, 0] = np.minimum(last, 0.5 * HORIZONS[1])
         return Sizing(leads, kinds, self.scales.scales([track.id for track in tracks], kinds))
 
     def sized(self, tracks: Sequence[ObstacleTrack], zones: Sequence[ThreatZone]) -> list[ThreatZone]:

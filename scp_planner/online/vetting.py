@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -180,7 +180,7 @@ class Stop:
     trip: Trip
     branch: float
 
-    @property
+    @cached_property
     def stands(self) -> float:
         """Absolute time from which on the vehicle stands, s."""
         return self.trip.frame.time + standing_from(self.trip.trajectory)
@@ -226,9 +226,26 @@ class Vetted:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a trip may not be driven, in words."""
+    """Why a trip may not be driven.
+
+    Attributes
+    ----------
+    why : str
+        In words.
+    room : float
+        Of the stops from it that were sampled the most room that one has, m; inf where none was.
+    """
 
     why: str
+    room: float = math.inf
+
+
+@dataclass
+class _Tried:
+    """What comes of stops that are tried from a trip: why not, and the most room of those that were sampled, m."""
+
+    reasons: list[str] = field(default_factory=list)
+    room: float = math.inf
 
 
 class Vetting:
@@ -302,7 +319,7 @@ class Vetting:
                 return Refusal(why)
         found = self._stop(now, trip, branch)
         if isinstance(found, Refusal):
-            return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part))
+            return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part), found.room)
         stop, certificate = found
         return Vetted(trip, certificate, stop, violation, iterations)
 
@@ -324,8 +341,8 @@ class Vetting:
         braking = braking_of(now.scenario.vehicle)
         since = now.state.time if driven > 0.0 else None
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
-        reasons: list[str] = []
-        for spans in self._spans(now, trip, braking, branch, reasons):
+        tried = _Tried()
+        for spans in self._spans(now, trip, braking, branch, tried):
             stop = braking.stop_after(trip.trajectory, spans)
             if stop is None or not fits(stop):
                 continue
@@ -333,10 +350,10 @@ class Vetting:
             certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
-            reasons.append(_violations(certificate.outside(self.units)))
-        return Refusal(reasons[-1])
+            tried.reasons.append(_violations(certificate.outside(self.units)))
+        return Refusal(tried.reasons[-1], tried.room)
 
-    def _spans(self, now: Moment, trip: Trip, braking: Braking, branch: float, reasons: list[str]) -> Iterator[int]:
+    def _spans(self, now: Moment, trip: Trip, braking: Braking, branch: float, tried: _Tried) -> Iterator[int]:
         """After how many spans of acceleration a stop may leave a trip, the most promising first, and why not others.
 
         Most of the work is left out where the first will do.
@@ -347,19 +364,20 @@ class Vetting:
         last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
         last = min(max(last, first), len(breaks) - 1)
         if first > last:
-            reasons.append("the goal is nearer than the distance to stop in")
+            tried.reasons.append("the goal is nearer than the distance to stop in")
             return
         spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
             yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
         batch = now.batch_in(trip.frame)
         room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
+        tried.room = float(room.max())
         # The latest of those with plenty of room: it will do for the most replans.
         order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
-        if np.all(np.isneginf(room)):
-            reasons.append("the goal is nearer than the distance to stop in")
+        if np.isneginf(tried.room):
+            tried.reasons.append("the goal is nearer than the distance to stop in")
         else:
-            reasons.append("none stays clear for long enough" if self.wait > 0.0 else "none keeps clear")
+            tried.reasons.append("none stays clear for long enough" if self.wait > 0.0 else "none keeps clear")
         for index in order[:STOPS_TRIED]:
             if room[index] >= 0.0:
                 yield int(spans[index])
@@ -384,6 +402,15 @@ class Vetting:
         -------
         Vetted or None
         """
+        if whole:
+            # What is certified keeps clear of foreseen zones too, which are no larger
+            if not self.is_on(now, last):
+                return None
+            certificate = now.certify(last, since=now.state.time, motions=self.motions)
+            if certificate.holds:
+                return Vetted(last, certificate, None, 0.0)
+        if not self.stops_will_do:
+            return None
         ahead = self._ahead(now, last)
         if ahead is None:
             return None
@@ -394,17 +421,10 @@ class Vetting:
             violation = -float(foresee(batch, driven).distances(ahead.time, ahead.position, EXACT).min())
         if violation > DEEP:
             return None
-        violation = max(violation, 0.0)
-        if whole:
-            certificate = now.certify(last, since=now.state.time, motions=self.motions)
-            if certificate.holds:
-                return Vetted(last, certificate, None, violation)
-        if not self.stops_will_do:
-            return None
         found = self._stop(now, last, branch)
         if isinstance(found, Refusal):
             return None
-        return Vetted(last, found[1], found[0], violation)
+        return Vetted(last, found[1], found[0], max(violation, 0.0))
 
     def vet_kept(self, now: Moment, last: Trip) -> Vetted | None:
         """The last trip as it is, if the vehicle is where it should be and the certificate holds from now on."""

@@ -165,7 +165,8 @@ class OnlineSettings(Knobs):
         between it is kept while it holds, with a new stop. Larger: less work, and a plan that follows what is seen a
         little later.
     look_every : int
-        Replans from one look at other ways round to the next. Smaller: other ways are found sooner, and more work.
+        Replans from one look at other ways round to the next, while one could be faster enough to change over. Smaller:
+        other ways are found sooner, and more work.
     look_iterations : int
         Steps of the loop from another way, at most. More: ways that need more work are found too.
     look_steps : int

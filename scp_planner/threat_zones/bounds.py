@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,8 +46,13 @@ class MovingPoint:
 
     def with_more(self, more: MovingPoint) -> MovingPoint:
         """Return these intervals and, after them, others."""
-        pairs = ((getattr(self, each.name), getattr(more, each.name)) for each in fields(self))
-        return MovingPoint(*(np.concatenate(pair) for pair in pairs))
+        return MovingPoint(
+            np.concatenate([self.time, more.time]),
+            np.concatenate([self.half, more.half]),
+            np.concatenate([self.position, more.position]),
+            np.concatenate([self.velocity, more.velocity]),
+            np.concatenate([self.acceleration, more.acceleration]),
+        )
 
 
 @dataclass(frozen=True)

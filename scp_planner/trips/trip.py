@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -92,12 +93,21 @@ class Trip:
 
     def place_at(self, time: float) -> tuple[float, float]:
         """Where the vehicle is at an absolute time, s, clamped to the trip: (x, y) in the world, m."""
+        if time in self._place:
+            return self._place[time]
         trajectory = self.trajectory
         sigma = min(max((time - self.frame.time) / trajectory.travel_time, 0.0), 1.0)
         distance = trajectory.drive_at(np.array([sigma])).distance
         points = trajectory.path.points(trajectory.path.exact.parameter_at(distance))
         ((x, y),) = self.frame.to_world(points.position).tolist()
+        self._place.clear()
+        self._place[time] = x, y
         return x, y
+
+    @cached_property
+    def _place(self) -> dict[float, tuple[float, float]]:
+        """The place that was asked for last: several ask for that of the present."""
+        return {}
 
     def at(self, t: ArrayLike) -> tuple[TripPoints, tuple[int, ...]]:
         """Return the trip at absolute times, clamped to the trip, and the shape of ``t``."""

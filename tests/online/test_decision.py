@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +11,15 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.online import decision
+from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
+from scp_planner.online.remaining import State
+from scp_planner.online.vetting import Refusal
+from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.trips.trajectory import Trajectory
@@ -72,3 +80,62 @@ def test_no_room_is_looked_for_on_a_trip_that_does_not_keep_clear() -> None:
     aside = np.full(space.path_size, 2.0)
     assert not decision._keeps_clear(problem, through)
     assert decision._keeps_clear(problem, Trajectory.of(space, aside, np.zeros(space.acceleration_size)))
+
+
+@pytest.mark.parametrize(("radii", "runs"), [(-1.1, 1), (-0.9, 2), (0.5, 2), (math.inf, 2), (-math.inf, 2)])
+def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trip that exceeds limits yet is improved for once more, unless all stops from it are deep inside of zones."""
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    means, made, run = planner._means, [], ScpLoop.run
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), 0.0, 3.0 / planner._units.speed)), 0.0, math.inf, planner._last, 1)
+    refusal = Refusal("none", radii * now.moment.scenario.vehicle.radius)
+
+    def unfinished(self: ScpLoop, *given: Any, **choices: Any) -> Any:
+        made.append(run(self, *given, **choices))
+        return made[-1]
+
+    monkeypatch.setattr(ScpLoop, "run", unfinished)
+    monkeypatch.setattr(means, "vet", lambda *_: refusal)
+    monkeypatch.setattr(decision, "FEASIBILITY", -1.0)
+    loop = ScpLoop(means.problem(now), means.solver)
+    space = loop.problem.space
+    ahead = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
+    assert planner._decision._without_room(now, loop, ahead) is refusal
+    assert len(made) == runs
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch, safe: bool) -> list[str]:
+    """What is done in replans in which all that is left of the last trip is refused; all else is, or is not, safe."""
+    done: list[str] = []
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=OnlineSettings(improve_every=1))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    kept = planner._last
+    assert kept is not None and kept.safe
+    answer = replace(kept, status=PlanStatus.INFEASIBLE, stop=kept.trip if safe else None)
+    decide = planner._decision
+
+    def noted(owner: Any, name: str, what: str, answer: Any) -> None:
+        def answered(*_: Any) -> Any:
+            done.append(what)
+            return answer
+
+        monkeypatch.setattr(owner, name, answered)
+
+    noted(decide, "_continued", "continue", Refusal("no stop"))
+    noted(decide._looks, "look", "look", (None, "no way"))
+    noted(decide._fallback, "fall_back", "fall back", answer)
+    for time in (0.1, 0.2, 0.3, 0.4):
+        done.append("replan")
+        planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+    return done
+
+
+def test_other_ways_are_looked_at_every_other_time_that_a_trip_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    put_off = ["replan", "continue", "fall back"]
+    assert refusing(monkeypatch, safe=True) == 2 * [*put_off, *put_off[:2], "look", "fall back"]
+
+
+def test_other_ways_are_looked_at_at_once_where_nothing_else_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    done = refusing(monkeypatch, safe=False)
+    assert done.count("look") == done.count("replan") == 4

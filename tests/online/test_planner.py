@@ -259,7 +259,7 @@ def _never_good_enough(run: Any, work: list[int]) -> Any:
 
 
 def test_search_for_other_ways_is_left_out_where_there_is_no_time_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = scene(*CROSSERS)
+    scenario = scene(disc("in the way", (10.0, 0.1), radius=3.5))
     planner = Planner(scenario, online=OnlineSettings(look_every=1, improve_every=2))
     begin(planner, scenario)
     searches: list[float] = []

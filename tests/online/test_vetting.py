@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 from scenes import disc, scene
 
 import scp_planner as sp
+from scp_planner.certificate.verdict import Certificate
+from scp_planner.online.means import Replan
+from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.vetting import Moment, Refusal, Vetted, Vetting
 from scp_planner.problem.build import build_problem
@@ -70,3 +74,36 @@ def test_a_trip_above_the_top_speed_is_refused_whole(acceleration: float, kept: 
     assert isinstance(answer, Vetted) is kept
     if isinstance(answer, Refusal):
         assert "speed" in answer.why
+
+
+@pytest.mark.parametrize("gap", [0.0, 1.0, 1.9])
+def test_a_refusal_tells_how_deep_the_best_stop_is_inside(gap: float) -> None:
+    """It stands 2 m farther on, and what is beyond the middle of the obstacle is nearer to its far side."""
+    answer = vetted(disc("wall", (gap + 0.8, 0.0)), stops_will_do=True)
+    assert isinstance(answer, Refusal)
+    assert answer.room == pytest.approx(gap - 2.0 if gap > 1.2 else -0.8, abs=0.08)  # of samples
+
+
+@pytest.mark.parametrize(("slower", "certified"), [(False, 1), (True, 0)])
+def test_what_is_driven_slower_is_not_left_where_the_last_plan_was(
+    slower: bool, certified: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no stop stays clear, as samples tell, none is certified, not even the one that leaves where that did."""
+    planner = Planner(scene(disc("wall", (1.6, 0.0)), start={"speed": SPEED}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, SPEED)
+    means, last, tried = planner._means, planner._last, []
+    assert last is not None
+    certify = Vetting.certify_stop
+
+    def counted(self: Vetting, *given: Any) -> Certificate:
+        tried.append(given)
+        return certify(self, *given)
+
+    monkeypatch.setattr(Vetting, "certify_stop", counted)
+    state = State(0.0, (0.0, 0.0), 0.0, SPEED / planner._units.speed)
+    now = Replan(means.moment(state), 0.0, np.inf, replace(last, branch_time=1.0 / planner._units.time), 1)
+    problem = means.problem(now)
+    space = problem.space
+    onward = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
+    vet = means.vet_slower if slower else means.vet
+    assert isinstance(vet(now, problem, onward), Refusal) and len(tried) == certified
