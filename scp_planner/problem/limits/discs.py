@@ -211,17 +211,15 @@ class DiscClearance(OptionalLimit):
 
     def touched(self, trajectory: Trajectory, depth: Array, near: float) -> dict[int, int]:
         """Zones that the disc comes nearer to than so much, m, and its side of them: 1 to the left, or -1."""
-        found: dict[int, int] = {}
         zones, samples = self.discs.zones, self.discs.samples
-        if depth.size != len(samples.sigma) * zones.size:
-            return found  # of a trip among more zones than these
-        depths = depth.reshape(-1, max(zones.size, 1))
-        for zone in np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near).tolist():
-            points = trajectory.at(samples.take(np.argmax(depths[:, zone : zone + 1], axis=0)))
-            place = disc_positions(points.path, self.offset)
-            contacts = zones.contacts(np.array([zone]), points.time, place)
-            found[zone] = 1 if float((contacts.normal * points.path.normal).sum()) > 0.0 else -1
-        return found
+        if depth.size == 0 or depth.size != len(samples.sigma) * zones.size:
+            return {}  # of a trip among more zones than these
+        depths = depth.reshape(-1, zones.size)
+        near_zones = np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near)
+        points = trajectory.kept_at(samples).take(depths[:, near_zones].argmax(axis=0))
+        contacts = zones.contacts(near_zones, points.time, disc_positions(points.path, self.offset))
+        sides = np.einsum("ij,ij->i", contacts.normal, np.broadcast_to(points.path.normal, contacts.normal.shape))
+        return dict(zip(near_zones.tolist(), np.where(sides > 0.0, 1, -1).tolist(), strict=True))
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradients of the depths."""
