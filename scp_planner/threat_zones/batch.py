@@ -18,13 +18,12 @@ from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back
 from scp_planner.mathematics.outlines import Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
-from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.contacts import SAME, ZoneContacts, leading
 from scp_planner.threat_zones.convex_parts import ConvexPart
 from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
-SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
 FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
 PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
@@ -141,6 +140,15 @@ class ZoneBatch:
         order = np.lexsort((zone, *keys))
         same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
         return np.sort(np.delete(order, np.flatnonzero(same) + 1))
+
+    def leaders(self, place: Index, zone: Index, contacts: ZoneContacts, move: float) -> Index:
+        """Which of some contacts with zones, (n,), in places, are not implied by others of the same zone and place.
+
+        They are for all moves of up to a length, m. Most are of the overlapping parts of a wall.
+        """
+        if self.whole is None:
+            return np.arange(len(zone))
+        return leading(place * self.size + self.whole[zone], contacts, move)
 
     @cached_property
     def velocities(self) -> PiecewisePolynomials:
