@@ -9,7 +9,6 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 
-
 SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 MOST_LEADERS = 6  # of one place; what is left then all counts
 
