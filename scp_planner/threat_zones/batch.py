@@ -18,7 +18,7 @@ from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back
 from scp_planner.mathematics.outlines import Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
-from scp_planner.threat_zones.contacts import SAME, ZoneContacts, leading
+from scp_planner.threat_zones.contacts import ZoneContacts, distinct, leading
 from scp_planner.threat_zones.convex_parts import ConvexPart
 from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
@@ -135,17 +135,10 @@ class ZoneBatch:
         Parts of one zone that overlap share edges: what is nearest is then the same point of both.
         """
         assert self.whole is not None, "otherwise all are"
-        distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
-        keys = np.stack([place, self.whole[zone], distance, *normal.T])
-        order = np.lexsort((zone, *keys))
-        same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
-        return np.sort(np.delete(order, np.flatnonzero(same) + 1))
+        return distinct(np.stack([place, self.whole[zone]]), zone, contacts)
 
     def leaders(self, place: Index, zone: Index, contacts: ZoneContacts, move: float) -> Index:
-        """Which of some contacts with zones, (n,), in places, are not implied by others of the same zone and place.
-
-        They are for all moves of up to a length, m. Most are of the overlapping parts of a wall.
-        """
+        """Which of some contacts, (n,), in places, others of the same zone do not imply for moves up to a length, m."""
         if self.whole is None:
             return np.arange(len(zone))
         return leading(place * self.size + self.whole[zone], contacts, move)

@@ -47,6 +47,28 @@ class ZoneContacts:
         )
 
 
+def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
+    """Return which contacts are not, but for rounding, those of a zone of a lower number in the same place.
+
+    Parameters
+    ----------
+    places : (k, n) array of int
+        What tells places from each other.
+    zone : (n,) array of int
+    contacts : ZoneContacts
+
+    Returns
+    -------
+    (m,) array of int
+        In order.
+    """
+    distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
+    keys = np.stack([*places, distance, *normal.T])
+    order = np.lexsort((zone, *keys))
+    same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
+    return np.sort(np.delete(order, np.flatnonzero(same) + 1))
+
+
 def leading(place: Index, contacts: ZoneContacts, move: float) -> Index:
     """Return which contacts are not implied by others of the same place, in order.
 
