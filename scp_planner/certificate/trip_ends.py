@@ -78,7 +78,8 @@ def begins_beside(checked: CheckedTrip) -> Violation | None:
     (place,), (ahead,) = frame.to_world(point.position), frame.vectors_to_world(point.direction)
     for offset in checked.scenario.vehicle.discs:
         x, y = (place + offset * ahead).tolist()
-        beside = min(distance_to_polygon((x, y), polygon) for polygon in polygons)
-        if beside > 0.0:
+        away = (distance_to_polygon((x, y), polygon) for polygon in polygons)
+        if not any(distance == 0.0 for distance in away):
+            beside = min(distance_to_polygon((x, y), polygon) for polygon in polygons)
             return Violation("clearance", -beside, 0.0, checked.absolute(checked.first), corridor.NAME)
     return None

@@ -18,7 +18,7 @@ from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import goal_speed_rows
 from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.threat_zones.nearness import nearness_of_samples
+from scp_planner.threat_zones.nearness import ABREAST, nearness_of_samples
 from scp_planner.trips.bundle import stacked
 from scp_planner.trips.trajectory import TripPoints
 
@@ -131,9 +131,9 @@ def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: Tri
     whose = np.arange(len(bases)).repeat([len(base.minima_zone) for base in bases])
     at_samples = zones.contacts(zone, points.time, points.path.position)
     if zones.whole is not None:
-        single = zones.singles(sample + problem.grid * owner, zone, at_samples)
-        owner, sample, zone = owner[single], sample[single], zone[single]
-        points, at_samples = points.take(single), at_samples.take(single)
+        some = zones.leaders(sample + problem.grid * owner, zone, at_samples, ABREAST * near)
+        owner, sample, zone = owner[some], sample[some], zone[some]
+        points, at_samples = points.take(some), at_samples.take(some)
     return ClearanceSites.of(whose, which, np.zeros_like(which), minima, contacts).joined(
         ClearanceSites.of(owner, zone, sample, points, at_samples)
     )
@@ -141,7 +141,7 @@ def _clearance_sites(problem: Problem, bases: Sequence[Evaluation], samples: Tri
 
 def _optional_rows(problem: Problem, limit: OptionalLimit, number: int, owner: int, base: Evaluation) -> Rows:
     excess = base.optional[number]
-    index = np.flatnonzero(excess > -limit.near)
+    index = limit.places(base.trajectory, excess)
     group = np.full(len(index), problem.zones.size + len(Limit) + number)
     return Rows(
         limit.gradient(base.trajectory, index), -excess[index], group, index, np.full(len(index), owner, dtype=np.intp)

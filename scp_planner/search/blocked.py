@@ -188,10 +188,11 @@ class Cells:
         self.cut_off = False
         self.lines = Lines(problem, grid)
         self._looked = 0  # at so many delays
-        self._free: Words = np.full(self.shape, ~np.uint64(0))
-        self._free[self._outside()] = 0
+        self._open = ~self._outside()  # of what stands
+        self._free: Words = np.where(self._open, ~np.uint64(0), np.uint64(0))
         self._kept: list[Cuts] | None = []  # None: too many to be kept
         self._closed: dict[tuple[int, int], Closure] = {}
+        self._shut: dict[int, frozenset[int]] | None = None
 
     @property
     def free(self) -> Words:
@@ -219,16 +220,28 @@ class Cells:
         new = range(self._looked, until)
         self._looked = until
         self._closed.clear()
-        for cuts in self.lines.all_cuts(np.arange(self.problem.zones.size), new):
+        self._shut = None
+        for cuts, known in self._cuts(new):
             for lines, words in self._blocked(cuts, np.zeros(len(cuts.line), dtype=np.intp), new):
                 self._free[lines] &= ~words
+                if cuts.lasting:
+                    self._open[lines] &= words == 0
                 if self.out_of_time:
                     self.cut_off = True
                     return
-            if self._kept is not None:
+            if self._kept is not None and not known:
                 self._kept.append(cuts)
                 if sum(len(some.line) for some in self._kept) > MOST_KEPT:
                     self._kept = None
+
+    def _cuts(self, new: range) -> Iterator[tuple[Cuts, bool]]:
+        """Yield what zones block at further delays, and whether that is kept already."""
+        some = np.arange(self.problem.zones.size)
+        if new.start > 0 and self._kept is not None:  # what stands is the same as before
+            yield from [(cuts, True) for cuts in self._kept if cuts.lasting]
+            some = self.problem.zones.moving
+        for cuts in self.lines.all_cuts(some, new):
+            yield cuts, False
 
     def without(self, closed: tuple[tuple[int, int], ...]) -> Words:
         """Free cells when some (zone, side) are closed: +1 above, -1 below."""
@@ -246,6 +259,29 @@ class Cells:
                 for lines, blocked in self._closed[side]:
                     words[lines, :, case] &= ~blocked
         return words
+
+    def shut(self, closed: Iterable[tuple[int, int]]) -> bool:
+        """Whether sides that are closed surely block a line between start and goal at all times.
+
+        So they do where what stands leaves nothing free on the other side: walls are passed on one side alone.
+        """
+        return any(zone in self._walled[side] for zone, side in closed)
+
+    @property
+    def _walled(self) -> dict[int, frozenset[int]]:
+        """Zones that shut a line when they are closed above (1), or below (-1)."""
+        if self._shut is None:
+            low, step = self.grid.half_offsets[0], 0.5 * self.grid.offset_step
+            lowest, highest = self._open.argmax(axis=1), self.shape[1] - 1 - self._open[:, ::-1].argmax(axis=1)
+            lowest[[0, -1]], highest[[0, -1]] = -1, self.shape[1]  # where ways begin and end
+            above: set[int] = set()
+            below: set[int] = set()
+            for cuts in self._kept or ():
+                if cuts.lasting:
+                    above.update(cuts.zone[np.ceil((cuts.lower - low) / step) <= lowest[cuts.line]].tolist())
+                    below.update(cuts.zone[np.floor((cuts.upper - low) / step) >= highest[cuts.line]].tolist())
+            self._shut = {1: frozenset(above), -1: frozenset(below)}
+        return self._shut
 
     def first_line(self, closed: Iterable[tuple[int, int]], besides: Container[tuple[int, int]]) -> int:
         """The first line on which sides that are closed block anything, besides some that are not looked at."""

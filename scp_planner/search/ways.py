@@ -153,8 +153,8 @@ class WaySearch:
     def best_of(self, cases: Sequence[Closed], within: float = np.inf) -> list[Way | None]:
         """Return the fastest way of each of several cases, which differ in the sides that are closed."""
         found: list[Way | None] = [None] * len(cases)
-        left = list(range(len(cases)))
-        for latest in self._windows(within):
+        left = [k for k, closed in enumerate(cases) if not self.cells.shut(closed)]
+        for latest in self._windows(within) if left else ():
             if self.cells.out_of_time:
                 return found
             reached, all_known = self._reached([cases[k] for k in left], self._in_time(latest), within)

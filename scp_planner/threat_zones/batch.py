@@ -18,13 +18,12 @@ from scp_planner.mathematics.frames import PlanningFrame, covariance_turned_back
 from scp_planner.mathematics.outlines import Outlines
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.mathematics.rounding import DECIMALS
-from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.contacts import ZoneContacts, distinct, leading
 from scp_planner.threat_zones.convex_parts import ConvexPart
 from scp_planner.threat_zones.ground import Ground
 from scp_planner.threat_zones.sorted_zones import KnownDiscs, SortedZones
 from scp_planner.threat_zones.zone import ThreatZone
 
-SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
 DIRECTION_DECIMALS = 10  # of a heading's vector, which is of about length 1
 FEW_EDGES = 2**12  # that stand: those of a corridor of some hundred polygons are all looked at
 PAIR_COST = 10  # an edge of a polygon that a point is near to, in edges of which the line is looked at, at all points
@@ -136,11 +135,13 @@ class ZoneBatch:
         Parts of one zone that overlap share edges: what is nearest is then the same point of both.
         """
         assert self.whole is not None, "otherwise all are"
-        distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
-        keys = np.stack([place, self.whole[zone], distance, *normal.T])
-        order = np.lexsort((zone, *keys))
-        same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
-        return np.sort(np.delete(order, np.flatnonzero(same) + 1))
+        return distinct(np.stack([place, self.whole[zone]]), zone, contacts)
+
+    def leaders(self, place: Index, zone: Index, contacts: ZoneContacts, move: float) -> Index:
+        """Which of some contacts, (n,), in places, others of the same zone do not imply for moves up to a length, m."""
+        if self.whole is None:
+            return np.arange(len(zone))
+        return leading(place * self.size + self.whole[zone], contacts, move)
 
     @cached_property
     def velocities(self) -> PiecewisePolynomials:

@@ -9,6 +9,9 @@ import numpy as np
 
 from scp_planner.arrays import Array, Index
 
+SAME = 1e-8  # units of length, and of normals: contacts that differ by less are one but for rounding
+MOST_LEADERS = 6  # of one place; what is left then all counts
+
 
 @dataclass(frozen=True)
 class ZoneContacts:
@@ -42,3 +45,58 @@ class ZoneContacts:
             np.concatenate([part.normal for part in parts]),
             np.concatenate([part.rate for part in parts]),
         )
+
+
+def distinct(places: Index, zone: Index, contacts: ZoneContacts) -> Index:
+    """Return which contacts are not, but for rounding, those of a zone of a lower number in the same place.
+
+    Parameters
+    ----------
+    places : (k, n) array of int
+        What tells places from each other.
+    zone : (n,) array of int
+    contacts : ZoneContacts
+
+    Returns
+    -------
+    (m,) array of int
+        In order.
+    """
+    distance, normal = (np.round(each / SAME) for each in (contacts.distance, contacts.normal))
+    keys = np.stack([*places, distance, *normal.T])
+    order = np.lexsort((zone, *keys))
+    same = np.all(keys[:, order[1:]] == keys[:, order[:-1]], axis=0)
+    return np.sort(np.delete(order, np.flatnonzero(same) + 1))
+
+
+def leading(place: Index, contacts: ZoneContacts, move: float) -> Index:
+    """Return which contacts are not implied by others of the same place, in order.
+
+    A point that moves by d comes no nearer than the distance plus normal . d, to first order. So of two contacts that
+    of the greater distance is implied by the other for all moves, up to a length, that cannot make up the difference.
+
+    Parameters
+    ----------
+    place : (n,) array of int
+        Where and when: of one place, contacts are with parts of one thing at one point.
+    contacts : ZoneContacts
+    move : float
+        Most that points move, m.
+
+    Returns
+    -------
+    (m,) array of int
+    """
+    distance, normal = contacts.distance, contacts.normal
+    left = np.lexsort((np.round(distance / SAME), place))
+    kept = []
+    for _ in range(MOST_LEADERS):
+        if len(left) == 0:
+            break
+        first = np.concatenate([[True], np.diff(place[left]) != 0])
+        kept.append(left[first])
+        leader = left[first][np.cumsum(first) - 1]
+        turn = normal[left] - normal[leader]
+        reached = move * np.hypot(turn[:, 0], turn[:, 1])
+        left = left[~first & (reached > distance[left] - distance[leader] + SAME)]
+    return np.sort(np.concatenate([*kept, left]))

@@ -19,6 +19,7 @@ from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.settings.planning import Settings
+from scp_planner.threat_zones.contacts import ZoneContacts
 from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
@@ -190,9 +191,9 @@ def test_discs_of_a_trip_are_looked_at_together_however_many_trips_there_are(mon
     looked: list[int] = []
     gradient = Discs._gradient
 
-    def told(discs: Discs, trajectory: Trajectory, index: Array) -> Array:
+    def told(discs: Discs, trajectory: Trajectory, index: Array, contacts: ZoneContacts) -> Array:
         looked.append(len(index))
-        return gradient(discs, trajectory, index)
+        return gradient(discs, trajectory, index, contacts)
 
     monkeypatch.setattr(Discs, "_gradient", told)
     together = linearise_trips(problem, bases, [trust] * 3, NEAR)

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from scenes import CROSSERS, disc, scene
 
+from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.intervals import Interval
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.search import blocked
-from scp_planner.search.blocked import Cells, Cuts
+from scp_planner.search.blocked import Cells, Cuts, Lines
 from scp_planner.search.grid import DELAYS, Fineness, Grid
+from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import zones
@@ -85,6 +87,46 @@ def test_closed_sides_shut_all_beyond() -> None:
                     assert not np.any(closed[line, beyond] >> np.uint64(delay) & np.uint64(1))
         assert np.all((closed & ~cells.free) == 0)
         assert cells.without(((1, 1), (1, -1)))[0].any(), "far from the obstacle all stays open"
+
+
+def wall(x: float, low: float, high: float, half: float = 1.0) -> list[list[float]]:
+    return [[x - half, low], [x + half, low], [x + half, high], [x - half, high]]
+
+
+def test_sides_are_shut_where_walls_leave_nothing_free_and_no_way_leads_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A street with a block in the middle: what overlaps in its wall above does not reach beyond the grid by itself."""
+    above = [wall(10.0, 1.5, 4.0, 9.0), wall(10.0, 3.5, 30.0, 9.0)]
+    scenario = scene(walls=[*above, wall(10.0, -30.0, -1.5, 9.0), wall(12.0, -0.2, 0.2)])
+    search = WaySearch(problem_of(scenario))
+    assert search.best() is not None
+    shut = {(zone, side) for zone in range(4) for side in (1, -1) if search.cells.shut([(zone, side)])}
+    # The walls themselves are passed on one side alone, the block on both.
+    assert shut == {(0, -1), (1, -1), (2, 1)}
+    assert search.cells.shut([(3, 1), (0, -1)])
+    monkeypatch.setattr(Cells, "shut", lambda self, closed: False)
+    for zone in range(4):
+        for side in (1, -1):
+            beyond = search.best(((zone, side),))
+            assert (beyond is None) == ((zone, side) in shut)
+
+
+def test_what_stands_is_cut_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of(scene(*CROSSERS, walls=[wall(12.0, -3.0, 1.0)]))
+    grid = Grid.of(problem, Fineness())
+    at_once, cuts = Cells(problem, grid).free, []
+    honest = Lines.cuts
+
+    def told(self: Lines, line: Index, delay: Index, zone: Index, times: Array) -> Cuts:
+        cuts.append(zone)
+        return honest(self, line, delay, zone, times)
+
+    monkeypatch.setattr(Lines, "cuts", told)
+    cells = Cells(problem, grid)
+    cells.look(1)
+    cells.look(DELAYS // 2)
+    np.testing.assert_array_equal(cells.free, at_once)
+    (standing,) = problem.zones.standing
+    assert sum(bool(np.any(some == standing)) for some in cuts) == 1
 
 
 def test_many_zones_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:

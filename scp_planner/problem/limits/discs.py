@@ -18,7 +18,8 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.threat_zones.batch import ZoneBatch
-from scp_planner.threat_zones.nearness import NEAR, nearness_of_samples
+from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.nearness import ABREAST, NEAR, nearness_of_samples
 from scp_planner.trips.path import Path, PathPoints
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
@@ -103,7 +104,7 @@ class Discs:
         self.offsets, self.samples, self.zones = offsets, samples, zones
         self._order = np.argsort(samples.sigma, kind="stable")
         self._last: tuple[Trajectory, Array] | None = None
-        self._near: _NearRows | None = None
+        self._near: NearRows | None = None
         self._others: Discs | None = None
 
     def among(self, zones: ZoneBatch) -> Discs:
@@ -138,23 +139,41 @@ class Discs:
         counts[:, self._order] = beside
         return np.where(counts, -clearance, -np.inf)
 
+    def near(self, trajectory: Trajectory) -> NearRows:
+        """Return the depths of all discs that are looked at in a step, and their gradients."""
+        if self._near is None or self._near.trajectory is not trajectory:
+            index = np.flatnonzero(self.depths(trajectory) > -NEAR)
+            contacts = self._contacts(trajectory, index)
+            some = self.zones.leaders(index // max(self.zones.size, 1), self._split(index)[2], contacts, ABREAST * NEAR)
+            index = index[some]
+            self._near = NearRows(trajectory, index, self._gradient(trajectory, index, contacts.take(some)))
+        return self._near
+
     def gradient(self, trajectory: Trajectory, place: int, index: Index) -> Array:
         """Return gradients of some depths of one disc by all offsets and what follows; of all that are near at once."""
-        wanted = index + place * len(self.samples.sigma) * self.zones.size
-        if self._near is None or self._near.trajectory is not trajectory:
-            near = np.flatnonzero(self.depths(trajectory) > -NEAR)
-            self._near = _NearRows(trajectory, near, self._gradient(trajectory, near))
-        near, rows = self._near.index, self._near.index.searchsorted(wanted)
-        if rows.max(initial=-1) >= len(near) or np.any(near[rows] != wanted):
-            return self._gradient(trajectory, wanted)
-        return self._near.gradient[rows]
+        wanted, near = index + place * len(self.samples.sigma) * self.zones.size, self.near(trajectory)
+        rows = near.index.searchsorted(wanted)
+        if rows.max(initial=-1) >= len(near.index) or np.any(near.index[rows] != wanted):
+            return self._gradient(trajectory, wanted, self._contacts(trajectory, wanted))
+        return near.gradient[rows]
 
-    def _gradient(self, trajectory: Trajectory, index: Index) -> Array:
+    def _split(self, index: Index) -> tuple[Index, Index, Index]:
+        """Discs, samples and zones of some depths."""
         disc, index = np.divmod(index, max(len(self.samples.sigma) * self.zones.size, 1))
-        sample, zone = np.divmod(index, max(self.zones.size, 1))
+        return disc, *np.divmod(index, max(self.zones.size, 1))
+
+    def _contacts(self, trajectory: Trajectory, index: Index) -> ZoneContacts:
+        """Contacts of discs and zones that some depths are of."""
+        disc, sample, zone = self._split(index)
+        points = trajectory.kept_at(self.samples)
+        return self.zones.contacts(
+            zone, points.time[sample], disc_positions(points.path.take(sample), self.offsets[disc])
+        )
+
+    def _gradient(self, trajectory: Trajectory, index: Index, contacts: ZoneContacts) -> Array:
+        disc, sample, _ = self._split(index)
         points, offset = trajectory.kept_at(self.samples).take(sample), self.offsets[disc]
         path, tau = points.path, trajectory.travel_time
-        contacts = self.zones.contacts(zone, points.time, disc_positions(path, offset))
         swing = Swing.of(path)
         curvature = trajectory.path.bend(path).curvature
         along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
@@ -167,7 +186,7 @@ class Discs:
 
 
 @dataclass(frozen=True)
-class _NearRows:
+class NearRows:
     """Gradients of the depths of all discs of a trip that are near, (m, all offsets and more), and which, (m,)."""
 
     trajectory: Trajectory
@@ -211,17 +230,21 @@ class DiscClearance(OptionalLimit):
 
     def touched(self, trajectory: Trajectory, depth: Array, near: float) -> dict[int, int]:
         """Zones that the disc comes nearer to than so much, m, and its side of them: 1 to the left, or -1."""
-        found: dict[int, int] = {}
         zones, samples = self.discs.zones, self.discs.samples
-        if depth.size != len(samples.sigma) * zones.size:
-            return found  # of a trip among more zones than these
-        depths = depth.reshape(-1, max(zones.size, 1))
-        for zone in np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near).tolist():
-            points = trajectory.at(samples.take(np.argmax(depths[:, zone : zone + 1], axis=0)))
-            place = disc_positions(points.path, self.offset)
-            contacts = zones.contacts(np.array([zone]), points.time, place)
-            found[zone] = 1 if float((contacts.normal * points.path.normal).sum()) > 0.0 else -1
-        return found
+        if depth.size == 0 or depth.size != len(samples.sigma) * zones.size:
+            return {}  # of a trip among more zones than these
+        depths = depth.reshape(-1, zones.size)
+        near_zones = np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near)
+        points = trajectory.kept_at(samples).take(depths[:, near_zones].argmax(axis=0))
+        contacts = zones.contacts(near_zones, points.time, disc_positions(points.path, self.offset))
+        sides = np.einsum("ij,ij->i", contacts.normal, np.broadcast_to(points.path.normal, contacts.normal.shape))
+        return dict(zip(near_zones.tolist(), np.where(sides > 0.0, 1, -1).tolist(), strict=True))
+
+    def places(self, trajectory: Trajectory, excess: Array) -> Index:
+        """Return the depths that are looked at in a step, without those that others imply."""
+        near, count = self.discs.near(trajectory).index, len(excess)
+        first, last = near.searchsorted([self.place * count, (self.place + 1) * count])
+        return near[first:last] - self.place * count
 
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:
         """Return the gradients of the depths."""

@@ -9,6 +9,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Self
 
+import numpy as np
+
 from scp_planner.arrays import Array, Index
 from scp_planner.trips.trajectory import Trajectory
 
@@ -33,6 +35,11 @@ class OptionalLimit(ABC):
     @abstractmethod
     def excess(self, trajectory: Trajectory) -> Array:
         """Return the excess in each place, (n,); -inf where it does not count."""
+
+    def places(self, trajectory: Trajectory, excess: Array) -> Index:
+        """Return the places that are looked at in a step, (m,), given the excesses of a trip."""
+        del trajectory
+        return np.flatnonzero(excess > -self.near)
 
     @abstractmethod
     def gradient(self, trajectory: Trajectory, index: Index) -> Array:

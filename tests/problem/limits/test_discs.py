@@ -98,6 +98,36 @@ def test_the_rows_of_discs_agree_with_differences(name: str) -> None:
         assert found[usual] == pytest.approx(expected[usual], abs=1e-5 * max(1.0, np.abs(expected[usual]).max()))
 
 
+def test_walls_that_overlap_take_no_more_rows_than_one() -> None:
+    block = [[5.0, 1.5], [15.0, 1.5], [15.0, 3.0], [5.0, 3.0]]
+    found = []
+    for walls in ([block], [block, [[x, y + 0.25 * (y > 2.0)] for x, y in block], block]):
+        scenario = scene(vehicle=LONG, walls=walls)
+        problem = build_problem(scenario, sp.zones(scenario), Settings())
+        trip = Trajectory.of(problem.space, problem.ends.theta, np.zeros(problem.space.acceleration_size))
+        limit = next(one for one in problem.optional if isinstance(one, DiscClearance))
+        excess = limit.excess(trip)
+        places = limit.places(trip, excess)
+        assert len(walls) * len(places) <= np.count_nonzero(excess > -limit.near)
+        found.append((places // len(walls), limit.gradient(trip, places)))
+    (one, alone), (several, together) = found
+    np.testing.assert_array_equal(several, one)
+    assert len(one) > 20
+    assert together == pytest.approx(alone, abs=1e-12)
+
+
+def test_the_sides_on_which_discs_touch_are_told() -> None:
+    posts = [disc("left", (8.0, 1.1)), disc("right", (13.0, -1.1)), disc("far", (16.0, 3.0))]
+    scenario = scene(*posts, vehicle=LONG)
+    problem = build_problem(scenario, sp.zones(scenario), Settings())
+    trip = Trajectory.of(problem.space, problem.ends.theta, np.zeros(problem.space.acceleration_size))
+    limit = next(one for one in problem.optional if isinstance(one, DiscClearance))
+    # To the right of what is to the left
+    assert limit.touched(trip, limit.excess(trip), 0.2) == {0: -1, 1: 1}
+    assert limit.touched(trip, limit.excess(trip), 0.05) == {}
+    assert limit.touched(trip, np.zeros(0), 0.2) == {}
+
+
 def test_a_trip_that_is_safe_for_one_disc_is_refused_for_a_long_vehicle() -> None:
     """The front swings out where the path turns."""
     wall = {"id": "wall", "shape": {"rectangle": [0.4, 16.0]}, "motion": {"position": [11.15, 6.0]}}
