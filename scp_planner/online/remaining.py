@@ -21,6 +21,22 @@ from scp_planner.trips.trajectory import Trajectory, arriving
 from scp_planner.trips.trip import Trip
 
 
+@dataclass(frozen=True)
+class TripSamples:
+    """Samples of a trip: times on its clock, (n,) s, and positions in its frame, (n, 2) m."""
+
+    time: Array
+    position: Array
+
+    @classmethod
+    def of(cls, trip: Trip, first: float, count: int) -> TripSamples:
+        """Return so many of a trip, from a normalised time on."""
+        trajectory = trip.trajectory
+        sigma = first + (1.0 - first) * np.linspace(0.0, 1.0, count)
+        parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
+        return cls(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)
+
+
 def _guide_from(guide: Sequence[tuple[float, float]], position: tuple[float, float]) -> tuple[tuple[float, float], ...]:
     """What is left of a polyline from the point nearest to a position on, beginning at the position."""
     points = np.array(guide)

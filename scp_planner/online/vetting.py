@@ -24,7 +24,7 @@ from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import Braking, braking_of
 from scp_planner.online.foresight import foreseen, smaller
-from scp_planner.online.remaining import State
+from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import fits, standing_from, standing_trip, surely_clear
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
@@ -54,7 +54,6 @@ NOTHING = 1e-6
 """Units of length."""
 TINY_TIME = 1e-9
 """Units of time."""
-_SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
 
 
 @dataclass(frozen=True)
@@ -326,7 +325,7 @@ class Vetting:
     def _may_hold(self, now: Moment, trip: Trip, evaluation: Evaluation | None) -> bool:
         """Whether a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
         if evaluation is None:
-            ahead = self._samples(trip, 0.0)
+            ahead = TripSamples.of(trip, 0.0, TRIP_SAMPLES)
             return bool(now.batch.distances(ahead.time, ahead.position, EXACT).min(initial=np.inf) >= 0.0)
         if evaluation.worst_violation > FEASIBILITY:
             return False
@@ -468,19 +467,11 @@ class Vetting:
         entered = away.min(axis=1, initial=np.inf) < 0.0
         return float(times[entered.argmax()] - times[0]) if entered.any() else math.inf
 
-    def _ahead(self, now: Moment, trip: Trip) -> _Ahead | None:
+    def _ahead(self, now: Moment, trip: Trip) -> TripSamples | None:
         """Samples of what is left of a trip, if the vehicle is on it."""
         first = min(max((now.state.time - trip.frame.time) / trip.trajectory.travel_time, 0.0), 1.0)
-        ahead = self._samples(trip, first)
+        ahead = TripSamples.of(trip, first, TRIP_SAMPLES)
         return ahead if self._is_at(now, trip.frame, ahead.position[0]) else None
-
-    @staticmethod
-    def _samples(trip: Trip, first: float) -> _Ahead:
-        """Samples of a trip from a normalised time on."""
-        trajectory = trip.trajectory
-        sigma = first + (1.0 - first) * _SHARES
-        parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
-        return _Ahead(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)
 
     def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:
         return self._is_near(now, frame.to_world(position))
@@ -491,14 +482,6 @@ class Vetting:
     def is_on(self, now: Moment, trip: Trip) -> bool:
         """Whether the vehicle is where a trip has it."""
         return self._is_near(now, trip.place_at(now.state.time))
-
-
-@dataclass(frozen=True)
-class _Ahead:
-    """Samples of a trip: times on its clock, (n,) s, and positions in its frame, (n, 2) m."""
-
-    time: Array
-    position: Array
 
 
 def _violations(certificate: Certificate) -> str:

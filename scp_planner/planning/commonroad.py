@@ -99,11 +99,16 @@ def plan_commonroad(
         read_commonroad(path, problem), model, car, settings, inf if time_limit is None else perf_counter() + time_limit
     )
     best: CommonRoadPlan | None = None
+    tried: list[Scenario] = []
     for number, state in enumerate(job.file.goal_states()):
         for trial in _trials(number, state):
             if best is not None and job.left <= 0.0:
                 break
-            made = job.planned(trial) if best is None else job.again(trial, best)
+            scenario = job.scenario(trial)
+            if scenario in tried and not trial.thorough:
+                continue  # an aim is where another one is
+            tried.append(scenario)
+            made = job.planned(trial, scenario) if best is None else job.again(trial, best, scenario)
             if not trial.quick:
                 made = _closer(job, trial, made)
             made = _found(job, replace(trial, discs=len(made.scenario.vehicle.discs)), made)
@@ -135,12 +140,14 @@ class _Job:
         """Of the time, for one trial, s."""
         return SHARE * (self.deadline - perf_counter())
 
-    def planned(self, trial: _Trial) -> CommonRoadPlan:
+    def scenario(self, trial: _Trial) -> Scenario:
+        """Return what is to be planned."""
+        made = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
+        return made.model_copy(update={"vehicle": made.vehicle.model_copy(update=trial.soft)})
+
+    def planned(self, trial: _Trial, scenario: Scenario) -> CommonRoadPlan:
         """Plan what is tried."""
         left = max(self.left, 0.0)
-        scenario = scenario_of(self.file, model=self.model, car=self.car, aim=trial.aim, discs=trial.discs)
-        vehicle = scenario.vehicle.model_copy(update=trial.soft)
-        scenario = scenario.model_copy(update={"vehicle": vehicle})
         settings = self.settings or road_settings(scenario)
         if trial.quick:
             settings = replace(settings, max_runs=QUICK_RUNS, searches=QUICK_SEARCHES)
@@ -148,10 +155,10 @@ class _Job:
             scenario, planned(scenario, settings, time_limit=None if left == inf else left, thorough=trial.thorough)
         )
 
-    def again(self, trial: _Trial, made: CommonRoadPlan) -> CommonRoadPlan:
+    def again(self, trial: _Trial, made: CommonRoadPlan, scenario: Scenario | None = None) -> CommonRoadPlan:
         """Plan what is tried; what there is already, where the time is over before all obstacles can be looked at."""
         try:
-            return self.planned(trial)
+            return self.planned(trial, scenario or self.scenario(trial))
         except TooLargeError:
             return made
 

@@ -297,15 +297,17 @@ def test_all_aims_are_tried_before_the_first_one_is_tried_thoroughly(road_file: 
     asked = []
 
     def planned(scenario: sp.Scenario, *rest: Any, thorough: bool, **more: Any) -> sp.Plan:
-        asked.append((scenario.goal.position, thorough))
+        asked.append((scenario, thorough))
         found = offline.planned(scenario, *rest, thorough=thorough, **more)
         return replace(found, status=PlanStatus.INFEASIBLE)
 
     monkeypatch.setattr("scp_planner.planning.commonroad.planned", planned)
     assert not plan_commonroad(road_file, model="KS").plan.certified
     assert [thorough for _, thorough in asked] == [False] * (len(asked) - 1) + [True]
-    assert len({position for position, _ in asked}) > 2
-    assert asked[-1][0] == asked[0][0]
+    aims = [scenario for scenario, thorough in asked if not thorough]
+    assert len({scenario.goal.position for scenario in aims}) > 2
+    assert asked[-1][0] == aims[0]
+    assert all(one != other for one, other in pairwise(aims)), "where an aim is another one, it is not tried twice"
 
 
 def test_no_time_at_all_leaves_what_is_at_hand(road_file: Path) -> None:
