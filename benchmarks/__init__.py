@@ -2,6 +2,7 @@
 
 - ``python -m benchmarks.planning``: the reference scenarios, stage by stage; scaling; random scenarios.
 - ``python -m benchmarks.peers``: other methods and solvers on the same scenarios, in the same process.
+- ``python -m benchmarks.corridors``: what a corridor costs beside the same trip without it.
 - ``python -m benchmarks.report``: the results page ``docs/benchmarks.md`` from the CSV files of the two.
 
 Whatever is timed runs on one thread: the entry points import :mod:`benchmarks.common` first, which says so to

@@ -233,11 +233,11 @@ def _ratio(found: dict[str, dict[str, Any]], other: str) -> float:
 
 
 def _row(name: str, found: dict[str, dict[str, Any]]) -> str:
-    """One road: ratios of plans; of each scene ms of plan and scenario, iterations, programs, travel time, status."""
+    """One road: ratios of plans; of each scene ms of plan and scenario, iterations, programs, time and status."""
     ratios = "  ".join(f"{_ratio(found, other):5.2f}" for other in ("guide", "straight"))
     cells = [
-        f"{1e3 * each['plan']:5.0f} {1e3 * each['scenario']:3.0f} {each['iterations']:3d} {each['programs']:3d} {each['travel_time']:6.2f} "
-        f"{each['status'][:4]}"
+        f"{1e3 * each['plan']:5.0f} {1e3 * each['scenario']:3.0f} {each['iterations']:3d} {each['programs']:3d} "
+        f"{each['travel_time']:6.2f} {each['status'][:4]}"
         for each in found.values()
     ]
     return f"{name:26} {ratios}   " + " | ".join(cells)
