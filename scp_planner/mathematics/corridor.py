@@ -214,7 +214,9 @@ class _Ring:
         along = corners[after] - corners
         normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
         own = normals @ self._corners.T - np.einsum("ki,ki->k", normals, corners)[:, None]
-        beyond = own.max(axis=1) < -self._near * np.hypot(along[:, 0], along[:, 1])
+        lengths = np.hypot(along[:, 0], along[:, 1])
+        # Edges of pieces may be as short as rounding: these have no direction to go by
+        beyond = (own.max(axis=1) < -self._near * lengths) & (lengths > self._near)
         apart |= np.logical_or.reduceat(beyond, first)
         cut = np.minimum.reduceat(sides, first, axis=1) <= self._near
         return [

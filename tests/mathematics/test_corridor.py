@@ -46,6 +46,55 @@ def test_the_outside_is_what_shapely_says(seed: int) -> None:
     assert len(walls) <= 12 * len(polygons)
 
 
+def joined(count: int, size: float, turned: float) -> list[list[planar.Point]]:
+    """A road of quadrilaterals that share their ends, bent to the left in its middle third."""
+    share = np.linspace(0.0, 1.0, 60 * count + 1)
+    headings = turned + 0.5 * np.pi * np.clip(3.0 * share - 1.0, 0.0, 1.0)
+    steps = size / (60.0 * count) * np.stack([np.cos(headings[1:]), np.sin(headings[1:])], axis=1)
+    middle = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])[::60]
+    aside = size / 32.0 * np.stack([-np.sin(headings[::60]), np.cos(headings[::60])], axis=1)
+    left, right = ([(x, y) for x, y in side.tolist()] for side in (middle + aside, middle - aside))
+    return [[right[k], right[k + 1], left[k + 1], left[k]] for k in range(count)]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_wall_lies_in_a_road_of_parts_that_share_their_ends(seed: int) -> None:
+    """Where lines of many parts meet in a point, edges of walls are no longer than rounding, in any direction."""
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        polygons = joined(int(rng.integers(20, 60)), float(rng.uniform(10.0, 40.0)), float(rng.uniform(0.0, 6.0)))
+        road = unary_union([Polygon(polygon) for polygon in polygons])
+        walls = corridor.outside(polygons)
+        assert max(Polygon(wall).intersection(road).area for wall in walls) < 1e-6 * road.area
+        outside = road.buffer(0.5 * corridor.WALL).difference(unary_union([Polygon(wall) for wall in walls]))
+        assert outside.area == pytest.approx(road.area, rel=1e-5)
+
+
+def test_edges_that_are_only_rounding_do_not_tell_polygons_apart() -> None:
+    """Two edges of the wall are 4e-14 long, and point anywhere."""
+    wall = (
+        (-3.4665853611371893, 17.383449334099772),
+        (6.221138148495861, 7.920997475235186),
+        (6.221138148495897, 7.920997475235175),
+        (6.221138148495899, 7.920997475235175),
+        (15.987755799167285, 6.491669122337892),
+        (17.892680068776883, 7.993390329196526),
+        (17.892680068776883, 17.608720984868228),
+        (-3.4665853611371893, 17.608720984868228),
+    )
+    part = (
+        (14.769961582564427, 6.463718297105394),
+        (14.873951978553054, 7.342328716564404),
+        (13.383414534878723, 7.442010446603154),
+        (13.297337569370379, 6.714749837081916),
+    )
+    assert Polygon(wall).intersection(Polygon(part)).area > 0.9
+    assert corridor._Ring(part, 1e-3).cuts([wall]) != [None]
+    edge = Polygon(part).buffer(1.0).exterior.coords[:-1]
+    away = tuple((x - 20.0, y - 20.0) for x, y in edge)
+    assert corridor._Ring(away, 1e-3).cuts([wall]) == [None]
+
+
 def test_the_signed_distance_to_the_outside_is_the_room_in_the_corridor() -> None:
     polygons = [rectangle(-1, -1, 9, 1), [[7, -1], [9, -1], [10, 4], [8, 4]], rectangle(6, 3, 14, 8)]
     scenario = scene(goal={"position": [12.0, 6.0]}, corridor=polygons)
