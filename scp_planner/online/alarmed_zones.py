@@ -28,7 +28,7 @@ KNOTS = 8
 SPAN = 0.4
 """Shortest period of a swing, of one of them."""
 LOOKS = np.array([0.0, 0.05, 0.15, 0.3, 0.6])
-"""Of the first of them: moments besides the ends of all at which lengths are summed up."""
+"""Of the first of them: moments besides the ends of all, of what grows fast at first, by a hundred times and more."""
 
 
 class Alarmed:
@@ -100,7 +100,6 @@ class Alarmed:
         bank, count = self.bank, len(self.tracks)
         span = SPAN * 2.0 * np.pi / float(bank.widening.swings.rates.max())
         leads = span * np.concatenate([LOOKS, np.arange(1.0, KNOTS)])
-        knots = np.concatenate([[0], len(LOOKS) + np.arange(KNOTS - 1)])
         many = len(leads)
         times = np.repeat(start + leads, count)
         near = self._mixture(bank.mixed(np.tile(self.slots, many), times), start, leads)
@@ -116,10 +115,10 @@ class Alarmed:
             summed = lengths_of(settled) + (end - leads[-1]) * speed[-1]
             return np.asarray(summed + (0.5 * np.diff(leads)[:, None] * (speed[1:] + speed[:-1])).sum(axis=0))
 
-        centers = near.mean.reshape(many, count, 3, 2)[knots]
-        moments = np.stack([error, 2.0 * even(cross), 2.0 * (rate + even(force))], axis=2)[knots]
+        centers = near.mean.reshape(many, count, 3, 2)
+        moments = np.stack([error, 2.0 * even(cross), 2.0 * (rate + even(force))], axis=2)
         moments = moments[..., [0, 0, 1], [0, 1, 1]]
-        breaks = start + np.concatenate([leads[knots], [end, HORIZON]])
+        breaks = start + np.concatenate([leads, [end, HORIZON]])
         widths = np.diff(breaks)[:-1]
         future = Future(
             breaks,
