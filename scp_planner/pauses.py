@@ -1,8 +1,9 @@
-"""Looks at the clock during long work, by rooms that know no clock: they ask now and then whether to go on."""
+"""Looks at the clock during long work: by what has a deadline, or by rooms that know none and ask whether to go on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from time import perf_counter
 from typing import TypeAlias, TypeVar
 
 GoOn: TypeAlias = Callable[[], None]
@@ -11,6 +12,27 @@ GoOn: TypeAlias = Callable[[], None]
 IN_A_ROW = 16  # of many things, until it is asked whether to go on: work on fewer of them is never ended
 
 T = TypeVar("T")
+
+
+class OutOfTimeError(Exception):
+    """What was begun was not done at its deadline."""
+
+
+def look_at_the_clock(deadline: float) -> None:
+    """Give up work that is late.
+
+    Parameters
+    ----------
+    deadline : float
+        Value of :func:`time.perf_counter`.
+
+    Raises
+    ------
+    OutOfTimeError
+        If it is past that.
+    """
+    if perf_counter() > deadline:
+        raise OutOfTimeError
 
 
 def with_pauses(things: Iterable[T], go_on: GoOn | None) -> Iterator[T]:

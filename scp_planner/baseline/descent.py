@@ -45,6 +45,7 @@ from scp_planner.baseline.objective_parts import (
     Weights,
 )
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
 from scp_planner.threat_zones.nearness import NEAR
@@ -63,10 +64,6 @@ OUTSIDE = 1e6  # units of time; value of trips that never arrive
 CAREFUL = 10.0  # times the first prices, in the second attempt
 CAREFUL_WIDTH = 0.05  # units of length; widest hinge of the second attempt
 CERTIFIED_LIMITS = {"lateral_acceleration": LATERAL, "curvature": CURVATURE, "speed": SPEED}
-
-
-class _OutOfTimeError(Exception):
-    """The deadline has passed."""
 
 
 class Descent:
@@ -137,7 +134,7 @@ class Descent:
                 self._stage(width)
                 self._raise_prices(width)
             self.settle()
-        except _OutOfTimeError:
+        except OutOfTimeError:
             run.status = DescentStatus.TIME_LIMIT
             run.evaluation = self._exact()
         logger.debug("descent: %s after %d evaluations", run.status.value, run.evaluations)
@@ -169,7 +166,7 @@ class Descent:
         self.problem = with_margins(self.problem, moved)
         try:
             self.settle()
-        except _OutOfTimeError:
+        except OutOfTimeError:
             self.run_so_far.status = DescentStatus.TIME_LIMIT
             self.run_so_far.evaluation = self._exact()
         return self.run_so_far
@@ -248,8 +245,7 @@ class Descent:
 
     def evaluate(self, y: Array, *, gradient: bool = True) -> tuple[float, Array]:
         """Value and gradient in the scaled coordinates; the best y is kept."""
-        if perf_counter() > self.deadline:
-            raise _OutOfTimeError
+        look_at_the_clock(self.deadline)
         self.run_so_far.evaluations += 1
         found = self.objective.evaluate(self.coordinates.omega(y), gradient=gradient)
         if not np.isfinite(found.value):

@@ -27,7 +27,7 @@ from typing import Protocol
 
 import numpy as np
 
-from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, OutOfTimeError, Scope, look_at_the_clock
+from scp_planner.certificate.checked_trip import WHOLE, CheckedTrip, Scope
 from scp_planner.certificate.clearance import VehicleDisc, least_clearance, leaves_bounds
 from scp_planner.certificate.limits import keeps_speed_later, limits_found
 from scp_planner.certificate.remembered import KeptMotion, Motions
@@ -44,6 +44,7 @@ from scp_planner.certificate.verdict import (
 )
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.files import LARGEST_COORDINATE
+from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.scenario.limits import Limits
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.certificate.enclosures import Enclosure, Pieces
 from scp_planner.certificate.verdict import Ends, LimitUse, Violation
 from scp_planner.estimation.tracking import TrackingTube
+from scp_planner.pauses import look_at_the_clock
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.trips.space import CELLS_PER_SPAN
@@ -72,27 +72,6 @@ class Scope:
 
 
 WHOLE = Scope()
-
-
-class OutOfTimeError(Exception):
-    """A check was not done at its deadline."""
-
-
-def look_at_the_clock(deadline: float) -> None:
-    """Give up a check that is late.
-
-    Parameters
-    ----------
-    deadline : float
-        Value of :func:`time.perf_counter`.
-
-    Raises
-    ------
-    OutOfTimeError
-        If it is past that.
-    """
-    if perf_counter() > deadline:
-        raise OutOfTimeError
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ guide may lead, found on a grid by Dijkstra's method, and pulled tight.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, sqrt
-from time import perf_counter
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.rounding import DECIMALS
+from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.places import Line, Stretch, limits_at, reference_line
@@ -64,10 +65,12 @@ class Ground:
     beside: float = 0.0
     deadline: float = np.inf
 
-    def _go_on(self) -> None:
-        """Give a look up that is late."""
-        if perf_counter() > self.deadline:
-            raise _OutOfTimeError
+    def _parts(self, count: int, looks: int) -> Iterator[slice]:
+        """Yield parts of so many points at each of which is looked so often, while there is time."""
+        size = max(1, MOST_LOOKS // max(looks, 1))
+        for begin in range(0, count, size):
+            look_at_the_clock(self.deadline)
+            yield slice(begin, begin + size)
 
     def room(self, points: Array, enough: float = 0.0) -> Array:
         """How far points (n, 2) m are from where may not be driven, (n,) m; negative there.
@@ -77,23 +80,20 @@ class Ground:
         found = np.minimum(self.farthest - self.line.distances(points), self.box.room(points))
         if self.standing.size:
             outlines = self.standing.outlines
-            size = max(1, MOST_LOOKS // max(self.standing.size, 0 if outlines is None else len(outlines.corners)))
-            for begin in range(0, len(points), size):
-                self._go_on()
-                part = points[begin : begin + size]
+            corners = 0 if outlines is None else len(outlines.corners)
+            for some in self._parts(len(points), max(self.standing.size, corners)):
+                part = points[some]
                 away = self.standing.distances(np.zeros(len(part)), part, enough).min(axis=1)
-                np.minimum(found[begin : begin + size], away, out=found[begin : begin + size])
+                np.minimum(found[some], away, out=found[some])
         return found
 
     def slowness(self, points: Array) -> Array:
         """Time in s that a metre takes at points (n, 2) m, (n,)."""
         around = self.beside * AROUND if self.beside > 0.0 else AROUND[:1]
-        size, limits = max(1, MOST_LOOKS // (len(around) * max(len(self.slow), 1))), np.empty(len(points))
-        for begin in range(0, len(points), size):
-            self._go_on()
-            places = points[begin : begin + size] + around[:, None]
-            found = limits_at(self.slow, places.reshape(-1, 2)).reshape(len(around), -1)
-            limits[begin : begin + size] = found.min(axis=0)
+        limits = np.empty(len(points))
+        for some in self._parts(len(points), len(around) * max(len(self.slow), 1)):
+            places = points[some] + around[:, None]
+            limits[some] = limits_at(self.slow, places.reshape(-1, 2)).reshape(len(around), -1).min(axis=0)
         return 1.0 / np.minimum(limits, self.top)
 
     def duration(self, begin: Array, end: Array, step: float) -> float:
@@ -104,10 +104,6 @@ class Ground:
         if self.room(points).min() < 0.0:
             return np.inf
         return length * float(self.slowness(points).mean())
-
-
-class _OutOfTimeError(Exception):
-    """A look at the ground was not done at its deadline."""
 
 
 def fastest_way(
@@ -143,7 +139,7 @@ def fastest_way(
             before, points = len(points), _pulled_tight(points, ground, grid.step / LOOKS_A_STEP)
             if len(points) == before:
                 break
-    except _OutOfTimeError:
+    except OutOfTimeError:
         return None
     return points
 
