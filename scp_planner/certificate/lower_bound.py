@@ -27,7 +27,7 @@ import numpy as np
 from scp_planner.certificate.fastest_drive import ROUNDING, SPEED_ROUNDING
 from scp_planner.certificate.relaxation import CELLS, FEW_CELLS, SOME_CELLS, NotDecided, Relaxation
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.scenario.limits import Limits, straight_travel_time
+from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -52,12 +52,7 @@ def kinematic_bound(scenario: Scenario) -> float:
     float
         s.
     """
-    time, _ = straight_travel_time(
-        float(np.hypot(*np.subtract(scenario.goal.position, scenario.start.position))) - scenario.goal.radius,
-        scenario.start.speed,
-        Limits.of(scenario),
-        scenario.goal.speed,
-    )
+    time = straight_trip_time(scenario, Limits.of(scenario))
     earliest = scenario.goal.earliest_arrival
     return time if earliest is None else max(time, earliest - scenario.start.time)
 

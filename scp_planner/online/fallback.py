@@ -146,7 +146,8 @@ class Fallback:
             trial = Trajectory.of(problem.space, ahead.theta, eased(problem, ahead, share))
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
-            vetted = self._means.vet_slower(now, problem, trial)
+            # Driven slower, where the last trip was to be left says little.
+            vetted = self._means.vet(now, problem, trial, branch=np.inf)
             if isinstance(vetted, Vetted):
                 return vetted
         return None

@@ -22,7 +22,7 @@ from scp_planner.online.vetting import COMMITMENT, Moment, Refusal, Stop, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
-from scp_planner.scenario.limits import Limits, straight_travel_time
+from scp_planner.scenario.limits import Limits, straight_trip_time
 from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
@@ -174,12 +174,7 @@ class Means:
 
     def least_time(self, scenario: Scenario) -> float:
         """Return the time that a straight trip without obstacles takes within the limits of the plans, s."""
-        goal = scenario.goal
-        length = math.dist(goal.position, scenario.start.position) - goal.radius
-        if length <= 0.0:
-            return 0.0
-        limits = Limits.of(scenario, self.settings.limit_margin)
-        return straight_travel_time(length, scenario.start.speed, limits, goal.speed)[0]
+        return straight_trip_time(scenario, Limits.of(scenario, self.settings.limit_margin))
 
     def foreseen(self, batch: ZoneBatch, clock: float = 0.0) -> ZoneBatch:
         """The zones that trips are planned among, of those on a clock that shows a time now."""
@@ -203,21 +198,19 @@ class Means:
         return problem.among(problem.zones.inflated(room)) if room.any() else None
 
     def vet(
-        self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any = None, iterations: int = 0
+        self,
+        now: Replan,
+        problem: Problem,
+        trajectory: Trajectory,
+        evaluation: Any = None,
+        iterations: int = 0,
+        branch: float | None = None,
     ) -> Vetted | Refusal:
-        """Certify a trip, with the newest observations."""
-        branch = math.inf if now.last is None else now.last.branch_time
-        return self._vetted(now, problem, trajectory, evaluation, iterations, branch)
-
-    def vet_slower(self, now: Replan, problem: Problem, trajectory: Trajectory) -> Vetted | Refusal:
-        """Certify a trip along which the last one is driven slower: where that was left says little of it."""
-        return self._vetted(now, problem, trajectory, None, 0, math.inf)
-
-    def _vetted(
-        self, now: Replan, problem: Problem, trajectory: Trajectory, evaluation: Any, iterations: int, branch: float
-    ) -> Vetted | Refusal:
+        """Certify a trip, with the newest observations; a stop that leaves it at a time, s, first: as the last did."""
         if self.inbox:
             now.moment = self.moment(now.moment.state)
+        if branch is None:
+            branch = math.inf if now.last is None else now.last.branch_time
         vetted = self.vetting.vet(now.moment, problem, trajectory, evaluation, iterations, branch)
         now.lap("certificate")
         return vetted

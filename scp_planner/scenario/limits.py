@@ -85,6 +85,13 @@ class Box:
         return least
 
 
+def straight_trip_time(scenario: Scenario, limits: Limits) -> float:
+    """Return the time of a straight trip without obstacles to the goal of a scenario, s; 0 of one that is there."""
+    start, goal = scenario.start, scenario.goal
+    length = float(np.hypot(*np.subtract(goal.position, start.position))) - goal.radius
+    return 0.0 if length <= 0.0 else straight_travel_time(length, start.speed, limits, goal.speed)[0]
+
+
 def straight_travel_time(
     length: float, start_speed: float, limits: Limits, goal_speed: float | None = None
 ) -> tuple[float, tuple[float, ...]]:
