@@ -22,6 +22,7 @@ from scp_planner.online.way_left import way_left, way_left_both_ways
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Steering, Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.nearness import SweptBoxes, least_clearances
 from scp_planner.trips.trip import Trip
 
 PATIENCE = 10.0
@@ -367,10 +368,8 @@ def _is_clear(box: Box, standing: ZoneBatch, place: Array) -> Mask:
 
 def _within_box(standing: ZoneBatch, points: Array) -> Index:
     """Zones that stand and may reach into the box round points, (n, 2) m."""
-    now = np.zeros(1)
-    centers, reach = standing.centers.grid(now)[0], standing.reach(now)[0]
-    beyond = np.maximum(np.maximum(points.min(axis=0) - centers, centers - points.max(axis=0)), 0.0)
-    return np.flatnonzero(np.hypot(beyond[:, 0], beyond[:, 1]) <= reach)
+    box = SweptBoxes(np.zeros(1), 0.0, points.min(axis=0)[None], points.max(axis=0)[None])
+    return np.flatnonzero(least_clearances(standing, box) <= 0.0)
 
 
 def until_over(near: Array, driven: Driven) -> Array:

@@ -29,10 +29,9 @@ class TripSamples:
     position: Array
 
     @classmethod
-    def of(cls, trip: Trip, first: float, count: int) -> TripSamples:
-        """Return so many of a trip, from a normalised time on."""
+    def of(cls, trip: Trip, sigma: Array) -> TripSamples:
+        """Return those of a trip at normalised times, (n,)."""
         trajectory = trip.trajectory
-        sigma = first + (1.0 - first) * np.linspace(0.0, 1.0, count)
         parameters = trajectory.path.parameter_at(trajectory.drive_at(sigma).distance)
         return cls(trajectory.travel_time * sigma, trajectory.path.points(parameters).position)
 

@@ -54,6 +54,7 @@ NOTHING = 1e-6
 """Units of length."""
 TINY_TIME = 1e-9
 """Units of time."""
+_SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
 
 
 @dataclass(frozen=True)
@@ -325,7 +326,7 @@ class Vetting:
     def _may_hold(self, now: Moment, trip: Trip, evaluation: Evaluation | None) -> bool:
         """Whether a trip keeps clear of the zones at samples; if not, no certificate is needed to refuse it."""
         if evaluation is None:
-            ahead = TripSamples.of(trip, 0.0, TRIP_SAMPLES)
+            ahead = TripSamples.of(trip, _SHARES)
             return bool(now.batch.distances(ahead.time, ahead.position, EXACT).min(initial=np.inf) >= 0.0)
         if evaluation.worst_violation > FEASIBILITY:
             return False
@@ -470,7 +471,7 @@ class Vetting:
     def _ahead(self, now: Moment, trip: Trip) -> TripSamples | None:
         """Samples of what is left of a trip, if the vehicle is on it."""
         first = min(max((now.state.time - trip.frame.time) / trip.trajectory.travel_time, 0.0), 1.0)
-        ahead = TripSamples.of(trip, first, TRIP_SAMPLES)
+        ahead = TripSamples.of(trip, first + (1.0 - first) * _SHARES)
         return ahead if self._is_at(now, trip.frame, ahead.position[0]) else None
 
     def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite, log2
+from math import log2
 from time import perf_counter
 
 import numpy as np
@@ -198,7 +198,9 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
 
     def _branches(self) -> Iterator[Branch]:
         """Ways round with starts for the loop."""
-        until = self._first_deadline()
+        now = perf_counter()
+        # so that there is time to drive the first way, or what is none
+        until = now + FIRST_SEARCH * max(self.deadline - now, 0.0)
         for coarseness in coarsenesses(self.problem):
             count = 0
             for branch in self._branches_on(WaySearch(self.problem, coarseness, deadline=until)):
@@ -210,13 +212,6 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
         if self.settings.effort >= FINER_EFFORT and not self._proven():
             for fineness in FINER_GRIDS:
                 yield from self._branches_on(WaySearch(self.problem, fineness=fineness, deadline=self.deadline))
-
-    def _first_deadline(self) -> float:
-        """Until when the first way is looked for: so that there is time to drive it, or what is not one."""
-        if self.incumbent is not None or not isfinite(self.deadline):
-            return self.deadline
-        now = perf_counter()
-        return now + FIRST_SEARCH * max(self.deadline - now, 0.0)
 
     def _proven(self) -> bool:
         """Whether it is proved that no trip is notably faster than the best so far; the bound is raised to what is."""

@@ -93,8 +93,8 @@ class Trip:
 
     def place_at(self, time: float) -> tuple[float, float]:
         """Where the vehicle is at an absolute time, s, clamped to the trip: (x, y) in the world, m."""
-        if time in self._place:
-            return self._place[time]
+        if (known := self._place.get(time)) is not None:
+            return known
         trajectory = self.trajectory
         sigma = min(max((time - self.frame.time) / trajectory.travel_time, 0.0), 1.0)
         distance = trajectory.drive_at(np.array([sigma])).distance

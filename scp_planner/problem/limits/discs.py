@@ -237,7 +237,7 @@ class DiscClearance(OptionalLimit):
         near_zones = np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near)
         points = trajectory.kept_at(samples).take(depths[:, near_zones].argmax(axis=0))
         contacts = zones.contacts(near_zones, points.time, disc_positions(points.path, self.offset))
-        sides = np.einsum("ij,ij->i", contacts.normal, np.broadcast_to(points.path.normal, contacts.normal.shape))
+        sides = (contacts.normal * points.path.normal).sum(axis=1)
         return dict(zip(near_zones.tolist(), np.where(sides > 0.0, 1, -1).tolist(), strict=True))
 
     def places(self, trajectory: Trajectory, excess: Array) -> Index:
