@@ -9,6 +9,7 @@ is safe, counts as harm, the more the sooner and deeper.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,10 +19,9 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.braking import braking_of
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, SPANS, DodgeProfiles, Profiles
-from scp_planner.online.dodge_odds import STEADY, odds, odds_of_stop
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
-from scp_planner.online.dodge_worth import a_moment
 from scp_planner.online.dodges import BORDER, Dodges
+from scp_planner.online.expected_harm import harm_of_trip, harms_of_dodges
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.ramped_profiles import RampedProfiles
@@ -32,8 +32,12 @@ from scp_planner.trips.trip import Trip
 
 PACE_KEPT = 0.9
 """Of how long looks took, if the next one is faster."""
-ODDS_TAKE = 3.0
-"""Looks that finding the odds takes as long as."""
+HARM_TAKES = 3.0
+"""Looks that finding the expected harm takes as long as."""
+STEADY = 0.75
+"""Of the harm to be expected of what is being driven, what another may do at most for the vehicle to change over..."""
+EVEN = 0.02
+"""...and harm that makes no difference: of those that differ by no more, the one that is worth most is driven."""
 HURRIED = 1_000_000
 """Samples of dodges, times zones, that are looked at where there is no time left..."""
 LOOKED_AT = 20_000_000
@@ -98,7 +102,7 @@ class Dodge:
 
 @dataclass(frozen=True)
 class _SeenDodges:
-    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that; and their odds.
+    """A moment, its dodges, what is seen of them and of what was begun, if the vehicle is on that.
 
     Zones that none comes near to are left out; and it may be that there was the time for few dodges alone.
     """
@@ -110,7 +114,6 @@ class _SeenDodges:
     begun: Stop | None
     going_on: Outlook | None
     hurried: bool
-    odds: Array | None = None
 
     @property
     def pairs(self) -> int:
@@ -145,33 +148,57 @@ class Evasion:
         view = self._looked(now)
         return self._still_good(now) or self._first_safe(now, now.moment, view.dodges, view.seen, view.seen.worth)
 
-    def least_harmful(self, now: Replan) -> Dodge:
-        """Return what does best where nothing is safe, see `_ranks`."""
-        ranks, view = self._ranks(now), self._looked(now)
-        return self._made(now.moment, view.dodges, view.seen, int(np.lexsort((view.seen.worth, ranks))[-1]))
-
-    def going_on(self, now: Replan) -> Dodge | None:
-        """Go on getting out of the way as before, where no new dodge does better; None where one does.
-
-        New dodges begin to turn as if the vehicle drove straight on. If each replan began one, it would never turn.
+    def least_harmful(self, now: Replan, others: Sequence[Stop]) -> Dodge | Stop:
+        """Return what does least harm where nothing is safe: a dodge, or one of some other trips and stops.
 
         Parameters
         ----------
         now : Replan
-            In which no new dodge is certified.
+        others : sequence of Stop
+            The first of them is what is being driven, if that is one.
 
         Returns
         -------
-        Dodge or None
-            None, too, where the vehicle is not on what it drove last, or that is over.
+        Dodge or Stop
+        """
+        view, moment, confidence = self._with_time_for(now, HARM_TAKES), now.moment, self._means.given.confidence
+        times = view.dodges.times
+        harm = np.concatenate(
+            [
+                [harm_of_trip(moment, each.trip, times, confidence) for each in others],
+                harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence),
+            ]
+        )
+        worth = np.concatenate(
+            [[self.outlooks.of_stop(moment, each, times).worth[0] for each in others], view.seen.worth]
+        )
+        now.lap("evasion")
+        even = harm <= harm.min() + EVEN
+        even[len(others) :] &= not even[: len(others)].any()
+        number = int(np.where(even, worth, -np.inf).argmax())
+        # Who always turns to where it is best drives to and fro; but it may brake at any time.
+        goes_on = bool(others) and now.last is not None and others[0].trip is now.last.trip
+        if goes_on and STEADY * harm[0] <= harm[len(others) :].min() and harm[0] <= harm[: len(others)].min() + EVEN:
+            number = 0
+        if number < len(others):
+            return others[number]
+        return self._made(moment, view.dodges, view.seen, number - len(others))
+
+    def as_dodge(self, now: Replan, stop: Stop) -> Dodge:
+        """Return a stop that is being driven as a dodge."""
+        seen = self.outlooks.of_stop(now.moment, stop, self._looked(now).dodges.times)
+        return self._gone_on_with(now.moment, seen, stop)
+
+    def going_on(self, now: Replan) -> Dodge | None:
+        """Go on getting out of the way as before, where that is safe and no new dodge does better; None if not.
+
+        New dodges begin to turn as if the vehicle drove straight on. If each replan began one, it would never turn.
         """
         view = self._looked(now)
-        if view.begun is None or view.going_on is None:
+        if view.begun is None or view.going_on is None or view.going_on.worth[0] < view.seen.worth.max():
             return None
         found = self._gone_on_with(now.moment, view.going_on, view.begun)
-        if found.safe or not self._stands_soon(now):
-            return found if view.going_on.worth[0] >= view.seen.worth.max() else None
-        return None if self._evades_better(now, view.begun) else found
+        return found if found.safe else None
 
     def _still_good(self, now: Replan, least: float = -np.inf) -> Dodge | None:
         """What was begun, if it is certified, worth nearly as much as all new that is clear, and more than least, m.
@@ -188,7 +215,7 @@ class Evasion:
         now.lap("certificate")
         return found if found.safe else None
 
-    def _begun(self, now: Replan) -> Stop | None:
+    def begun(self, now: Replan) -> Stop | None:
         """What was begun at the last replan to get out of the way, unless the vehicle is not on it, or that is over."""
         moment, last = now.moment, now.last
         if last is None or last.outcome not in AWAY or not self._means.vetting.is_on(moment, last.trip):
@@ -227,59 +254,6 @@ class Evasion:
         seen = replace(seen, clear=np.where(better, seen.clear, 0.0))
         return self._first_safe(now, moment, view.dodges, seen, seen.worth)
 
-    def at_lower_level(self, now: Replan, moment: Moment) -> Dodge | None:
-        """Where no dodge is safe: one that is among smaller zones, what was begun before all others; None if none is.
-
-        Parameters
-        ----------
-        now : Replan
-        moment : Moment
-            The same with those zones.
-
-        Returns
-        -------
-        Dodge or None
-        """
-        view = self._looked(now)
-        if view.begun is not None and not self._evades_better(now, view.begun):
-            seen = self.outlooks.of_stop(moment, view.begun, view.dodges.times)
-            going_on = self._gone_on_with(moment, seen, view.begun)
-            now.lap("certificate")
-            if going_on.safe:
-                return going_on
-        ranks, view = self._ranks(now), self._with_time_for(now, 1.0)
-        if len(ranks) != len(view.dodges.position):
-            ranks = self._ranks(now)
-        seen = self.outlooks.of(moment, view.dodges, view.near)
-        now.lap("evasion")
-        # Of those the one that does least harm in whole zones: it is no time to gain way.
-        return self._first_safe(now, moment, view.dodges, seen, ranks)
-
-    def _stands_soon(self, now: Replan) -> bool:
-        """Whether the vehicle may stand within a moment, among zones that hardly grow then."""
-        vehicle = now.moment.scenario.vehicle
-        return braking_of(vehicle).time(now.moment.state.speed) <= a_moment(vehicle)
-
-    def _ranks(self, now: Replan) -> Array:
-        """What speaks for each dodge where nothing is safe: its worth, or its odds where it could as well stand."""
-        return self._odds(now) if self._stands_soon(now) else self._looked(now).seen.worth
-
-    def _odds(self, now: Replan) -> Array:
-        """Of the dodges of a moment, see `odds`."""
-        view = self._looked(now)
-        if view.odds is None:
-            view = self._with_time_for(now, ODDS_TAKE)
-            view = self._view = replace(view, odds=odds(now.moment, view.dodges, self.outlooks.box(now.moment)))
-        assert view.odds is not None
-        return view.odds
-
-    def _evades_better(self, now: Replan, begun: Stop) -> bool:
-        """Whether any dodge does clearly better than what was begun, where neither is safe and it may stand soon."""
-        if not self._stands_soon(now):
-            return False
-        odds_now = odds_of_stop(now.moment, begun, self._looked(now).dodges.times)
-        return bool(odds_now + STEADY < self._odds(now).max())
-
     def _first_safe(self, now: Replan, moment: Moment, dodges: Dodges, seen: Outlook, worth: Array) -> Dodge | None:
         """The certified one that is worth (C,) most, among the zones of a moment; None if there is none."""
         clear = np.flatnonzero(np.isinf(seen.clear))
@@ -297,7 +271,7 @@ class Evasion:
         if self._view is None or self._view.moment is not now.moment:
             moment = now.moment
             self.outlooks.note(moment)
-            dodges, begun = self._dodges(moment), self._begun(now)
+            dodges, begun = self._dodges(moment), self.begun(now)
             near = dodges.within_reach(moment.batch, moment.scenario.vehicle)
             dodges = dodges.few(len(near), LOOKED_AT)
             few = dodges.few(moment.batch.size, HURRIED)
@@ -329,7 +303,7 @@ class Evasion:
             few = view.dodges.few(now.moment.batch.size, HURRIED)
             if few is not view.dodges:
                 seen = self._seen(now, few, view.near)
-                view = self._view = replace(view, dodges=few, seen=seen, hurried=True, odds=None)
+                view = self._view = replace(view, dodges=few, seen=seen, hurried=True)
         return view
 
     def _dodges(self, moment: Moment) -> Dodges:

@@ -7,21 +7,18 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.certificate.verdict import Certificate, Ends
+from scp_planner.certificate.verdict import Ends
 from scp_planner.online.braking import straight_stop
 from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY_TIME, Moment, Stop, Vetted, refused
+from scp_planner.online.vetting import TINY_TIME, Stop, Vetted, refused
 from scp_planner.problem.problem import Problem
-from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
-LOWER_LEVELS = (0.75, 0.5, 0.25, 0.1)
-"""Sizes of regions, as shares of those at the level asked for, that dodges keep clear of where nothing does better."""
 PARTS = (1.0, 0.75, 0.5, 0.25)
 """Shares of the time in which samples of a dodge are clear, for which it is tried to certify it."""
 EASINGS = (0.6, 0.25, 0.0)
@@ -82,47 +79,58 @@ class Fallback:
         if dodge is not None:
             return self._dodging(now, dodge, why)
         before = self._evasion.going_on(now)
-        if before is not None and before.safe:
+        if before is not None:
             return self._dodging(now, before, why)
         promised = self._as_promised(now)
         if promised is not None:
             text = f"{why}; the last plan's stop is gone on with"
             return self._means.plan_of(promised, now, Outcome.BRAKING, text)
-        lower = self._at_lower_level(now, why) if now.moment.growing else None
-        if lower is not None:
-            return lower
-        if before is not None:
-            text = f"{_what(before)} as before: {why}; nothing is safe, and nothing new does less harm"
-            return self._means.plan_of(Vetted(before.trip, before.certificate, None), now, before.outcome, text)
-        return self._brake(now, problem, ahead, why, self._evasion.least_harmful(now))
+        return self._least_harmful(now, problem, ahead, why)
 
-    def _at_lower_level(self, now: Replan, why: str) -> OnlinePlan | None:
-        """Go on, or get out of the way, at the highest lower level at which either is clear of zones."""
-        last = now.last if now.last is not None and now.last.outcome not in AWAY else None
-        for share in LOWER_LEVELS:
-            moment = now.moment.with_smaller_zones(share)
-            text = f"{why}; clear of zones whose uncertainty is {share:g} times as large"
-            kept = None if last is None else self._goes_on(moment, last)
-            now.lap("certificate")
-            if kept is not None:
-                return self._means.plan_of(kept, now, Outcome.KEPT, f"goes on: {text}")
-            dodge = self._evasion.at_lower_level(now, moment)
-            if dodge is not None:
-                before = " as before" if now.last is not None and dodge.trip is now.last.trip else ""
-                risky = Vetted(dodge.trip, refused(dodge.certificate), None)
-                return self._means.plan_of(risky, now, dodge.outcome, f"{_what(dodge)}{before}: {text}")
+    def _least_harmful(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
+        """What does least harm where nothing stays clear: to go on, a stop, or a dodge."""
+        begun, others = self._evasion.begun(now), self._goes_on(now)
+        for trip in () if now.moment.state.speed <= STANDING else self._stops(now, problem, ahead):
+            stop = Stop(trip, trip.frame.time)
+            if stop.stands > now.moment.state.time:
+                others.append(stop)
             if now.late:
                 break
-        return None
+        least = self._evasion.least_harmful(now, others)
+        if isinstance(least, Dodge):
+            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(now, least)}"
+        elif begun is not None and least.trip is begun.trip:
+            least = self._evasion.as_dodge(now, begun)
+            text = f"{_what(least)} as before: {why}; nothing is safe, and nothing new does less harm"
+        else:
+            return self._harmful(now, least, why)
+        return self._means.plan_of(Vetted(least.trip, least.certificate, None), now, least.outcome, text)
 
-    def _goes_on(self, moment: Moment, last: OnlinePlan) -> Vetted | None:
-        """The last trip, which is not safe, if it would be among smaller zones; None if not."""
-        vetting = self._means.vetting
-        kept = vetting.vet_kept(moment, last.trip)
-        if kept is None:
-            kept = vetting.vet_on(moment, last.trip, self._means.foreseen, last.branch_time, whole=False)
-        # how much it enters smaller zones says nothing of those of the level asked for
-        return None if kept is None else Vetted(last.trip, refused(kept.certificate), None)
+    def _harmful(self, now: Replan, stop: Stop, why: str) -> OnlinePlan:
+        """The plan of the last trip, which is not safe, or of a stop, and what is wrong with it."""
+        moment, trip = now.moment, stop.trip
+        since = moment.state.time if trip.frame.time < moment.state.time else None
+        certificate = moment.certify(
+            trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
+        )
+        now.lap("certificate")
+        harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
+        if now.last is not None and trip is now.last.trip:
+            text = f"goes on: {why}; nothing is safe, and nothing else does less harm: {harm}"
+            return self._means.plan_of(Vetted(trip, refused(certificate), None), now, Outcome.KEPT, text)
+        text = f"{why}; no stop is certified, this is the least bad: {harm}"
+        if certificate.holds:
+            text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
+        return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
+
+    def _goes_on(self, now: Replan) -> list[Stop]:
+        """What is being driven, if the vehicle is on that, and it is not over."""
+        begun, last = self._evasion.begun(now), now.last
+        if begun is not None:
+            return [begun]
+        if last is None or last.outcome in AWAY or not self._means.vetting.is_on(now.moment, last.trip):
+            return []
+        return [Stop(last.trip, last.trip.frame.time)]
 
     def _as_promised(self, now: Replan) -> Vetted | None:
         """The last plan's stop, if it still holds; for a vehicle that may brake at once, a dodge is as good."""
@@ -151,36 +159,6 @@ class Fallback:
             if isinstance(vetted, Vetted):
                 return vetted
         return None
-
-    def _brake(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str, dodge: Dodge) -> OnlinePlan:
-        """Where nothing stays clear: a stop that does at least until the vehicle stands, or what does least harm."""
-        moment = now.moment
-        time, stands = moment.state.time, moment.state.speed <= STANDING
-        least: tuple[float, Trip, Certificate] | None = None
-        for trip in self._stops(now, problem, ahead):
-            if least is not None and now.late:
-                break
-            stop = Stop(trip, trip.frame.time)
-            since = time if trip.frame.time < time else None
-            if since is not None and since >= stop.stands:
-                continue
-            certificate = moment.certify(
-                trip, since=since, until=stop.stands, ends=Ends.START, motions=self._means.vetting.motions
-            )
-            if certificate.holds and not stands and self._means.vetting.clear_for(moment, stop) >= dodge.clear:
-                text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"
-                return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
-            if least is None or certificate.clearance.minimum > least[0]:
-                least = certificate.clearance.minimum, trip, certificate
-        assert least is not None, "the last stop begins now"
-        _, trip, certificate = least
-        harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
-        early = self._means.online.give_way is GiveWay.EARLY
-        if early or stands or dodge.lasts or dodge.least > least[0] + moment.scenario.vehicle.radius:
-            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(now, dodge)}"
-            return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text)
-        text = f"{why}; no stop is certified, this is the least bad: {harm}"
-        return self._means.plan_of(Vetted(trip, certificate, None), now, Outcome.BRAKING, text)
 
     def _what_holds(self, now: Replan, dodge: Dodge) -> str:
         """What is certified of a dodge that is not safe, in words: how long it keeps clear, or from when on."""
@@ -219,11 +197,12 @@ class Fallback:
 def _what(dodge: Dodge) -> str:
     """What is done, and for whom, in words."""
     whom = dodge.blocked_by or dodge.threat
+    nears = "nears the goal as far as is safe" if dodge.safe else "nears the goal"
     if whom is None:
         # Nobody is in the way: it is how the vehicle stands, in the room that there is, or who is far ahead.
         if not dodge.moves:
             return "waits, as no trip leads on from where it stands"
-        return "nears the goal as far as is safe" if dodge.nears else "moves to where it is safer"
+        return nears if dodge.nears else "moves to where it is safer"
     if not dodge.moves:
         return f"waits for {whom}"
-    return f"nears the goal as far as is safe, behind {whom}" if dodge.nears else f"gives way to {whom}"
+    return f"{nears}, behind {whom}" if dodge.nears else f"gives way to {whom}"

@@ -198,8 +198,8 @@ def test_who_is_late_and_hemmed_in_looks_at_one_stop(monkeypatch: pytest.MonkeyP
 
         def counted(self: Fallback, *of: Any, given: list[Any] = given, stops: Any = stops) -> Any:
             for stop in stops(self, *of):
-                yield stop
                 given.append(stop)
+                yield stop
 
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(Fallback, "_stops", counted)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -11,10 +12,14 @@ import pytest
 from clock import FakeClock
 from replanning import PERIOD, WALL, NoSolver, begin, follow, observed, seen
 from scenes import CROSSERS, disc, scene
+from scipy.stats import chi2
 
 import scp_planner as sp
 from scp_planner.online import decision
 from scp_planner.online import planner as online_planner
+from scp_planner.online.braking import braking_of, straight_stop
+from scp_planner.online.dodge_worth import FADING, a_moment
+from scp_planner.online.expected_harm import GROWS
 from scp_planner.online.means import Means
 from scp_planner.online.plan import Outcome
 from scp_planner.online.planner import Planner
@@ -288,30 +293,35 @@ def test_without_a_deadline_the_same_calls_give_the_same_plans() -> None:
     assert runs[0] == runs[1]
 
 
-def test_trip_of_a_lower_level_is_driven_where_none_keeps_clear_at_the_level_asked_for() -> None:
-    """Somebody is seen to have turned towards the vehicle; it is not certified, and says so, but goes round."""
+def test_what_is_driven_where_nothing_is_safe_is_less_likely_touched_than_braking() -> None:
+    """Somebody is seen to have turned towards the vehicle; what it does is compared with braking by drawn errors."""
     scenario = scene(observed(seen("a", (12.0, -6.0), (0.0, 0.8), 0.1, order=2)), start={"speed": 2.5})
-    planner = Planner(scenario)
+    planner, vehicle = Planner(scenario), scenario.vehicle
     begin(planner, scenario)
-    rng, evading = np.random.default_rng(3), []
+    rng, gains = np.random.default_rng(3), []
+    scale, moment = math.sqrt(chi2.ppf(0.95, 2)), a_moment(vehicle)
+    errors = rng.standard_normal((4000, 2))
     for k in range(1, 50):
         time = 0.1 * k
         since = max(time - 1.0, 0.0)
         place = np.array([12.0 - 0.9 * since**2, -6.0 + 0.8 * time + 0.6 * since**2])
         planner.observe("a", time, place + 0.1 * rng.standard_normal(2))
         plan = follow(planner, time)
-        if plan.reason is not None and "uncertainty is" in plan.reason:
-            evading.append(plan)
-            assert plan.outcome is Outcome.EVADING or plan.reason.startswith("goes on")
-            assert not plan.certified and not plan.safe and plan.status is PlanStatus.INFEASIBLE
-            share = float(plan.reason.rsplit("is ", 1)[1].split(" times")[0])
-            (zone,) = planner.zones
-            times = np.linspace(time, min(time + 0.5, plan.arrival_time), 20)
-            offset = plan.position(times) - zone.center(times)
-            directions = offset / np.linalg.norm(offset, axis=1)[:, None]
-            spread = np.sqrt(np.einsum("ka,kab,kb->k", directions, zone.covariance(times), directions))
-            # beyond the smaller zone's tangent in the direction of the offset, which is no farther than the zone
-            room = np.linalg.norm(offset, axis=1) - zone.radius - scenario.vehicle.radius
-            assert np.all(room >= share * spread.min() - 1e-6)
-    assert evading
+        if plan.safe:
+            continue
+        assert not plan.certified and plan.status is PlanStatus.INFEASIBLE
+        (zone,), state = planner.zones, planner._state
+        assert state is not None
+        braking = straight_stop(state, braking_of(vehicle), planner._means.settings, planner._means.breakpoints)
+        times = np.linspace(0.0, 3.0, 31)
+        spread = zone.covariance(time + np.minimum(times, GROWS * moment))
+        drawn = zone.center(time + times)[:, None] + errors @ np.linalg.cholesky(spread).transpose(0, 2, 1) / scale
+        harms = []
+        for trip in (plan.trip, braking):
+            points, _ = trip.at(time + times)
+            centers = trip.frame.to_world(points.path.position)
+            touched = (np.linalg.norm(drawn - centers[:, None], axis=2) < zone.radius + vehicle.radius).mean(axis=1)
+            harms.append(float((touched / (1.0 + FADING * times / moment)).max()))
+        gains.append(harms[1] - harms[0])
+    assert len(gains) > 2 and min(gains) > -0.05 and max(gains) > 0.1
     assert planner.obstacles.tracks["a"].alarmed

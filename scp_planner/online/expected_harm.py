@@ -1,0 +1,125 @@
+"""What is to be expected of what is driven where nothing is safe: how likely the vehicle is touched, and how it drives.
+
+A dodge is certified against zones that stop to grow when the vehicle stands, since it sees them come then. Where
+nothing is safe that is no measure: it would have the vehicle stand and be hit, among zones that are small because it
+stands, rather than leave among zones that grow meanwhile. So zones are looked at here that grow for the same while for
+all, as what they are: normal errors about expected centres.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import ndtr
+
+from scp_planner.arrays import Array
+from scp_planner.estimation.confidence import marginal_scale
+from scp_planner.online.dodge_worth import FADING, a_moment
+from scp_planner.online.dodges import Dodges, in_parts
+from scp_planner.online.foresight import foreseen
+from scp_planner.online.stops import STANDING
+from scp_planner.online.vetting import Moment
+from scp_planner.scenario.limits import Box
+from scp_planner.scenario.models import Confidence, Vehicle
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.trips.trip import Trip
+
+PART = 0.1
+"""Share of the zones' extents at which distances are looked at besides, to tell from both how far they reach."""
+STANDING_HARM, CREEPING_HARM = 0.5, 0.75
+"""What it counts to be touched while the vehicle stands, or creeps, if it counts 1 while it drives at its top speed."""
+GROWS = 0.5
+"""Moments for which zones grow: what is farther ahead will be known better by when the vehicle has to be out of it."""
+LEAST_DEVIATION = 1e-9
+"""Units of length. What is known better than this is known."""
+
+
+def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confidence) -> Array:
+    """Return the harm to be expected of dodges, (C,), between 0 and 1.
+
+    That is how probable it is that the vehicle is touched, by each obstacle at the worst time, and for how long by one
+    that touches it now; less where it drives slowly or stands then, and less the later that is.
+
+    Parameters
+    ----------
+    moment : Moment
+    dodges : Dodges
+    box : Box
+        The workspace in the planning frame.
+    confidence : Confidence
+        Of the zones.
+
+    Returns
+    -------
+    (C,) array
+    """
+    vehicle = moment.scenario.vehicle
+    whole = _grown(moment.batch, vehicle)
+    near, spared = dodges.within_reach(whole, vehicle), np.ones(len(dodges.position))
+    weights = _weights(dodges.times, dodges.position, vehicle)
+    scale = _deviations(confidence, whole)
+    for some in in_parts(max(len(near), 1), dodges.heading.size):  # the border is one more, also where no zone is near
+        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (1.0, PART))
+        spared *= _spared(each.each, less.each, scale, weights)
+    return 1.0 - spared
+
+
+def harm_of_trip(moment: Moment, trip: Trip, times: Array, confidence: Confidence) -> float:
+    """Return the same of a trip that is being driven, or a stop.
+
+    Parameters
+    ----------
+    moment : Moment
+    trip : Trip
+    times : (J,) array
+        s from now.
+    confidence : Confidence
+        Of the zones.
+
+    Returns
+    -------
+    float
+    """
+    vehicle = moment.scenario.vehicle
+    points, _ = trip.at(moment.state.time + times)
+    place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
+    whole, less = (
+        _grown(one.batch, vehicle).distances(times, place).T[:, None]
+        for one in (moment, moment.with_smaller_zones(PART))
+    )
+    weights = _weights(times, place[None], vehicle)
+    return 1.0 - float(_spared(whole, less, _deviations(confidence, moment.batch), weights)[0])
+
+
+def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:
+    """Zones that grow for the same while, whatever the vehicle does."""
+    return foreseen(batch, GROWS * a_moment(vehicle), {})
+
+
+def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
+    """How many standard deviations the extents of zones are."""
+    uncertain = max(len(batch.uncertain), 1)
+    return math.sqrt(marginal_scale(str(confidence.level), confidence.probability, 1, uncertain))
+
+
+def _weights(times: Array, place: Array, vehicle: Vehicle) -> tuple[Array, Array]:
+    """What it counts to be touched at places (C, J, 2), m, that are driven to, (C, J), and at times (J,), s, (J,)."""
+    speed = np.zeros(place.shape[:2])
+    speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
+    drives = CREEPING_HARM + (1.0 - CREEPING_HARM) * np.minimum(speed / vehicle.max_speed, 1.0)
+    # There will be replans until then.
+    return np.where(speed > STANDING, drives, STANDING_HARM), 1.0 / (1.0 + FADING * times / a_moment(vehicle))
+
+
+def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array]) -> Array:
+    """The harm that is not to be expected, (C,), by distances (L, C, J) to zones and those of `PART` of the size, m."""
+    extent = np.maximum(less - whole, 0.0) / (1.0 - PART)
+    gap = whole + extent
+    touched = ndtr(-gap / np.maximum(extent / scale, LEAST_DEVIATION))
+    touched *= weights[0]
+    touched *= weights[1]
+    # Who is touched now is no better off by what it was: it gets away the sooner, the better.
+    harm = np.where(gap[..., 0] < 0.0, touched.sum(axis=2) / weights[1].sum(), touched.max(axis=2))
+    spared: Array = np.prod(1.0 - harm, axis=0)
+    return spared
