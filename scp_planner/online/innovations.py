@@ -10,6 +10,7 @@ relationships over time*, J. R. Statist. Soc. B 37 (1975)). Two things are teste
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import Any
 
@@ -45,10 +46,12 @@ def _members(kind: np.dtype[Any], probability: float) -> Array:
 def cut(innovations: Array) -> Array:
     """Give standardised innovations (2, ...) as windows look at them: cut at `WILD`, and their squares, (3, ...)."""
     x, y = innovations
+    found = np.empty((3, *x.shape))
     squares = x * x + y * y
-    within = np.minimum(squares, WILD**2)
+    within = np.minimum(squares, WILD**2, out=found[2])
     share = np.sqrt(within / np.maximum(squares, WILD**2 * 1e-9))
-    return np.stack([share * x, share * y, within])
+    np.multiply(share, innovations, out=found[:2])
+    return found
 
 
 def windows_of(x: Reals, y: Reals, squares: Reals, probability: float = RARE) -> Reals:
@@ -72,7 +75,7 @@ def windows_of(x: Reals, y: Reals, squares: Reals, probability: float = RARE) ->
 def larger_of(trends: Reals, squares: Reals, probability: float) -> Reals:
     """What `windows_of` gives, of trends that are known (..., windows, n)."""
     sizes: Reals = _members(squares.dtype, probability) @ squares
-    return np.maximum(sizes, trends / (-2.0 * np.log(probability)), out=sizes)
+    return np.maximum(sizes, trends / (-2.0 * math.log(probability)), out=sizes)  # a float leaves 32 bits what they are
 
 
 def trends_of(x: Reals, y: Reals) -> Reals:

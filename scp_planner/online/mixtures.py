@@ -7,7 +7,7 @@ serves both components and any shape of the noise. Those of `scp_planner.online.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -110,26 +110,12 @@ class FilterStates(SlotStates):
     def predict(self, lag: Array, unit: Array) -> None:
         """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
         same = len(lag) > 0 and bool((lag == lag[0]).all())
-        t = float(lag[0]) if same else lag  # as in a frame: one product of matrices then does it
-        one, none = (1.0, 0.0) if same else (np.ones_like(lag), np.zeros_like(lag))
-        square = t * t
-        half, cube = 0.5 * square, square * t
-        state = np.array([[one, t, half], [none, one, t], [none, none, one]])
-        spread = np.array(
-            [  # F P F' with F as that of the state, by the elements of the upper triangle of P
-                [one, 2.0 * t, square, square, cube, half * half],
-                [none, one, t, t, square + half, t * half],
-                [none, none, one, none, t, half],
-                [none, none, none, one, 2.0 * t, square],
-                [none, none, none, none, one, t],
-                [none, none, none, none, none, one],
-            ]
+        # as in a frame: one product of matrices then does it
+        state, spread, noise = (
+            _steps(float(lag[0]), self.diffusions.tobytes()) if same else _moved(lag, self.diffusions)
         )
-        swerve = np.array([cube / 3.0, half, none, t, none, none])
-        jerk = np.array([cube * square / 20.0, 0.125 * square * square, cube / 6.0, cube / 3.0, half, t])
         self.mean[...] = _applied(state, self.mean)
         self.spread[...] = _applied(spread, self.spread)
-        noise = self.diffusions[:, :1] * swerve.reshape(6, 1, -1) + self.diffusions[:, 1:] * jerk.reshape(6, 1, -1)
         self.spread += noise * (1.0 / unit)
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
@@ -143,6 +129,34 @@ class FilterStates(SlotStates):
         p[5] -= gain[2] * p[2]
         p[:3] *= noise / variance
         return innovation, variance
+
+
+@lru_cache(maxsize=256)
+def _steps(lag: float, diffusions: bytes) -> tuple[Array, Array, Array]:
+    """What `_moved` gives for one lag, s, which all have."""
+    return _moved(lag, np.frombuffer(diffusions).reshape(-1, 2))
+
+
+def _moved(t: Array | float, diffusions: Array) -> tuple[Array, Array, Array]:
+    """What moves states and spreads on by lags (K,), s, or by one, and what is added to spreads, (6, M, K or 1)."""
+    one, none = (np.ones_like(t), np.zeros_like(t)) if isinstance(t, np.ndarray) else (1.0, 0.0)
+    square = t * t
+    half, cube = 0.5 * square, square * t
+    state = np.array([[one, t, half], [none, one, t], [none, none, one]])
+    spread = np.array(
+        [  # F P F' with F as that of the state, by the elements of the upper triangle of P
+            [one, 2.0 * t, square, square, cube, half * half],
+            [none, one, t, t, square + half, t * half],
+            [none, none, one, none, t, half],
+            [none, none, none, one, 2.0 * t, square],
+            [none, none, none, none, one, t],
+            [none, none, none, none, none, one],
+        ]
+    )
+    swerve = np.array([cube / 3.0, half, none, t, none, none])
+    jerk = np.array([cube * square / 20.0, 0.125 * square * square, cube / 6.0, cube / 3.0, half, t])
+    noise = diffusions[:, :1] * swerve.reshape(6, 1, -1) + diffusions[:, 1:] * jerk.reshape(6, 1, -1)
+    return state, spread, noise
 
 
 def _applied(matrices: Array, values: Array) -> Array:

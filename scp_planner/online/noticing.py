@@ -244,10 +244,11 @@ class Bank:
 
     def _whitened(self, where: Where, offsets: Array) -> Array:
         """Standardise offsets (2, ..., n), m, by what is declared of the noise; the factor is triangular."""
-        whiten = self._whiten[where]
-        x = whiten[:, 0, 0] * offsets[0]
-        y = whiten[:, 1, 0] * offsets[0] + whiten[:, 1, 1] * offsets[1]
-        return np.stack([x, y])
+        whiten, found = self._whiten[where], np.empty_like(offsets)
+        np.multiply(whiten[:, 0, 0], offsets[0], out=found[0])
+        np.multiply(whiten[:, 1, 0], offsets[0], out=found[1])
+        found[1] += whiten[:, 1, 1] * offsets[1]
+        return found
 
     def _feed(self, where: Where, slots: Index, times: Array, positions: Array) -> None:
         if isinstance(where, slice) and (times >= self.last[where]).all():

@@ -38,18 +38,22 @@ def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen
     tracks = list(map(obstacles.tracks.__getitem__, names))
     alone: list[int] = []
     kinds: dict[Bank, list[int]] = {}
+    last, numbers = None, list[int]()
     for number, (track, one) in enumerate(zip(tracks, seen, strict=True)):
         estimator = track.estimator
-        bank = None if estimator is None else estimator.bank
-        if bank is None or track.in_doubt or one.time <= track.times[-1]:
+        if estimator is None or estimator.bank is None or track.in_doubt or one.time <= track.times[-1]:
             alone.append(number)
-        elif bank in kinds:
-            kinds[bank].append(number)
-        else:
-            kinds[bank] = [number]
+            continue
+        if estimator.bank is not last:
+            last = estimator.bank
+            numbers = kinds.setdefault(last, [])
+        numbers.append(number)
     for bank, numbers in kinds.items():
-        some, ones = [tracks[number] for number in numbers], [seen[number] for number in numbers]
-        alone += [numbers[k] for k in _left_by(obstacles, bank, some, ones)]
+        if len(numbers) < len(tracks):
+            some, ones = [tracks[number] for number in numbers], [seen[number] for number in numbers]
+            alone += [numbers[k] for k in _left_by(obstacles, bank, some, ones)]
+        else:
+            alone = _left_by(obstacles, bank, tracks, seen)
     said: list[str | None] = [None] * len(names)
     for number in sorted(alone):
         one = seen[number]
@@ -60,7 +64,7 @@ def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen
 def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:
     """Let a bank take in all that it can of what is seen of its tracks; return the numbers of the others."""
     slots = np.array([track.estimator.slot for track in tracks if track.estimator is not None], dtype=np.intp)
-    times = np.fromiter((one.time for one in seen), float, len(seen))
+    times = np.array([one.time for one in seen])
     positions = np.fromiter(chain.from_iterable([one.position for one in seen]), float, 2 * len(seen)).reshape(-1, 2)
     gate = obstacles.watch.gate_probability
     usual = bank.is_declared(slots, [one.covariance for one in seen])

@@ -202,9 +202,8 @@ class SwingStates(SlotStates):
         steps = self.swings.steps(lags)
         moved, triangles = steps.moved, steps.triangles
         some, count = len(lags), len(lag) // max(len(lags), 1)
-        if np.array_equal(
-            which, np.repeat(np.arange(some), count)
-        ):  # as in a frame, or lag by lag: products of matrices
+        # as in a frame, or lag by lag: products of matrices
+        if some == 1 or np.array_equal(which, np.repeat(np.arange(some), count)):
             pairs, swings = self.spread.shape[:2]
             mean = self.mean.reshape(STATES, 2, swings, some, count).transpose(3, 2, 0, 1, 4)
             mean = moved @ mean.reshape(some, swings, STATES, 2 * count)
