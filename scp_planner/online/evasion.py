@@ -21,7 +21,7 @@ from scp_planner.online.braking import braking_of
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
 from scp_planner.online.dodges import BORDER, Dodges
-from scp_planner.online.expected_harm import harm_of_trip, harms_of_dodges
+from scp_planner.online.expected_harm import harms_of_dodges, harms_of_trips
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.ramped_profiles import RampedProfiles
@@ -163,26 +163,19 @@ class Evasion:
         """
         view, moment, confidence = self._with_time_for(now, HARM_TAKES), now.moment, self._means.given.confidence
         times = view.dodges.times
-        harm = np.concatenate(
-            [
-                [harm_of_trip(moment, each.trip, times, confidence) for each in others],
-                harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence),
-            ]
-        )
-        worth = np.concatenate(
-            [[self.outlooks.of_stop(moment, each, times).worth[0] for each in others], view.seen.worth]
-        )
+        harms = harms_of_trips(moment, [each.trip for each in others], times, confidence)
+        of_dodges = harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence)
         now.lap("evasion")
-        even = harm <= harm.min() + EVEN
-        even[len(others) :] &= not even[: len(others)].any()
-        number = int(np.where(even, worth, -np.inf).argmax())
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
         goes_on = bool(others) and now.last is not None and others[0].trip is now.last.trip
-        if goes_on and STEADY * harm[0] <= harm[len(others) :].min() and harm[0] <= harm[: len(others)].min() + EVEN:
-            number = 0
-        if number < len(others):
-            return others[number]
-        return self._made(moment, view.dodges, view.seen, number - len(others))
+        if goes_on and STEADY * harms[0] <= of_dodges.min() and harms[0] <= harms.min() + EVEN:
+            return others[0]
+        most = min(harms.min(initial=np.inf), of_dodges.min()) + EVEN
+        even = [each for each, harm in zip(others, harms.tolist(), strict=True) if harm <= most]
+        if even:
+            return max(even, key=lambda each: float(self.outlooks.of_stop(moment, each, times).worth[0]))
+        number = int(np.where(of_dodges <= most, view.seen.worth, -np.inf).argmax())
+        return self._made(moment, view.dodges, view.seen, number)
 
     def as_dodge(self, now: Replan, stop: Stop) -> Dodge:
         """Return a stop that is being driven as a dodge."""

@@ -9,6 +9,7 @@ all, as what they are: normal errors about expected centres.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -65,13 +66,13 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
     return 1.0 - spared
 
 
-def harm_of_trip(moment: Moment, trip: Trip, times: Array, confidence: Confidence) -> float:
-    """Return the same of a trip that is being driven, or a stop.
+def harms_of_trips(moment: Moment, trips: Sequence[Trip], times: Array, confidence: Confidence) -> Array:
+    """Return the same of trips that are being driven, or stops, (n,).
 
     Parameters
     ----------
     moment : Moment
-    trip : Trip
+    trips : sequence of Trip
     times : (J,) array
         s from now.
     confidence : Confidence
@@ -79,17 +80,21 @@ def harm_of_trip(moment: Moment, trip: Trip, times: Array, confidence: Confidenc
 
     Returns
     -------
-    float
+    (n,) array
     """
-    vehicle = moment.scenario.vehicle
-    points, _ = trip.at(moment.state.time + times)
-    place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
+    if not trips:
+        return np.zeros(0)
+    vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
+    for trip, put in zip(trips, place, strict=True):
+        at, _ = trip.at(moment.state.time + times)
+        put[:] = moment.frame.to_frame(trip.frame.to_world(at.path.position))
+    clock, points = np.tile(times, len(trips)), place.reshape(-1, 2)
     whole, less = (
-        _grown(one.batch, vehicle).distances(times, place).T[:, None]
+        _grown(one.batch, vehicle).distances(clock, points).T.reshape(-1, *place.shape[:2])
         for one in (moment, moment.with_smaller_zones(PART))
     )
-    weights = _weights(times, place[None], vehicle)
-    return 1.0 - float(_spared(whole, less, _deviations(confidence, moment.batch), weights)[0])
+    weights = _weights(times, place, vehicle)
+    return 1.0 - _spared(whole, less, _deviations(confidence, moment.batch), weights)
 
 
 def _grown(batch: ZoneBatch, vehicle: Vehicle) -> ZoneBatch:

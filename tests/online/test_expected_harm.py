@@ -13,7 +13,7 @@ from scp_planner.online.dodge_outlooks import DodgeOutlooks
 from scp_planner.online.dodge_worth import FADING, a_moment
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion
-from scp_planner.online.expected_harm import CREEPING_HARM, GROWS, STANDING_HARM, harm_of_trip, harms_of_dodges
+from scp_planner.online.expected_harm import CREEPING_HARM, GROWS, STANDING_HARM, harms_of_dodges, harms_of_trips
 from scp_planner.online.planner import Planner
 from scp_planner.online.vetting import Moment
 from scp_planner.settings.online import OnlineSettings
@@ -99,7 +99,7 @@ def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool) -> None
             each.append((counts if driven > 1e-3 * step else STANDING_HARM) * probability * fading[-1])
         expected = sum(each) / sum(fading) if touched else max(each)
         assert found[number] == pytest.approx(expected, abs=2e-3)
-        assert harm_of_trip(moment, trip, dodges.times, confidence) == pytest.approx(expected, abs=2e-3)
+        assert harms_of_trips(moment, [trip], dodges.times, confidence) == pytest.approx([expected], abs=2e-3)
     assert touched or found.min() < 0.7 * found[0], "the first one stands"
 
 
