@@ -36,6 +36,10 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 ROOM_PRICE = 7e-3
 """Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
+LEAST_ROOM = 0.25
+"""Share of the room that is asked for at least: where more is too dear, half as much is tried at the next time..."""
+TWICE = 4.0
+"""...and twice as much where so many times what has been spent may be."""
 HOPELESS = 1.0
 """Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
 SLOWER = 5e-3
@@ -81,6 +85,7 @@ class Decision:
         self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
+        self._room = 1.0  # share of the room that is asked for next
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -192,18 +197,21 @@ class Decision:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
         assert now.last is not None, "there is a last trip"
         arrival, problem = now.last.arrival_time, loop.problem
-        roomy = self._means.roomy(problem)
+        share, self._room = self._room, max(self._room, LEAST_ROOM)
+        roomy = self._means.roomy(problem, share)
         if roomy is not None and _keeps_clear(problem, ahead):
             run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
             spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
-            cheap = spent <= ROOM_PRICE * (arrival - now.moment.state.time)
-            if cheap or perf_counter() > now.deadline:
+            most = ROOM_PRICE * (arrival - now.moment.state.time)
+            if spent <= most or perf_counter() > now.deadline:
                 evaluation, found = evaluate_among(problem, run.evaluation, NEAR), None
                 if evaluation.worst_violation <= FEASIBILITY:
                     found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
                 if isinstance(found, Vetted):
                     self._spent, self._roomy = max(spent, 0.0), found
+                    self._room = min(2.0 * share, 1.0) if TWICE * spent <= most else share
                     return found
+            self._room = 0.5 * share if share > LEAST_ROOM else 0.0
         found = self._without_room(now, loop, ahead)
         if isinstance(found, Vetted):
             self._spent = max(self._spent + min(found.arrival - arrival, 0.0), 0.0)

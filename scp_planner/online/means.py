@@ -192,9 +192,9 @@ class Means:
         batch = self.foreseen(now.moment.batch)
         return problem.among(batch.inflated(np.full(batch.size, self.spare)))
 
-    def roomy(self, problem: Problem) -> Problem | None:
+    def roomy(self, problem: Problem, share: float = 1.0) -> Problem | None:
         """The same problem with more room from those whose motion may change unnoticed; None if there are none."""
-        room = ROOM_DEVIATIONS * self.obstacles.noise_deviations(problem.zones.ids)
+        room = share * ROOM_DEVIATIONS * self.obstacles.noise_deviations(problem.zones.ids)
         return problem.among(problem.zones.inflated(room)) if room.any() else None
 
     def vet(

@@ -39,14 +39,16 @@ def watched(name: str) -> dict[str, Any]:
     return {"id": name, "shape": {"disc": 0.5}, "model": {"order": 0}, "observations": seen}
 
 
-def driven(obstacle: dict[str, Any], price: float, monkeypatch: pytest.MonkeyPatch) -> tuple[OnlinePlan, float]:
-    """The plan after a second, where room may cost so much, and how far it keeps from the obstacle's centre, m."""
+def driven(
+    obstacle: dict[str, Any], price: float, monkeypatch: pytest.MonkeyPatch, replans: int = 12
+) -> tuple[OnlinePlan, float]:
+    """The plan after a while, where room may cost so much, and how far it keeps from the obstacle's centre, m."""
     monkeypatch.setattr(decision, "ROOM_PRICE", price)
     planner = Planner(scene(obstacle, start={"speed": 3.0}))
     plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
-    for time in 0.1 * np.arange(1, 12):
+    for time in 0.1 * np.arange(1, replans):
         plan = planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
-    away = plan.position(np.linspace(1.1, plan.arrival_time, 500)) - np.array(PLACE)
+    away = plan.position(np.linspace(0.1 * (replans - 1), plan.arrival_time, 500)) - np.array(PLACE)
     return plan, float(np.hypot(*away.T).min())
 
 
@@ -64,6 +66,16 @@ def test_room_costs_no_more_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None
     plan, away = driven(watched("a"), 1e-4, monkeypatch)
     assert plan.arrival_time < (1.0 + 2e-4) * hurried.arrival_time
     assert away < near + 0.5 * NOISE
+
+
+def test_less_room_is_kept_where_all_of_it_is_too_dear(monkeypatch: pytest.MonkeyPatch) -> None:
+    price = decision.ROOM_PRICE
+    hurried, near = driven(watched("a"), -1.0, monkeypatch)
+    dear, far = driven(watched("a"), price, monkeypatch)
+    half = 0.5 * (dear.arrival_time / hurried.arrival_time - 1.0)
+    plan, away = driven(watched("a"), half, monkeypatch, 24)
+    assert near + 0.1 * (far - near) < away < far - 0.1 * (far - near)
+    assert plan.arrival_time < (1.0 + half) * hurried.arrival_time
 
 
 def test_no_room_is_kept_from_who_is_known_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
