@@ -174,7 +174,13 @@ class Evasion:
         even = [each for each, harm in zip(others, harms.tolist(), strict=True) if harm <= most]
         if even:
             return max(even, key=lambda each: float(self.outlooks.of_stop(moment, each, times).worth[0]))
-        number = int(np.where(of_dodges <= most, view.seen.worth, -np.inf).argmax())
+        good = of_dodges <= most
+        if moment.state.speed <= STANDING:
+            # Who stands goes on with that, too.
+            still = view.dodges.until <= view.dodges.wait
+            stays = still & ((STEADY * of_dodges <= of_dodges.min()) | good)
+            good = stays if stays.any() else good
+        number = int(np.where(good, view.seen.worth, -np.inf).argmax())
         return self._made(moment, view.dodges, view.seen, number)
 
     def as_dodge(self, now: Replan, stop: Stop) -> Dodge:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 from scenes import disc, scene
 from scipy.stats import chi2, norm
 
+from scp_planner.online import evasion
 from scp_planner.online.dodge_outlooks import DodgeOutlooks
 from scp_planner.online.dodge_worth import FADING, a_moment
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion
 from scp_planner.online.expected_harm import CREEPING_HARM, GROWS, STANDING_HARM, harms_of_dodges, harms_of_trips
+from scp_planner.online.means import Replan
 from scp_planner.online.planner import Planner
 from scp_planner.online.vetting import Moment
 from scp_planner.settings.online import OnlineSettings
@@ -101,6 +104,21 @@ def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool) -> None
         assert found[number] == pytest.approx(expected, abs=2e-3)
         assert harms_of_trips(moment, [trip], dodges.times, confidence) == pytest.approx([expected], abs=2e-3)
     assert touched or found.min() < 0.7 * found[0], "the first one stands"
+
+
+@pytest.mark.parametrize(("standing", "driving", "stays"), [(0.2, 0.16, True), (0.05, 0.035, True), (0.2, 0.1, False)])
+def test_who_stands_sets_off_only_for_clearly_less_harm(
+    standing: float, driving: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = planner_of(0.3, 0.6)
+    planner.replan(0.0, np.zeros(2), 0.0, 0.0)
+    moment, dodges = seen_by(planner)
+    still = dodges.until <= dodges.wait
+    assert still.any() and (~still).any()
+    monkeypatch.setattr(evasion, "harms_of_dodges", lambda *_: np.where(still, standing, driving))
+    now = Replan(moment, 0.0, math.inf, None, 1)
+    found = Evasion(planner._means).least_harmful(now, ())
+    assert isinstance(found, evasion.Dodge) and found.moves is not stays
 
 
 def test_several_who_may_come_are_independent() -> None:
