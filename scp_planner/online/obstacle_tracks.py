@@ -32,7 +32,7 @@ from scp_planner.online.noticing import Bank
 from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
 from scp_planner.online.sorted_tracks import TrackKind, learns, track_kind
-from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Suspicions
+from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Allowance, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
     GivenZones,
@@ -89,7 +89,7 @@ class ObstacleTracks:
         self.margin = margin
         self.newcomers = newcomers or SceneNewcomers()
         self.watch = watch or Watch()
-        self.manoeuvre = self.watch.manoeuvre * self.newcomers.acceleration_deviation
+        self.allowance = Allowance(self.watch.manoeuvre * self.newcomers.acceleration_deviation)
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
         adaptive = self.watch.regions is Regions.ADAPTIVE
@@ -308,6 +308,7 @@ class ObstacleTracks:
             kind = track_kind(track, headings)
             if kind is not None:
                 groups[kind].setdefault(track.model.order, []).append(track)
+        self.allowance.note(start, frozenset(t.id for some in groups[TrackKind.ALARMED].values() for t in some))
         made: dict[str, ThreatZone] = {}
         for _, some in sorted(groups[TrackKind.SETTLED].items()):
             roots = self._roots(some)
@@ -343,7 +344,7 @@ class ObstacleTracks:
             believed = BELIEVED if banked else ALONE
             sizing = self.sizes.of(tracks, np.where(suspected, NOTICED, believed))
             otherwise[sizing.others] = True
-        zones = zones_together(tracks, roots, start, level, self.manoeuvre, suspicions, sizing)
+        zones = zones_together(tracks, roots, start, level, self.allowance.now, suspicions, sizing)
         for track, zone, suspect, other in zip(tracks, zones, suspected.tolist(), otherwise.tolist(), strict=True):
             track.suspected, track.zone = suspect, zone if other else None
             track.foretold.clear() if banked else track.keep_foretold()
@@ -377,7 +378,7 @@ class ObstacleTracks:
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         estimate = track.estimate(self.newcomers)
         if isinstance(estimate, PolynomialEstimate) and track.settled:
-            return estimate.with_manoeuvre(self.manoeuvre)
+            return estimate.with_manoeuvre(self.allowance.now)
         return estimate
 
     def _alone(self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool) -> list[ThreatZone]:
@@ -414,10 +415,10 @@ class ObstacleTracks:
         """How estimates will improve, by id: those of polynomial motions."""
         some = [track for track in self.tracks.values() if learns(track)]
         change: dict[str, float] = {}
-        if self.manoeuvre > 0.0:
+        if self.allowance.now > 0.0:
             known = [track for track in some if track.simple and track.settled]
             noise = [least_noise(track.known_noise.tobytes()) for track in known]
-            allowed = self.manoeuvre**2 / np.array(noise)
+            allowed = self.allowance.now**2 / np.array(noise)
             change = dict(zip((track.id for track in known), allowed.tolist(), strict=True))
         return {
             track.id: Learning(
@@ -463,7 +464,7 @@ class ObstacleTracks:
             course = self._foretold(track.zone)
             return Obstacle.model_construct(**common, motion=course, observations=None, model=track.model)
         if track.given is not None:
-            change = {} if track.model.process is not None else {"manoeuvre": self.manoeuvre}
+            change = {} if track.model.process is not None else {"manoeuvre": self.allowance.now}
             model = track.model.model_copy(update=change)
             return Obstacle.model_construct(**common, motion=None, observations=None, estimate=track.given, model=model)
         each: Any = None
@@ -473,7 +474,7 @@ class ObstacleTracks:
             each = _matrix(track.known_noise)
         model = track.model
         if model.process is None and track.settled:
-            model = model.model_copy(update={"manoeuvre": self.manoeuvre})
+            model = model.model_copy(update={"manoeuvre": self.allowance.now})
         if model.prior is None and model.process is None and not track.settled:
             new = self.newcomers
             prior = Prior(velocity_deviation=new.velocity_deviation, acceleration_deviation=new.acceleration_deviation)

@@ -44,8 +44,40 @@ LOOKED_AT = 9.0
 squared signal T with T x / (1 + x) / 2 - log(1 + x) > `SPEAKS`, x what it tells beside what was known of the change: at
 least 11.5. What windows see of it may be a little less."""
 MOST_EVIDENCE = 500.0
+MORE, WARY = 10.0, 10.0
+"""How many times as large a change is allowed for after any obstacle is noticed to move otherwise than foretold, and
+for how many units of time."""
 WILD = 8.0
 """Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change."""
+
+
+class Allowance:
+    """What zones allow for that nothing speaks for yet: more where others have changed their motion of late.
+
+    Where none is noticed to, to allow for sudden changes of all costs time for nothing. Where one is, others will.
+
+    Parameters
+    ----------
+    usual : float
+        Standard deviation of a change of acceleration that may begin at any moment, m/s^2.
+
+    Attributes
+    ----------
+    now : float
+        The same as it is allowed for now.
+    """
+
+    def __init__(self, usual: float) -> None:
+        self._usual, self._changed = usual, -math.inf
+        self._noticed: frozenset[str] = frozenset()
+        self.now = usual
+
+    def note(self, time: float, noticed: frozenset[str]) -> None:
+        """Take note of which obstacles are noticed to move otherwise than foretold at a time, s, the newest."""
+        if noticed - self._noticed:
+            self._changed = time
+        self._noticed = noticed
+        self.now = MORE * self._usual if time - self._changed <= WARY else self._usual
 
 
 @dataclass(frozen=True)

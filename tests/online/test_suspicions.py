@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import scp_planner as sp
 from scp_planner.estimation.recursive import RecursiveEstimator
@@ -14,15 +15,19 @@ from scp_planner.online.mixtures import Mixture
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.suspicions import (
     LOOKED_AT,
+    MORE,
     ONSETS,
     SPEAKS,
+    WARY,
+    Allowance,
     Changes,
     Sightings,
     changed_motions,
     changes_of,
 )
 from scp_planner.online.track import Seen
-from scp_planner.settings.online import Watch
+from scp_planner.settings.online import MANOEUVRE, Regions, Watch
+from scp_planner.threat_zones.zone import ThreatZone
 
 STEP, NOISE = 0.1, 0.1
 SIGMA = np.array([[0.02, 0.008], [0.008, 0.01]])
@@ -204,3 +209,42 @@ def test_what_is_not_looked_at_could_not_speak_for_a_change() -> None:
     told = np.geomspace(1e-3, 1e6, 2000)  # what looks tell of a change, beside what was known of it
     least = 2.0 * (SPEAKS + np.log1p(told)) * (1.0 + told) / told
     assert LOOKED_AT < 0.8 * least.min()
+
+
+def seen_for(seconds: float, turns: float) -> tuple[ObstacleTracks, tuple[ThreatZone, ...]]:
+    """One who goes on as before, beside one who accelerates from the tenth second on, and then not any more."""
+    watch = Watch(regions=Regions.MODEL)
+    tracks, names = ObstacleTracks(sp.Confidence(level="per_time"), watch=watch), ["calm", "other"]
+    for name in names:
+        tracks.add_unseen(name, sp.Disc(disc=0.3), sp.Model(order=2), 0.0, NOISE**2 * np.eye(2))
+    rng, made = np.random.default_rng(2), tuple[ThreatZone, ...]()
+    for time in STEP * np.arange(round(seconds / STEP)):
+        during = float(np.clip(time - 10.0, 0.0, 2.0))
+        places = np.array([[time, 0.0], [time, 5.0 + turns * during * (time - 10.0 - 0.5 * during)]])
+        places += NOISE * rng.standard_normal((2, 2))
+        sensor_frames.take_in(tracks, names, [Seen(float(time), (x, y)) for x, y in places.tolist()])
+        made = tracks.zones(float(time))
+    return tracks, made
+
+
+@pytest.mark.parametrize("seconds", [13.0, 60.0])
+def test_more_is_allowed_for_while_others_change_their_motion(seconds: float) -> None:
+    """By a change of acceleration of the calm one as of now, whose deviation is ten times as large; for a while."""
+    (calm, usual), (wary, more) = seen_for(seconds, 0.0), seen_for(seconds, 1.0)
+    assert not calm.tracks["other"].alarmed and not wary.tracks["calm"].alarmed
+    now = round(seconds / STEP - 1) * STEP
+    allowed = (MANOEUVRE * calm.newcomers.acceleration_deviation) ** 2
+    assert wary.tracks["other"].alarmed
+    for ahead in (0.5, 1.0, 2.0):
+        grown = more[0].covariance(now + ahead) - usual[0].covariance(now + ahead)
+        expected = (MORE**2 - 1.0) * allowed * 0.25 * ahead**4 * chi2.ppf(0.95, 2) if seconds < 20.0 else 0.0
+        assert np.squeeze(grown) == pytest.approx(expected * np.eye(2), rel=1e-6, abs=1e-9)
+
+
+def test_wariness_ends() -> None:
+    allowance = Allowance(0.1)
+    seen = []
+    for time, noticed in ((0.0, ""), (1.0, "a"), (2.0, ""), (1.0 + WARY, "a"), (1.1 + 2.0 * WARY, "a"), (40.0, "ab")):
+        allowance.note(time, frozenset(noticed))
+        seen.append(allowance.now / 0.1)
+    assert seen == pytest.approx([1.0, MORE, MORE, MORE, 1.0, MORE])
