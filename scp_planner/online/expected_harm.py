@@ -30,6 +30,8 @@ PART = 0.1
 """Share of the zones' extents at which distances are looked at besides, to tell from both how far they reach."""
 STANDING_HARM, CREEPING_HARM = 0.5, 0.75
 """What it counts to be touched while the vehicle stands, or creeps, if it counts 1 while it drives at its top speed."""
+SETTING_OFF = 0.1
+"""What it counts besides to drive while the vehicle is touched."""
 GROWS = 0.5
 """Moments for which zones grow: what is farther ahead will be known better by when the vehicle has to be out of it."""
 LEAST_DEVIATION = 1e-9
@@ -124,7 +126,8 @@ def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array
     touched = ndtr(-gap / np.maximum(extent / scale, LEAST_DEVIATION))
     touched *= weights[0]
     touched *= weights[1]
-    # Who is touched now is no better off by what it was: it gets away the sooner, the better.
-    harm = np.where(gap[..., 0] < 0.0, touched.sum(axis=2) / weights[1].sum(), touched.max(axis=2))
-    spared: Array = np.prod(1.0 - harm, axis=0)
+    # Who is touched now is no better off by what it was: it gets away the sooner, the better, if that is worth it.
+    driven = SETTING_OFF * (weights[0][:, 0] > STANDING_HARM)
+    harm = np.where(gap[..., 0] < 0.0, touched.sum(axis=2) / weights[1].sum() + driven, touched.max(axis=2))
+    spared: Array = np.prod(1.0 - np.minimum(harm, 1.0), axis=0)
     return spared

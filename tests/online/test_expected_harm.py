@@ -15,7 +15,14 @@ from scp_planner.online.dodge_outlooks import DodgeOutlooks
 from scp_planner.online.dodge_worth import FADING, a_moment
 from scp_planner.online.dodges import Dodges
 from scp_planner.online.evasion import Evasion
-from scp_planner.online.expected_harm import CREEPING_HARM, GROWS, STANDING_HARM, harms_of_dodges, harms_of_trips
+from scp_planner.online.expected_harm import (
+    CREEPING_HARM,
+    GROWS,
+    SETTING_OFF,
+    STANDING_HARM,
+    harms_of_dodges,
+    harms_of_trips,
+)
 from scp_planner.online.means import Replan
 from scp_planner.online.planner import Planner
 from scp_planner.online.vetting import Moment
@@ -100,7 +107,8 @@ def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool) -> None
             fading.append(1.0 / (1.0 + FADING * time / a_moment(vehicle)))
             probability = norm.cdf((SIZE + vehicle.radius - away) / deviation)
             each.append((counts if driven > 1e-3 * step else STANDING_HARM) * probability * fading[-1])
-        expected = sum(each) / sum(fading) if touched else max(each)
+        sets_off = SETTING_OFF if trip.at(now + step)[0].distance[0] > 1e-3 * step else 0.0
+        expected = sum(each) / sum(fading) + sets_off if touched else max(each)
         assert found[number] == pytest.approx(expected, abs=2e-3)
         assert harms_of_trips(moment, [trip], dodges.times, confidence) == pytest.approx([expected], abs=2e-3)
     assert touched or found.min() < 0.7 * found[0], "the first one stands"
