@@ -97,14 +97,16 @@ class Fallback:
             if now.late:
                 break
         least = self._evasion.least_harmful(now, others)
-        if isinstance(least, Dodge):
-            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(now, least)}"
-        elif begun is not None and least.trip is begun.trip:
-            least = self._evasion.as_dodge(now, begun)
-            text = f"{_what(least)} as before: {why}; nothing is safe, and nothing new does less harm"
-        else:
-            return self._harmful(now, least, why)
-        return self._means.plan_of(Vetted(least.trip, least.certificate, None), now, least.outcome, text)
+        goes_on = begun is not None and least.trip is begun.trip
+        dodge = self._evasion.as_dodge(now, begun) if begun is not None and goes_on else least
+        if isinstance(dodge, Stop):
+            return self._harmful(now, dodge, why)
+        if dodge.safe:  # it was none of those that were tried to certify
+            return self._dodging(now, dodge, why)
+        text = f"{_what(dodge)} as before: {why}; nothing is safe, and nothing new does less harm"
+        if not goes_on:
+            text = f"{why}; nothing is safe, this does least harm, {self._what_holds(now, dodge)}"
+        return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, None), now, dodge.outcome, text)
 
     def _harmful(self, now: Replan, stop: Stop, why: str) -> OnlinePlan:
         """The plan of the last trip, which is not safe, or of a stop, and what is wrong with it."""

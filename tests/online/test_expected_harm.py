@@ -23,7 +23,9 @@ from scp_planner.online.expected_harm import (
     harms_of_dodges,
     harms_of_trips,
 )
+from scp_planner.online.fallback import Fallback
 from scp_planner.online.means import Replan
+from scp_planner.online.plan import AWAY
 from scp_planner.online.planner import Planner
 from scp_planner.online.vetting import Moment
 from scp_planner.settings.online import OnlineSettings
@@ -127,6 +129,18 @@ def test_who_stands_sets_off_only_for_clearly_less_harm(
     now = Replan(moment, 0.0, math.inf, None, 1)
     found = Evasion(planner._means).least_harmful(now, ())
     assert isinstance(found, evasion.Dodge) and found.moves is not stays
+
+
+def test_what_does_least_harm_is_safe_if_it_is_certified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be none of those that were tried before: then it has its stop, and is not said to lead to the goal."""
+    monkeypatch.setattr(evasion, "TRIED", 0)
+    planner = Planner(scene(disc("parked", (20.0, 0.0), radius=2.0)), online=OnlineSettings(period=PERIOD))
+    planner.replan(0.0, np.zeros(2), 0.0, 0.0)
+    moment, _ = seen_by(planner)
+    now = Replan(moment, 0.0, math.inf, None, 1)
+    plan = Fallback(planner._means)._give_way(now, planner._means.problem(now), None, "nothing was found")
+    assert plan.outcome in AWAY and plan.safe and plan.stop is not None and not plan.certified
+    assert "nothing is safe" not in str(plan.reason)
 
 
 def test_several_who_may_come_are_independent() -> None:
