@@ -21,13 +21,14 @@ from scp_planner.online.braking import braking_of
 from scp_planner.online.dodge_courses import GRADUAL, PROMPT, SPANS, DodgeProfiles, Profiles
 from scp_planner.online.dodge_outlooks import DodgeOutlooks, Outlook
 from scp_planner.online.dodges import BORDER, Dodges
-from scp_planner.online.expected_harm import harms_of_dodges, harms_of_trips
+from scp_planner.online.expected_harm import CREEPING_HARM, STANDING_HARM, harms_of_dodges, harms_of_trips
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, Outcome
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
+from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trip import Trip
 
 PACE_KEPT = 0.9
@@ -162,9 +163,11 @@ class Evasion:
         Dodge or Stop
         """
         view, moment, confidence = self._with_time_for(now, HARM_TAKES), now.moment, self._means.given.confidence
-        times = view.dodges.times
-        harms = harms_of_trips(moment, [each.trip for each in others], times, confidence)
-        of_dodges = harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence)
+        times, standing = view.dodges.times, STANDING_HARM
+        if self._means.online.give_way is GiveWay.EARLY:
+            standing = CREEPING_HARM
+        harms = harms_of_trips(moment, [each.trip for each in others], times, confidence, standing)
+        of_dodges = harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence, standing)
         now.lap("evasion")
         # Who always turns to where it is best drives to and fro; but it may brake at any time.
         goes_on = bool(others) and now.last is not None and others[0].trip is now.last.trip

@@ -29,16 +29,17 @@ from scp_planner.trips.trip import Trip
 PART = 0.1
 """Share of the zones' extents at which distances are looked at besides, to tell from both how far they reach."""
 STANDING_HARM, CREEPING_HARM = 0.5, 0.75
-"""What it counts to be touched while the vehicle stands, or creeps, if it counts 1 while it drives at its top speed."""
-SETTING_OFF = 0.1
-"""What it counts besides to drive while the vehicle is touched."""
+"""What it counts to be touched while the vehicle stands, or creeps, if it counts 1 while it drives at its top speed.
+Where it gives way early, among people who do not look, it is no better to stand than to creep."""
+SETTING_OFF = 0.4
+"""Share of how much less it counts to stand than to creep, that it counts besides to drive while it is touched."""
 GROWS = 0.5
 """Moments for which zones grow: what is farther ahead will be known better by when the vehicle has to be out of it."""
 LEAST_DEVIATION = 1e-9
 """Units of length. What is known better than this is known."""
 
 
-def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confidence) -> Array:
+def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confidence, standing: float) -> Array:
     """Return the harm to be expected of dodges, (C,), between 0 and 1.
 
     That is how probable it is that the vehicle is touched, by each obstacle at the worst time, and for how long by one
@@ -52,6 +53,8 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
         The workspace in the planning frame.
     confidence : Confidence
         Of the zones.
+    standing : float
+        What it counts to be touched while the vehicle stands.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
     vehicle = moment.scenario.vehicle
     whole = _grown(moment.batch, vehicle)
     near, spared = dodges.within_reach(whole, vehicle), np.ones(len(dodges.position))
-    weights = _weights(dodges.times, dodges.position, vehicle)
+    weights = _weights(dodges.times, dodges.position, vehicle, standing)
     scale = _deviations(confidence, whole)
     for some in in_parts(max(len(near), 1), dodges.heading.size):  # the border is one more, also where no zone is near
         each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (1.0, PART))
@@ -68,7 +71,9 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
     return 1.0 - spared
 
 
-def harms_of_trips(moment: Moment, trips: Sequence[Trip], times: Array, confidence: Confidence) -> Array:
+def harms_of_trips(
+    moment: Moment, trips: Sequence[Trip], times: Array, confidence: Confidence, standing: float
+) -> Array:
     """Return the same of trips that are being driven, or stops, (n,).
 
     Parameters
@@ -79,6 +84,8 @@ def harms_of_trips(moment: Moment, trips: Sequence[Trip], times: Array, confiden
         s from now.
     confidence : Confidence
         Of the zones.
+    standing : float
+        What it counts to be touched while the vehicle stands.
 
     Returns
     -------
@@ -95,7 +102,7 @@ def harms_of_trips(moment: Moment, trips: Sequence[Trip], times: Array, confiden
         _grown(one.batch, vehicle).distances(clock, points).T.reshape(-1, *place.shape[:2])
         for one in (moment, moment.with_smaller_zones(PART))
     )
-    weights = _weights(times, place, vehicle)
+    weights = _weights(times, place, vehicle, standing)
     return 1.0 - _spared(whole, less, _deviations(confidence, moment.batch), weights)
 
 
@@ -110,24 +117,26 @@ def _deviations(confidence: Confidence, batch: ZoneBatch) -> float:
     return math.sqrt(marginal_scale(str(confidence.level), confidence.probability, 1, uncertain))
 
 
-def _weights(times: Array, place: Array, vehicle: Vehicle) -> tuple[Array, Array]:
-    """What it counts to be touched at places (C, J, 2), m, that are driven to, (C, J), and at times (J,), s, (J,)."""
+def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float) -> tuple[Array, Array, Array]:
+    """What it counts to be touched at places (C, J, 2), m, (C, J), at times (J,), s, (J,), and to set off so, (C,)."""
     speed = np.zeros(place.shape[:2])
     speed[:, :-1] = np.hypot(*np.moveaxis(np.diff(place, axis=1), -1, 0)) / np.diff(times)
     drives = CREEPING_HARM + (1.0 - CREEPING_HARM) * np.minimum(speed / vehicle.max_speed, 1.0)
-    # There will be replans until then.
-    return np.where(speed > STANDING, drives, STANDING_HARM), 1.0 / (1.0 + FADING * times / a_moment(vehicle))
+    counts: Array = np.where(speed > STANDING, drives, standing)
+    fading: Array = 1.0 / (1.0 + FADING * times / a_moment(vehicle))  # there will be replans until then
+    sets_off: Array = np.where(speed[:, 0] > STANDING, SETTING_OFF * (CREEPING_HARM - standing), 0.0)
+    return counts, fading, sets_off
 
 
-def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array]) -> Array:
+def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array, Array]) -> Array:
     """The harm that is not to be expected, (C,), by distances (L, C, J) to zones and those of `PART` of the size, m."""
     extent = np.maximum(less - whole, 0.0) / (1.0 - PART)
     gap = whole + extent
     touched = ndtr(-gap / np.maximum(extent / scale, LEAST_DEVIATION))
-    touched *= weights[0]
-    touched *= weights[1]
+    counts, fading, sets_off = weights
+    touched *= counts
+    touched *= fading
     # Who is touched now is no better off by what it was: it gets away the sooner, the better, if that is worth it.
-    driven = SETTING_OFF * (weights[0][:, 0] > STANDING_HARM)
-    harm = np.where(gap[..., 0] < 0.0, touched.sum(axis=2) / weights[1].sum() + driven, touched.max(axis=2))
+    harm = np.where(gap[..., 0] < 0.0, touched.sum(axis=2) / fading.sum() + sets_off, touched.max(axis=2))
     spared: Array = np.prod(1.0 - np.minimum(harm, 1.0), axis=0)
     return spared

@@ -81,8 +81,9 @@ def seen_by(planner: Planner) -> tuple[Moment, Dodges]:
     return moment, Evasion(planner._means)._dodges(moment)
 
 
+@pytest.mark.parametrize("standing", [STANDING_HARM, CREEPING_HARM])
 @pytest.mark.parametrize("touched", [False, True])
-def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool) -> None:
+def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool, standing: float) -> None:
     """Sample by sample, with the true speeds of the trips; of who is touched already the mean over the times."""
     planner = planner_of(0.3, 0.6)
     now = 2.7 if touched else 0.0
@@ -91,7 +92,8 @@ def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool) -> None
     planner.replan(now, np.zeros(2), 0.0, 0.0)
     moment, dodges = seen_by(planner)
     vehicle, confidence = moment.scenario.vehicle, planner._means.given.confidence
-    found = harms_of_dodges(moment, dodges, DodgeOutlooks.box(moment), confidence)
+    by = confidence, standing
+    found = harms_of_dodges(moment, dodges, DodgeOutlooks.box(moment), *by)
     scale = np.sqrt(chi2.ppf(confidence.probability, 2))
     (zone,) = moment.zones
     step = dodges.times[1]
@@ -108,11 +110,12 @@ def test_harm_is_how_likely_a_normal_error_closes_the_gap(touched: bool) -> None
             counts = CREEPING_HARM + (1.0 - CREEPING_HARM) * driven / step / vehicle.max_speed
             fading.append(1.0 / (1.0 + FADING * time / a_moment(vehicle)))
             probability = norm.cdf((SIZE + vehicle.radius - away) / deviation)
-            each.append((counts if driven > 1e-3 * step else STANDING_HARM) * probability * fading[-1])
-        sets_off = SETTING_OFF if trip.at(now + step)[0].distance[0] > 1e-3 * step else 0.0
-        expected = sum(each) / sum(fading) + sets_off if touched else max(each)
+            each.append((counts if driven > 1e-3 * step else standing) * probability * fading[-1])
+        sets_off = trip.at(now + step)[0].distance[0] > 1e-3 * step
+        more = SETTING_OFF * (CREEPING_HARM - standing) if sets_off else 0.0
+        expected = sum(each) / sum(fading) + more if touched else max(each)
         assert found[number] == pytest.approx(expected, abs=2e-3)
-        assert harms_of_trips(moment, [trip], dodges.times, confidence) == pytest.approx([expected], abs=2e-3)
+        assert harms_of_trips(moment, [trip], dodges.times, *by) == pytest.approx([expected], abs=2e-3)
     assert touched or found.min() < 0.7 * found[0], "the first one stands"
 
 
@@ -155,7 +158,9 @@ def test_several_who_may_come_are_independent() -> None:
     for names, planner in planners.items():
         planner.replan(0.0, np.zeros(2), 0.0, 0.0)
         moment, dodges = seen_by(planner)
-        harms[names] = harms_of_dodges(moment, dodges, DodgeOutlooks.box(moment), planner._means.given.confidence)
+        harms[names] = harms_of_dodges(
+            moment, dodges, DodgeOutlooks.box(moment), planner._means.given.confidence, STANDING_HARM
+        )
     assert harms["a"].max() > 0.2 and harms["b"].max() > 0.2
     np.testing.assert_allclose(1.0 - harms["ab"], (1.0 - harms["a"]) * (1.0 - harms["b"]), atol=1e-9)
 
@@ -164,7 +169,7 @@ def test_what_is_known_exactly_is_kept_clear_of_or_not() -> None:
     planner = Planner(scene(disc("post", (3.0, 0.0)), start={"speed": 0.0}), online=OnlineSettings(period=PERIOD))
     planner.replan(0.0, np.zeros(2), 0.0, 0.0)
     moment, dodges = seen_by(planner)
-    found = harms_of_dodges(moment, dodges, DodgeOutlooks.box(moment), planner._means.given.confidence)
+    found = harms_of_dodges(moment, dodges, DodgeOutlooks.box(moment), planner._means.given.confidence, STANDING_HARM)
     away = np.linalg.norm(dodges.position - moment.frame.to_frame(np.array([3.0, 0.0])), axis=2)
     hits = away.min(axis=1) < 0.8
     assert hits.any() and (~hits).any()
