@@ -205,14 +205,15 @@ class Bank:
             self._begin(slots[~old], positions[~old])
             found = self._filter(self.states, slots[old], lag[old], positions[old])
             evidence[walks, old], innovations[:, walks, old] = found
-        weaves = np.flatnonzero(self.alarmed[where])
-        if len(weaves):
-            found = self._filter(self.swings, _run(slots[weaves]), lag[weaves], positions[weaves])
+        weaves = _run(np.flatnonzero(self.alarmed[where]))
+        some = slots[weaves]
+        if len(some):
+            found = self._filter(self.swings, _run(some), lag[weaves], positions[weaves])
             evidence[swings, weaves], innovations[:, swings, weaves] = found
         self.last[where] = times
         place = _Places.of(where, before % _RING)
-        seen = np.stack([times, positions[:, 0], positions[:, 1]])
-        place.put_twice(self._looks, seen)
+        place.put_twice(self._looks[0], times)
+        place.put_twice(self._looks[1:], positions.T)
         place.put(self._innovations, innovations)
         looked_at = cut(innovations)
         place.put_twice(self._cut, looked_at[:, 0])
@@ -244,10 +245,11 @@ class Bank:
 
     def _whitened(self, where: Where, offsets: Array) -> Array:
         """Standardise offsets (2, ..., n), m, by what is declared of the noise; the factor is triangular."""
-        whiten, found = self._whiten[where], np.empty_like(offsets)
-        np.multiply(whiten[:, 0, 0], offsets[0], out=found[0])
-        np.multiply(whiten[:, 1, 0], offsets[0], out=found[1])
-        found[1] += whiten[:, 1, 1] * offsets[1]
+        (xx, _), (yx, yy) = np.ascontiguousarray(self._whiten[where].transpose(1, 2, 0))
+        found = np.empty_like(offsets)
+        np.multiply(xx, offsets[0], out=found[0])
+        np.multiply(yx, offsets[0], out=found[1])
+        found[1] += yy * offsets[1]
         return found
 
     def _feed(self, where: Where, slots: Index, times: Array, positions: Array) -> None:
@@ -301,11 +303,10 @@ class Bank:
 
     def _filter(self, states: _States, where: Where, lag: Array, positions: Array) -> tuple[Array, Array]:
         """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
-        part = states.at(where)
+        part = states.of(where)
         part.predict(lag, self._least[where])
         innovation, variance = part.update(positions.T, self.noise)
-        if not isinstance(where, slice):
-            states.put(where, part)
+        states.put(where, part)
         return self._judged(where, innovation, variance)
 
     def _judged(self, where: Where, innovation: Array, variance: Array) -> tuple[Array, Array]:
@@ -371,28 +372,31 @@ class Bank:
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
         holds = self._hold(slots, begin)
-        holds[self._walks - 1, ~holds.any(axis=0)] = True  # the freest
-        self._since[slots] += 1
-        evidence = self._evidence[..., _run(slots)].sum(axis=-2)
+        holds[self._walks - 1] |= ~holds.any(axis=0)  # the freest
+        where = _run(slots)
+        self._since[where] += 1
+        evidence = self._evidence[..., where].sum(axis=-2)
         among = np.where(holds, evidence[1:], -np.inf)
         most = among.max(axis=0)
         weights = np.exp(among - most)
         swing = weights[self._walks :].sum(axis=0)
         weights[self._walks :, swing < LITTLE * weights.sum(axis=0)] = 0.0
         total = weights.sum(axis=0)
-        self.weights[slots] = (weights / total).T
-        self.gain[slots] = most + np.log(total / len(among)) - evidence[0]
-        false = calm & (self._since[slots] >= EVIDENCE) & (evidence[0] > most + CALM)
-        self.alarmed[slots[false]] = False
+        self.weights[where] = (weights / total).T
+        self.gain[where] = most + np.log(total / len(among)) - evidence[0]
+        false = calm & (self._since[where] >= EVIDENCE) & (evidence[0] > most + CALM)
+        if false.any():
+            self.alarmed[slots[false]] = False
 
     def _hold(self, slots: Index, begin: Index) -> Mask:
         """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
-        most = 2 * len(slots) > len(self.count) and bool((begin == begin[0]).all())
+        first, last = int(slots.min()), int(slots.max()) + 1
+        most = 2 * len(slots) > last - first and bool((begin == begin[0]).all())
         # most are all: it costs less to look where they are
-        places = _Places(slice(0, len(self.count)), int(begin[0])) if most else _Places.of(_run(slots), begin)
+        places = _Places(slice(first, last), int(begin[0])) if most else _Places.of(_run(slots), begin)
         x, y, squares = places.rows(self._filters_cut)
         holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
-        return holds[:, slots] if most else holds
+        return holds[:, _run(slots - first)] if most else holds
 
     def weave(self, slots: Index) -> Mask:
         """Whether those that weave count among the filters of some obstacles, (n,)."""
