@@ -41,8 +41,8 @@ LITTLE = 1e-3
 UNSURE = 1e-9
 """Of what nothing is known yet, but for rounding."""
 _RING = WINDOWS[-1]
-_RINGS = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks")
-"""Arrays (..., ring, K)."""
+_LAST = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks", "_whiten")
+"""Arrays (..., K)."""
 
 
 _States = TypeVar("_States", FilterStates, SwingStates)
@@ -99,7 +99,7 @@ class Bank:
         self._walks = len(widening.filters)
         self.states = FilterStates.none(widening.diffusions)
         self.swings = SwingStates.none(widening.swings)
-        self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0)
+        self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((2, 2, 0)), np.zeros(0)
         self.last = np.zeros(0)
         # Rings, in which observation number n is at the place n modulo their length. What windows look at is there
         # twice, one ring after the other: so the newest are always in a row.
@@ -121,7 +121,7 @@ class Bank:
             self._grow(max(2 * len(self.count), 8))
         slot = self._free.pop()
         self._sigma[slot] = covariance
-        self._whiten[slot] = np.linalg.inv(np.linalg.cholesky(covariance))
+        self._whiten[..., slot] = np.linalg.inv(np.linalg.cholesky(covariance))
         self._least[slot] = np.linalg.eigvalsh(covariance)[0]
         self.polynomials.set_covariance(slot, self.noise * covariance)
         self.clear(slot)
@@ -156,7 +156,7 @@ class Bank:
         self.foretold.grow(size)
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                setattr(self, name, longer(value, size, -1 if name in _RINGS else 0))
+                setattr(self, name, longer(value, size, -1 if name in _LAST else 0))
         for states in (self.states, self.swings):
             states.mean, states.spread = longer(states.mean, size, -1), longer(states.spread, size, -1)
 
@@ -245,7 +245,7 @@ class Bank:
 
     def _whitened(self, where: Where, offsets: Array) -> Array:
         """Standardise offsets (2, ..., n), m, by what is declared of the noise; the factor is triangular."""
-        (xx, _), (yx, yy) = np.ascontiguousarray(self._whiten[where].transpose(1, 2, 0))
+        (xx, _), (yx, yy) = self._whiten[..., where]
         found = np.empty_like(offsets)
         np.multiply(xx, offsets[0], out=found[0])
         np.multiply(yx, offsets[0], out=found[1])
@@ -449,10 +449,10 @@ class Bank:
         where = _run(slots)
         rows = _Places.of(where, self.count[where] % _RING).rows(self._looks)[:, -NEIGHBOURS:]
         apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
-        whiten = self._whiten[where]
+        whiten = self._whiten[..., where]
         if not apart.all():
-            whiten, rows = whiten[apart], rows[..., apart]
-        return third_differences(rows[0], rows[1:], whiten)
+            whiten, rows = whiten[..., apart], rows[..., apart]
+        return third_differences(rows[0], rows[1:], whiten.transpose(2, 0, 1))
 
 
 def _run(slots: Index) -> Where:

@@ -350,11 +350,6 @@ class ObstacleTrack:
             self.foretold.append(self.predicted)
 
     @property
-    def in_doubt(self) -> bool:
-        """Whether what is seen next is its first, or no surprise if odd: its motion is given, or some are suspect."""
-        return self.fixed is not None or self.given is not None or bool(self.suspects) or not self.times
-
-    @property
     def simple(self) -> bool:
         """Whether its zone can be made together with others: one known covariance, no prior, no process noise."""
         return (
