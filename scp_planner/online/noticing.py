@@ -371,9 +371,9 @@ class Bank:
 
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
-        holds = self._hold(slots, begin)
-        holds[self._walks - 1] |= ~holds.any(axis=0)  # the freest
         where = _run(slots)
+        holds = self._hold(where, slots, begin)
+        holds[self._walks - 1] |= ~holds.any(axis=0)  # the freest
         self._since[where] += 1
         evidence = self._evidence[..., where].sum(axis=-2)
         among = np.where(holds, evidence[1:], -np.inf)
@@ -388,15 +388,15 @@ class Bank:
         if false.any():
             self.alarmed[slots[false]] = False
 
-    def _hold(self, slots: Index, begin: Index) -> Mask:
+    def _hold(self, where: Where, slots: Index, begin: Index) -> Mask:
         """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
-        first, last = int(slots.min()), int(slots.max()) + 1
-        most = 2 * len(slots) > last - first and bool((begin == begin[0]).all())
+        first, end = int(slots.min()), int(slots.max()) + 1
         # most are all: it costs less to look where they are
-        places = _Places(slice(first, last), int(begin[0])) if most else _Places.of(_run(slots), begin)
+        most = len(slots) < end - first < 2 * len(slots) and bool((begin == begin[0]).all())
+        places = _Places(slice(first, end), int(begin[0])) if most else _Places.of(where, begin)
         x, y, squares = places.rows(self._filters_cut)
         holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
-        return holds[:, _run(slots - first)] if most else holds
+        return holds[:, slots - first] if most else holds
 
     def weave(self, slots: Index) -> Mask:
         """Whether those that weave count among the filters of some obstacles, (n,)."""
@@ -457,9 +457,11 @@ class Bank:
 
 def _run(slots: Index) -> Where:
     """Some slots, as a slice if they are one after the other: what is there is then looked at where it is."""
-    first = int(slots[0]) if len(slots) else 0
-    one_by_one = np.array_equal(slots, np.arange(first, first + len(slots)))
-    return slice(first, first + len(slots)) if one_by_one else slots
+    if not len(slots):
+        return slice(0, 0)
+    first, end = int(slots[0]), int(slots[-1]) + 1
+    one_by_one = end - first == len(slots) and bool((slots == np.arange(first, end)).all())
+    return slice(first, end) if one_by_one else slots
 
 
 @dataclass(frozen=True)
