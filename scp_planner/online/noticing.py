@@ -15,6 +15,7 @@ All of it is done for many obstacles at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -266,10 +267,11 @@ class Bank:
         found = self.polynomials.innovations
         share = found.share[where]
         sure = share > UNSURE
-        innovations = np.where(sure, self._whitened(where, found.scaled[:, where]) / np.sqrt(self.noise), 0.0)
+        innovations = self._whitened(where, found.scaled[:, where]) / math.sqrt(self.noise)
+        if not sure.all():
+            innovations, share = np.where(sure, innovations, 0.0), np.where(sure, share, 1.0)
         squares = innovations[0] * innovations[0] + innovations[1] * innovations[1]
-        variance = self.noise / np.where(sure, share * share, self.noise)
-        return innovations, np.where(sure, -0.5 * squares - np.log(variance), 0.0)
+        return innovations, np.where(sure, -0.5 * squares - np.log(self.noise / (share * share)), 0.0)
 
     def _polynomial_innovations(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
         """Standardised, (2, n), and log densities (n,), as of filters; 0 of those of which too little was seen."""
@@ -380,7 +382,7 @@ class Bank:
         most = among.max(axis=0)
         weights = np.exp(among - most)
         swing = weights[self._walks :].sum(axis=0)
-        weights[self._walks :, swing < LITTLE * weights.sum(axis=0)] = 0.0
+        weights[self._walks :] *= swing >= LITTLE * weights.sum(axis=0)
         total = weights.sum(axis=0)
         self.weights[where] = (weights / total).T
         self.gain[where] = most + np.log(total / len(among)) - evidence[0]

@@ -6,6 +6,8 @@ contributes that is smooth over four observations; from their median, so outlier
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scp_planner.arrays import Array
@@ -69,7 +71,7 @@ class NoiseWatch:
         self._newest = np.concatenate([self._newest, differences])[-NOISES:]
         if not len(self._newest):
             return False
-        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / np.sqrt(len(self._newest))
+        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / math.sqrt(len(self._newest))
         ratio = _median(self._newest) / _MEDIAN / self.factor
         if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
             return False

@@ -50,7 +50,7 @@ def prior_of(newcomers: SceneNewcomers, order: int) -> MotionPrior:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Seen:
     """One observation.
 
@@ -247,7 +247,7 @@ class GivenZones:
     zones: tuple[ThreatZone, ...]
 
 
-@dataclass
+@dataclass(slots=True)
 class ObstacleTrack:
     """One obstacle, and all that was seen of it.
 
