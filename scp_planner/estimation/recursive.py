@@ -373,9 +373,10 @@ class RecursiveEstimator:
             for j in range(m):
                 pivot, entry = factor[j, j], row[j]
                 length = np.hypot(pivot, entry)
-                idle = length == 0.0
-                length += idle
-                cosine, sine = (pivot + idle) / length, entry / length
+                if not length.all():
+                    pivot = np.where(length == 0.0, 1.0, pivot)
+                    length = np.where(length == 0.0, 1.0, length)
+                cosine, sine = pivot / length, entry / length
                 upper, lower = factor[j, j:], row[j:]
                 rotated = cosine * upper + sine * lower
                 lower *= cosine

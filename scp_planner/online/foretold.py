@@ -286,7 +286,8 @@ class Foretold:
         """
         lag = times - self._origin[slots]
         x, y = positions.T - _at(self._center[..., slots], lag)
-        xx, xy, yy = _at(self._covariance[..., slots], lag) + noise[:, [0, 0, 1], [0, 1, 1]].T
+        xx, xy, yy = _at(self._covariance[..., slots], lag)
+        xx, xy, yy = xx + noise[:, 0, 0], xy + noise[:, 0, 1], yy + noise[:, 1, 1]
         determinant = xx * yy - xy * xy
         sound = self.known[slots] & (determinant > 0.0) & (xx > 0.0)
         squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / np.where(sound, determinant, 1.0)

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.slot_states import SlotStates
+from scp_planner.online.slot_states import SlotStates, if_alike
 from scp_planner.online.waves import Swings
 from scp_planner.scenario.process_model import RandomWalkAcceleration, RandomWalkVelocity
 
@@ -114,9 +114,8 @@ class FilterStates(SlotStates):
         state, spread, noise = (
             _steps(float(lag[0]), self.diffusions.tobytes()) if same else _moved(lag, self.diffusions)
         )
-        self.mean[...] = _applied(state, self.mean)
-        self.spread[...] = _applied(spread, self.spread)
-        self.spread += noise * (1.0 / unit)
+        self.mean, self.spread = _applied(state, self.mean), _applied(spread, self.spread)
+        self.spread += noise * (1.0 / if_alike(unit))
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
         """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
@@ -163,7 +162,7 @@ def _applied(matrices: Array, values: Array) -> Array:
     """Matrices (p, p, K), or one for all (p, p), times values (p, ..., K)."""
     if matrices.ndim == 2:
         return np.asarray((matrices @ values.reshape(len(values), -1)).reshape(values.shape))
-    return np.asarray(np.einsum("ijk,j...k->i...k", matrices, values))
+    return np.asarray(np.einsum("ijk,j...k->i...k", matrices, values, order="C"))
 
 
 def even(blocks: Array) -> Array:

@@ -15,6 +15,7 @@ All of it is done for many obstacles at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -41,8 +42,8 @@ LITTLE = 1e-3
 UNSURE = 1e-9
 """Of what nothing is known yet, but for rounding."""
 _RING = WINDOWS[-1]
-_RINGS = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks")
-"""Arrays (..., ring, K)."""
+_LAST = ("_innovations", "_cut", "_filters_cut", "_evidence", "_looks", "_whiten")
+"""Arrays (..., K)."""
 
 
 _States = TypeVar("_States", FilterStates, SwingStates)
@@ -99,7 +100,7 @@ class Bank:
         self._walks = len(widening.filters)
         self.states = FilterStates.none(widening.diffusions)
         self.swings = SwingStates.none(widening.swings)
-        self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0)
+        self._sigma, self._whiten, self._least = np.zeros((0, 2, 2)), np.zeros((2, 2, 0)), np.zeros(0)
         self.last = np.zeros(0)
         # Rings, in which observation number n is at the place n modulo their length. What windows look at is there
         # twice, one ring after the other: so the newest are always in a row.
@@ -121,7 +122,7 @@ class Bank:
             self._grow(max(2 * len(self.count), 8))
         slot = self._free.pop()
         self._sigma[slot] = covariance
-        self._whiten[slot] = np.linalg.inv(np.linalg.cholesky(covariance))
+        self._whiten[..., slot] = np.linalg.inv(np.linalg.cholesky(covariance))
         self._least[slot] = np.linalg.eigvalsh(covariance)[0]
         self.polynomials.set_covariance(slot, self.noise * covariance)
         self.clear(slot)
@@ -156,7 +157,7 @@ class Bank:
         self.foretold.grow(size)
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
-                setattr(self, name, longer(value, size, -1 if name in _RINGS else 0))
+                setattr(self, name, longer(value, size, -1 if name in _LAST else 0))
         for states in (self.states, self.swings):
             states.mean, states.spread = longer(states.mean, size, -1), longer(states.spread, size, -1)
 
@@ -205,14 +206,15 @@ class Bank:
             self._begin(slots[~old], positions[~old])
             found = self._filter(self.states, slots[old], lag[old], positions[old])
             evidence[walks, old], innovations[:, walks, old] = found
-        weaves = np.flatnonzero(self.alarmed[where])
-        if len(weaves):
-            found = self._filter(self.swings, _run(slots[weaves]), lag[weaves], positions[weaves])
+        weaves = _run(np.flatnonzero(self.alarmed[where]))
+        some = slots[weaves]
+        if len(some):
+            found = self._filter(self.swings, _run(some), lag[weaves], positions[weaves])
             evidence[swings, weaves], innovations[:, swings, weaves] = found
         self.last[where] = times
         place = _Places.of(where, before % _RING)
-        seen = np.stack([times, positions[:, 0], positions[:, 1]])
-        place.put_twice(self._looks, seen)
+        place.put_twice(self._looks[0], times)
+        place.put_twice(self._looks[1:], positions.T)
         place.put(self._innovations, innovations)
         looked_at = cut(innovations)
         place.put_twice(self._cut, looked_at[:, 0])
@@ -244,10 +246,11 @@ class Bank:
 
     def _whitened(self, where: Where, offsets: Array) -> Array:
         """Standardise offsets (2, ..., n), m, by what is declared of the noise; the factor is triangular."""
-        whiten, found = self._whiten[where], np.empty_like(offsets)
-        np.multiply(whiten[:, 0, 0], offsets[0], out=found[0])
-        np.multiply(whiten[:, 1, 0], offsets[0], out=found[1])
-        found[1] += whiten[:, 1, 1] * offsets[1]
+        (xx, _), (yx, yy) = self._whiten[..., where]
+        found = np.empty_like(offsets)
+        np.multiply(xx, offsets[0], out=found[0])
+        np.multiply(yx, offsets[0], out=found[1])
+        found[1] += yy * offsets[1]
         return found
 
     def _feed(self, where: Where, slots: Index, times: Array, positions: Array) -> None:
@@ -264,10 +267,11 @@ class Bank:
         found = self.polynomials.innovations
         share = found.share[where]
         sure = share > UNSURE
-        innovations = np.where(sure, self._whitened(where, found.scaled[:, where]) / np.sqrt(self.noise), 0.0)
+        innovations = self._whitened(where, found.scaled[:, where]) / math.sqrt(self.noise)
+        if not sure.all():
+            innovations, share = np.where(sure, innovations, 0.0), np.where(sure, share, 1.0)
         squares = innovations[0] * innovations[0] + innovations[1] * innovations[1]
-        variance = self.noise / np.where(sure, share * share, self.noise)
-        return innovations, np.where(sure, -0.5 * squares - np.log(variance), 0.0)
+        return innovations, np.where(sure, -0.5 * squares - np.log(self.noise / (share * share)), 0.0)
 
     def _polynomial_innovations(self, where: Where, times: Array, positions: Array) -> tuple[Array, Array]:
         """Standardised, (2, n), and log densities (n,), as of filters; 0 of those of which too little was seen."""
@@ -301,11 +305,10 @@ class Bank:
 
     def _filter(self, states: _States, where: Where, lag: Array, positions: Array) -> tuple[Array, Array]:
         """Log densities of the observations under each filter (M, n), but for a constant, and innovations (2, M, n)."""
-        part = states.at(where)
+        part = states.of(where)
         part.predict(lag, self._least[where])
         innovation, variance = part.update(positions.T, self.noise)
-        if not isinstance(where, slice):
-            states.put(where, part)
+        states.put(where, part)
         return self._judged(where, innovation, variance)
 
     def _judged(self, where: Where, innovation: Array, variance: Array) -> tuple[Array, Array]:
@@ -370,29 +373,32 @@ class Bank:
 
     def _weigh(self, slots: Index, begin: Index, calm: Mask) -> None:
         """Weigh the filters; call those alarms off that were false, of those whose polynomial motion holds."""
-        holds = self._hold(slots, begin)
-        holds[self._walks - 1, ~holds.any(axis=0)] = True  # the freest
-        self._since[slots] += 1
-        evidence = self._evidence[..., _run(slots)].sum(axis=-2)
+        where = _run(slots)
+        holds = self._hold(where, slots, begin)
+        holds[self._walks - 1] |= ~holds.any(axis=0)  # the freest
+        self._since[where] += 1
+        evidence = self._evidence[..., where].sum(axis=-2)
         among = np.where(holds, evidence[1:], -np.inf)
         most = among.max(axis=0)
         weights = np.exp(among - most)
         swing = weights[self._walks :].sum(axis=0)
-        weights[self._walks :, swing < LITTLE * weights.sum(axis=0)] = 0.0
+        weights[self._walks :] *= swing >= LITTLE * weights.sum(axis=0)
         total = weights.sum(axis=0)
-        self.weights[slots] = (weights / total).T
-        self.gain[slots] = most + np.log(total / len(among)) - evidence[0]
-        false = calm & (self._since[slots] >= EVIDENCE) & (evidence[0] > most + CALM)
-        self.alarmed[slots[false]] = False
+        self.weights[where] = (weights / total).T
+        self.gain[where] = most + np.log(total / len(among)) - evidence[0]
+        false = calm & (self._since[where] >= EVIDENCE) & (evidence[0] > most + CALM)
+        if false.any():
+            self.alarmed[slots[false]] = False
 
-    def _hold(self, slots: Index, begin: Index) -> Mask:
+    def _hold(self, where: Where, slots: Index, begin: Index) -> Mask:
         """Whether each filter's own windows are not improbable, (M, n), of some obstacles."""
-        most = 2 * len(slots) > len(self.count) and bool((begin == begin[0]).all())
+        first, end = int(slots.min()), int(slots.max()) + 1
         # most are all: it costs less to look where they are
-        places = _Places(slice(0, len(self.count)), int(begin[0])) if most else _Places.of(_run(slots), begin)
+        most = len(slots) < end - first < 2 * len(slots) and bool((begin == begin[0]).all())
+        places = _Places(slice(first, end), int(begin[0])) if most else _Places.of(where, begin)
         x, y, squares = places.rows(self._filters_cut)
         holds = windows_of(x, y, squares, self.alarm_probability).max(axis=-2) <= 1.0
-        return holds[:, slots] if most else holds
+        return holds[:, slots - first] if most else holds
 
     def weave(self, slots: Index) -> Mask:
         """Whether those that weave count among the filters of some obstacles, (n,)."""
@@ -445,17 +451,19 @@ class Bank:
         where = _run(slots)
         rows = _Places.of(where, self.count[where] % _RING).rows(self._looks)[:, -NEIGHBOURS:]
         apart = (rows[0, 1:] > rows[0, :-1]).all(axis=0)
-        whiten = self._whiten[where]
+        whiten = self._whiten[..., where]
         if not apart.all():
-            whiten, rows = whiten[apart], rows[..., apart]
-        return third_differences(rows[0], rows[1:], whiten)
+            whiten, rows = whiten[..., apart], rows[..., apart]
+        return third_differences(rows[0], rows[1:], whiten.transpose(2, 0, 1))
 
 
 def _run(slots: Index) -> Where:
     """Some slots, as a slice if they are one after the other: what is there is then looked at where it is."""
-    first = int(slots[0]) if len(slots) else 0
-    one_by_one = np.array_equal(slots, np.arange(first, first + len(slots)))
-    return slice(first, first + len(slots)) if one_by_one else slots
+    if not len(slots):
+        return slice(0, 0)
+    first, end = int(slots[0]), int(slots[-1]) + 1
+    one_by_one = end - first == len(slots) and bool((slots == np.arange(first, end)).all())
+    return slice(first, end) if one_by_one else slots
 
 
 @dataclass(frozen=True)

@@ -36,29 +36,31 @@ def take_in(obstacles: ObstacleTracks, names: Sequence[str], seen: Sequence[Seen
         What is wrong with each, if it was not used.
     """
     tracks = list(map(obstacles.tracks.__getitem__, names))
+    banks = [_bank_of(track, one) for track, one in zip(tracks, seen, strict=True)]
     alone: list[int] = []
-    kinds: dict[Bank, list[int]] = {}
-    last, numbers = None, list[int]()
-    for number, (track, one) in enumerate(zip(tracks, seen, strict=True)):
-        estimator = track.estimator
-        if estimator is None or estimator.bank is None or track.in_doubt or one.time <= track.times[-1]:
-            alone.append(number)
-            continue
-        if estimator.bank is not last:
-            last = estimator.bank
-            numbers = kinds.setdefault(last, [])
-        numbers.append(number)
-    for bank, numbers in kinds.items():
-        if len(numbers) < len(tracks):
-            some, ones = [tracks[number] for number in numbers], [seen[number] for number in numbers]
-            alone += [numbers[k] for k in _left_by(obstacles, bank, some, ones)]
-        else:
+    kinds = dict.fromkeys(banks)
+    for bank in kinds:
+        if bank is not None and len(kinds) == 1:
             alone = _left_by(obstacles, bank, tracks, seen)
+            continue
+        numbers = [number for number, one in enumerate(banks) if one is bank]
+        if bank is not None:
+            some, ones = [tracks[number] for number in numbers], [seen[number] for number in numbers]
+            numbers = [numbers[k] for k in _left_by(obstacles, bank, some, ones)]
+        alone += numbers
     said: list[str | None] = [None] * len(names)
     for number in sorted(alone):
         one = seen[number]
         said[number] = obstacles.observe(names[number], one.time, one.position, one.covariance)
     return said
+
+
+def _bank_of(track: ObstacleTrack, one: Seen) -> Bank | None:
+    """The bank that takes in what is seen of a track, if its motion is not given, none is suspect, and it is newer."""
+    estimator, times = track.estimator, track.times
+    if estimator is None or track.fixed is not None or track.given is not None or track.suspects or not times:
+        return None
+    return estimator.bank if one.time > times[-1] else None
 
 
 def _left_by(obstacles: ObstacleTracks, bank: Bank, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> list[int]:

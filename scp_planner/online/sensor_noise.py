@@ -6,6 +6,8 @@ contributes that is smooth over four observations; from their median, so outlier
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scp_planner.arrays import Array
@@ -16,6 +18,7 @@ SURE = 4.0
 """Standard errors by which the noise must exceed what is declared, to be believed; from then on one is enough."""
 NEIGHBOURS = 4
 """Observations that a third difference is of."""
+_SELF = np.eye(NEIGHBOURS)[..., None]
 _MEDIAN = 1.3862943611198906  # of chi-square with 2 degrees of freedom
 _MEDIAN_ERROR = 2.28  # relative standard error of the median of n overlapping differences, times sqrt(n)
 
@@ -37,7 +40,7 @@ def third_differences(times: Array, positions: Array, whiten: Array) -> Array:
     """
     if times.shape[1] and (times == times[:, :1]).all():
         times = times[:, :1]  # as in a frame
-    between = times[:, None] - times[None] + np.eye(NEIGHBOURS)[..., None]
+    between = times[:, None] - times[None] + _SELF
     weights = 1.0 / between.prod(axis=1)
     weights /= np.sqrt((weights * weights).sum(axis=0))
     x, y = weights[:, 0] @ positions if weights.shape[1] == 1 else (weights * positions).sum(axis=1)
@@ -68,7 +71,7 @@ class NoiseWatch:
         self._newest = np.concatenate([self._newest, differences])[-NOISES:]
         if not len(self._newest):
             return False
-        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / np.sqrt(len(self._newest))
+        doubt = (SURE if self.factor == 1.0 else 1.0) * _MEDIAN_ERROR / math.sqrt(len(self._newest))
         ratio = _median(self._newest) / _MEDIAN / self.factor
         if 1.0 / (1.0 + doubt) <= ratio <= 1.0 + doubt:
             return False

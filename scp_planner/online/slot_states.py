@@ -26,13 +26,16 @@ class SlotStates:
     spread: Array
 
     def of(self, slots: Index | slice) -> Self:
-        """Copy the states of some obstacles, (n,)."""
-        return replace(self, mean=self.mean[..., slots].copy(), spread=self.spread[..., slots].copy())
-
-    def at(self, slots: Index | slice) -> Self:
-        """The states of some obstacles: where they are if those are a slice, else copies."""
-        return replace(self, mean=self.mean[..., slots], spread=self.spread[..., slots])
+        """The states of some obstacles, (n,): where they are, if those are a slice, until they are moved on."""
+        if isinstance(slots, slice):
+            return replace(self, mean=self.mean[..., slots], spread=self.spread[..., slots])
+        return replace(self, mean=self.mean.take(slots, axis=-1), spread=self.spread.take(slots, axis=-1))
 
     def put(self, slots: Index | slice, part: Self) -> None:
         """Put states where those of some obstacles are, (n,)."""
         self.mean[..., slots], self.spread[..., slots] = part.mean, part.spread
+
+
+def if_alike(values: Array) -> Array:
+    """The first of values (n,) alone, (1,), if all are the same, as in a frame; or else all."""
+    return values[:1] if len(values) and (values == values[0]).all() else values

@@ -50,7 +50,7 @@ def prior_of(newcomers: SceneNewcomers, order: int) -> MotionPrior:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Seen:
     """One observation.
 
@@ -247,7 +247,7 @@ class GivenZones:
     zones: tuple[ThreatZone, ...]
 
 
-@dataclass
+@dataclass(slots=True)
 class ObstacleTrack:
     """One obstacle, and all that was seen of it.
 
@@ -348,11 +348,6 @@ class ObstacleTrack:
         """Keep what is predicted of it, to see what comes of that."""
         if self.predicted is not None:
             self.foretold.append(self.predicted)
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether what is seen next is its first, or no surprise if odd: its motion is given, or some are suspect."""
-        return self.fixed is not None or self.given is not None or bool(self.suspects) or not self.times
 
     @property
     def simple(self) -> bool:

@@ -19,7 +19,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.online.slot_states import SlotStates
+from scp_planner.online.slot_states import SlotStates, if_alike
 
 PERIODS = (0.83, 1.17, 1.6, 2.2)
 """Of the swings, as multiples of the time in which newcomers' accelerations make their velocities."""
@@ -39,7 +39,7 @@ _KINEMATIC = _FULL[_OBSERVED[0], _OBSERVED[1]]
 """Where the upper triangle of the first three states is."""
 _KEPT = 16
 """Steps that are kept: lags repeat, from frame to frame."""
-_DIGITS = 9  # of lags, in units of time: those of one frame differ by rounding only
+_UNITS = 1e9  # of time: lags of one frame differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -155,10 +155,10 @@ class Swings:
         return kept
 
 
-def _distinct(values: Array) -> tuple[Array, Index]:
-    """Different values, sorted, and which of them each is."""
+def _distinct(values: Array, count: int) -> tuple[Array, Index]:
+    """Different ones of so many values, sorted, and which of them each is; one value is that of all."""
     if len(values) and (values == values[0]).all():  # as in a frame
-        return values[:1], np.zeros(len(values), dtype=np.intp)
+        return values[:1], np.zeros(count, dtype=np.intp)
     return np.unique(values, return_inverse=True)
 
 
@@ -198,7 +198,7 @@ class SwingStates(SlotStates):
 
     def predict(self, lag: Array, unit: Array) -> None:
         """Move on by lags (K,), s, of obstacles whose noise has variances (K,), m^2."""
-        lags, which = _distinct(np.round(lag, _DIGITS))
+        lags, which = _distinct(np.rint(if_alike(lag) * _UNITS) / _UNITS, len(lag))
         steps = self.swings.steps(lags)
         moved, triangles = steps.moved, steps.triangles
         some, count = len(lags), len(lag) // max(len(lags), 1)
@@ -209,12 +209,12 @@ class SwingStates(SlotStates):
             mean = moved @ mean.reshape(some, swings, STATES, 2 * count)
             mean = mean.reshape(some, swings, STATES, 2, count).transpose(2, 3, 1, 0, 4)
             spread = triangles @ self.spread.reshape(pairs, swings, some, count).transpose(2, 1, 0, 3)
-            self.mean[...] = mean.reshape(self.mean.shape)
-            self.spread[...] = spread.transpose(2, 1, 0, 3).reshape(self.spread.shape)
+            self.mean = np.ascontiguousarray(mean).reshape(self.mean.shape)
+            self.spread = np.ascontiguousarray(spread.transpose(2, 1, 0, 3)).reshape(self.spread.shape)
         else:
-            self.mean[...] = np.einsum("kmij,jamk->iamk", moved[which], self.mean)
-            self.spread[...] = np.einsum("kmij,jmk->imk", triangles[which], self.spread)
-        self.spread += (steps.noise if some == 1 else steps.noise[..., which]) / unit
+            self.mean = np.einsum("kmij,jamk->iamk", moved[which], self.mean, order="C")
+            self.spread = np.einsum("kmij,jmk->imk", triangles[which], self.spread, order="C")
+        self.spread += steps.noise / if_alike(unit) if some == 1 else steps.noise[..., which] / unit
 
     def update(self, positions: Array, noise: float) -> tuple[Array, Array]:
         """Take in positions (2, K) m; return what they differ by (2, M, K) m, and its variance over the noise."""
@@ -222,7 +222,10 @@ class SwingStates(SlotStates):
         variance = self.spread[0] + noise
         gain = self.spread[:STATES] / variance
         self.mean += gain[:, None] * innovation
-        self.spread -= gain[_PAIRS[0]] * self.spread[_PAIRS[1]]
+        told = np.empty_like(self.spread)
+        for row in range(STATES):  # NUMPY-CALLS: to gather both factors takes twice as long
+            np.multiply(gain[row], self.spread[row:STATES], out=told[_FULL[row, row] : _FULL[row, -1] + 1])
+        self.spread -= told
         return innovation, variance
 
     @property
