@@ -38,6 +38,8 @@ ROOM_PRICE = 7e-3
 """Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
 HOPELESS = 1.0
 """Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
+LOST = 0.1
+"""Share of the time that was given for room, of which a trip without room gets back less where the rest is lost."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -81,6 +83,7 @@ class Decision:
         self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
+        self._dear = False  # more room cost too much at the last replan, and nothing was improved
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -108,14 +111,18 @@ class Decision:
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if now.cycle - self._improved < self._improve_every:
-            kept = self._means.vetting.vet_on(
-                now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified
-            )
-            now.lap("certificate")
+        if now.cycle - self._improved < self._improve_every and not self._dear:
+            kept = self._still_on(now, last)
             if kept is not None:
                 return self._keep(now, kept)
         return self._anew(now, last)
+
+    def _still_on(self, now: Replan, last: OnlinePlan) -> Vetted | None:
+        """The last plan as it is, if that will do for a while."""
+        vetting = self._means.vetting
+        kept = vetting.vet_on(now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
+        now.lap("certificate")
+        return kept
 
     def _at_the_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Stand; within the goal's radius the vehicle may still come to rest, or be on its way to where it arrives."""
@@ -147,6 +154,8 @@ class Decision:
             if kept is not None:
                 why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
                 return self._means.plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
+        if last is not None and best.trip is last.trip:
+            return self._means.plan_of(best, now, Outcome.KEPT, "it holds, and is improved at the next replan")
         self._good_enough = best.feasible
         return self._means.plan_of(best, now, Outcome.IMPROVED, why)
 
@@ -189,24 +198,41 @@ class Decision:
         return best, said if best is None else "first plan" if now.last is None else "another way round"
 
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
-        """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
+        """Improve what is left of the last trip: with room, as long as that costs little, or else without.
+
+        Where the last trip will do, the latter is left to the next replan: no replan takes as long as two.
+        """
         assert now.last is not None, "there is a last trip"
-        arrival, problem = now.last.arrival_time, loop.problem
-        roomy = self._means.roomy(problem)
-        if roomy is not None and _keeps_clear(problem, ahead):
-            run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
-            spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
-            cheap = spent <= ROOM_PRICE * (arrival - now.moment.state.time)
-            if cheap or perf_counter() > now.deadline:
-                evaluation, found = evaluate_among(problem, run.evaluation, NEAR), None
-                if evaluation.worst_violation <= FEASIBILITY:
-                    found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
-                if isinstance(found, Vetted):
-                    self._spent, self._roomy = max(spent, 0.0), found
-                    return found
-        found = self._without_room(now, loop, ahead)
-        if isinstance(found, Vetted):
-            self._spent = max(self._spent + min(found.arrival - arrival, 0.0), 0.0)
+        roomy = None if self._dear else self._means.roomy(loop.problem)
+        self._dear = False
+        if roomy is not None and _keeps_clear(loop.problem, ahead):
+            found = self._with_room(now, loop.problem, roomy, ahead)
+            if found is None:
+                found = self._still_on(now, now.last)
+                self._dear = found is not None
+            if found is not None:
+                return found
+        arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
+        if isinstance(without, Vetted):
+            got_back = max(arrival - without.arrival, 0.0)
+            self._spent = max(self._spent - got_back, 0.0) if got_back > LOST * self._spent else 0.0
+        return without
+
+    def _with_room(self, now: Replan, problem: Problem, roomy: Problem, ahead: Trajectory) -> Vetted | None:
+        """Improve what is left of the last trip in the same problem with more room; None where that costs too much."""
+        assert now.last is not None, "there is a last trip"
+        arrival = now.last.arrival_time
+        run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
+        spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
+        if spent > ROOM_PRICE * (arrival - now.moment.state.time) and perf_counter() <= now.deadline:
+            return None
+        evaluation = evaluate_among(problem, run.evaluation, NEAR)
+        if evaluation.worst_violation > FEASIBILITY:
+            return None
+        found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
+        if not isinstance(found, Vetted):
+            return None
+        self._spent, self._roomy = max(spent, 0.0), found
         return found
 
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:

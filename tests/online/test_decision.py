@@ -15,7 +15,7 @@ from scp_planner.online.means import Replan
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
-from scp_planner.online.vetting import Refusal
+from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.loop import ScpLoop
@@ -64,6 +64,43 @@ def test_room_costs_no_more_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None
     plan, away = driven(watched("a"), 1e-4, monkeypatch)
     assert plan.arrival_time < (1.0 + 2e-4) * hurried.arrival_time
     assert away < near + 0.5 * NOISE
+
+
+def test_where_room_is_dear_no_replan_improves_two_trips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last plan is kept, and improved without room at the next replan, before it would be the next one's turn."""
+    each, run, replan = [], ScpLoop.run, Planner.replan
+
+    def counted(self: ScpLoop, *given: Any, **choices: Any) -> Any:
+        each[-1] += 1
+        return run(self, *given, **choices)
+
+    def begun(self: Planner, *given: Any, **choices: Any) -> OnlinePlan:
+        each.append(0)
+        return replan(self, *given, **choices)
+
+    monkeypatch.setattr(ScpLoop, "run", counted)
+    monkeypatch.setattr(Planner, "replan", begun)
+    monkeypatch.setattr(decision, "_keeps_clear", lambda *_: True)
+    driven(watched("a"), -1.0, monkeypatch)
+    assert each[1:] == [0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(("got_back", "left"), [(0.0, 0.0), (0.05, 0.0), (0.3, 0.7), (2.0, 0.0)])
+def test_what_was_given_for_room_is_lost_where_it_is_not_got_back(
+    got_back: float, left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = Planner(scene(disc("a", PLACE), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    means, decide, last = planner._means, planner._decision, planner._last
+    assert last is not None
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), 0.0, 3.0 / planner._units.speed)), 0.0, math.inf, last, 1)
+    trip = replace(last.trip, frame=replace(last.trip.frame, time=last.trip.frame.time - 0.02 * got_back))
+    certificate = means.vetting.vet(now.moment, means.problem(now), last.trip.trajectory)
+    assert isinstance(certificate, Vetted)
+    monkeypatch.setattr(decide, "_without_room", lambda *_: replace(certificate, trip=trip))
+    decide._spent = 0.02
+    decide._continued(now, ScpLoop(means.problem(now), means.solver), last.trip.trajectory)
+    assert decide._spent == pytest.approx(0.02 * left)
 
 
 def test_no_room_is_kept_from_who_is_known_exactly(monkeypatch: pytest.MonkeyPatch) -> None:
