@@ -38,6 +38,8 @@ ROOM_PRICE = 7e-3
 """Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
 HOPELESS = 1.0
 """Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
+PLAIN = 2
+"""Improvements without room after one with room that cost too much: the first of them at the next replan."""
 LOST = 0.1
 """Share of the time that was given for room, of which a trip without room gets back less where the rest is lost."""
 SLOWER = 5e-3
@@ -83,7 +85,7 @@ class Decision:
         self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
-        self._dear = False  # more room cost too much at the last replan, and nothing was improved
+        self._plain = 0  # improvements that are still to be made without room
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -111,7 +113,7 @@ class Decision:
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if now.cycle - self._improved < self._improve_every and not self._dear:
+        if now.cycle - self._improved < self._improve_every and self._plain < PLAIN:
             kept = self._still_on(now, last)
             if kept is not None:
                 return self._keep(now, kept)
@@ -203,15 +205,14 @@ class Decision:
         Where the last trip will do, the latter is left to the next replan: no replan takes as long as two.
         """
         assert now.last is not None, "there is a last trip"
-        roomy = None if self._dear else self._means.roomy(loop.problem)
-        self._dear = False
+        roomy = None if self._plain else self._means.roomy(loop.problem)
         if roomy is not None and _keeps_clear(loop.problem, ahead):
             found = self._with_room(now, loop.problem, roomy, ahead)
             if found is None:
-                found = self._still_on(now, now.last)
-                self._dear = found is not None
+                found, self._plain = self._still_on(now, now.last), PLAIN
             if found is not None:
                 return found
+        self._plain = max(self._plain - 1, 0)
         arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
         if isinstance(without, Vetted):
             got_back = max(arrival - without.arrival, 0.0)

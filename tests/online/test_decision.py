@@ -11,13 +11,14 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.online import decision
-from scp_planner.online.means import Replan
+from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
@@ -67,22 +68,28 @@ def test_room_costs_no_more_than_it_may(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_where_room_is_dear_no_replan_improves_two_trips(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last plan is kept, and improved without room at the next replan, before it would be the next one's turn."""
-    each, run, replan = [], ScpLoop.run, Planner.replan
+    """The last plan is kept, and improved without room at the next replan, and once more before room is tried again."""
+    done, run, roomy = list[str](), ScpLoop.run, Means.roomy
 
     def counted(self: ScpLoop, *given: Any, **choices: Any) -> Any:
-        each[-1] += 1
+        done[-1] += "run"
         return run(self, *given, **choices)
 
-    def begun(self: Planner, *given: Any, **choices: Any) -> OnlinePlan:
-        each.append(0)
-        return replan(self, *given, **choices)
+    def tried(self: Means, problem: Problem) -> Problem | None:
+        done[-1] += "room "
+        return roomy(self, problem)
 
-    monkeypatch.setattr(ScpLoop, "run", counted)
-    monkeypatch.setattr(Planner, "replan", begun)
     monkeypatch.setattr(decision, "_keeps_clear", lambda *_: True)
-    driven(watched("a"), -1.0, monkeypatch)
-    assert each[1:] == [0, 0, 0, 0, 1, 1, 0, 0, 0, 0, 1]
+    monkeypatch.setattr(decision, "ROOM_PRICE", -1.0)
+    monkeypatch.setattr(decision, "UNFINISHED_SOONER", 1)
+    planner = Planner(scene(watched("a"), start={"speed": 3.0}), online=OnlineSettings(improve_every=2))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    monkeypatch.setattr(ScpLoop, "run", counted)
+    monkeypatch.setattr(Means, "roomy", tried)
+    for time in 0.1 * np.arange(1, 12):
+        done.append("")
+        plan = planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+    assert done == ["", "room run", "run", "", "run", "", "room run", "run", "", "run", ""]
 
 
 @pytest.mark.parametrize(("got_back", "left"), [(0.0, 0.0), (0.05, 0.0), (0.3, 0.7), (2.0, 0.0)])
