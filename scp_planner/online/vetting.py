@@ -443,6 +443,8 @@ class Vetting:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""
         if now.state.time + self.period > stop.branch + TINY_TIME or not self.is_on(now, last):
             return None
+        if np.isfinite(self.clear_for(now, stop)):
+            return None
         certificate = self.certify_stop(now, stop, now.state.time)
         return Vetted(last, certificate, stop) if certificate.holds else None
 

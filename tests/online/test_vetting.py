@@ -111,3 +111,24 @@ def test_stops_that_do_not_stay_clear_are_not_certified(
     assert len(tried) == certified
     assert isinstance(answer, Refusal) if not certified else isinstance(answer, Vetted) and answer.stop is not None
     assert not certified or tried[0][1].branch == pytest.approx(1.0 / planner._units.time, rel=0.3)
+
+
+@pytest.mark.parametrize(("ahead", "certified"), [(0.0, 0), (4.0, 1)])
+def test_a_stop_that_somebody_has_come_into_is_not_certified_again(
+    ahead: float, certified: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it stands, or that much farther on; the stop was made where nobody was."""
+    answer = vetted(disc("post", (15.0, 0.0)), stops_will_do=True)
+    assert isinstance(answer, Vetted) and answer.stop is not None
+    (x, y) = answer.trip.frame.to_world(answer.stop.trip.at(np.array([answer.stop.stands]))[0].path.position)[0]
+    scenario = scene(disc("post", (x + ahead, y)), start={"speed": SPEED})
+    tried, certify = [], Vetting.certify_stop
+
+    def counted(self: Vetting, *given: Any) -> Certificate:
+        tried.append(given)
+        return certify(self, *given)
+
+    monkeypatch.setattr(Vetting, "certify_stop", counted)
+    now = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, sp.zones(scenario))
+    kept = Vetting(PERIOD, True, 0.0).vet_kept_stop(now, answer.trip, answer.stop)
+    assert len(tried) == certified and (kept is not None) is bool(certified)
