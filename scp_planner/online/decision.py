@@ -36,12 +36,16 @@ UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 ROOM_PRICE = 7e-3
 """Share of the time that is left, which may be spent on keeping farther away from who may yet change its motion."""
-LEAST_ROOM = 0.25
-"""Share of the room that is asked for at least: where more is too dear, half as much is tried at the next time..."""
+LESS_ROOM = 0.25
+"""Share of the room that is asked for after more was too dear..."""
 TWICE = 4.0
 """...and twice as much where so many times what has been spent may be."""
 HOPELESS = 1.0
 """Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
+PLAIN = 2
+"""Improvements without room after one with room that cost too much: the first of them at the next replan."""
+LOST = 0.1
+"""Share of the time that was given for room, of which a trip without room gets back less where the rest is lost."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -86,6 +90,7 @@ class Decision:
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
         self._room = 1.0  # share of the room that is asked for next
+        self._plain = 0  # improvements that are still to be made without room
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -113,14 +118,18 @@ class Decision:
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if now.cycle - self._improved < self._improve_every:
-            kept = self._means.vetting.vet_on(
-                now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified
-            )
-            now.lap("certificate")
+        if now.cycle - self._improved < self._improve_every and self._plain < PLAIN:
+            kept = self._still_on(now, last)
             if kept is not None:
                 return self._keep(now, kept)
         return self._anew(now, last)
+
+    def _still_on(self, now: Replan, last: OnlinePlan) -> Vetted | None:
+        """The last plan as it is, if that will do for a while."""
+        vetting = self._means.vetting
+        kept = vetting.vet_on(now.moment, last.trip, self._means.foreseen, last.branch_time, last.certified)
+        now.lap("certificate")
+        return kept
 
     def _at_the_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Stand; within the goal's radius the vehicle may still come to rest, or be on its way to where it arrives."""
@@ -152,6 +161,8 @@ class Decision:
             if kept is not None:
                 why = "is faster than what was found" if later else "is certified to the goal, unlike what was found"
                 return self._means.plan_of(kept, now, Outcome.KEPT, f"it holds, and {why}")
+        if last is not None and best.trip is last.trip:
+            return self._means.plan_of(best, now, Outcome.KEPT, "it holds, and is improved at the next replan")
         self._good_enough = best.feasible
         return self._means.plan_of(best, now, Outcome.IMPROVED, why)
 
@@ -194,27 +205,44 @@ class Decision:
         return best, said if best is None else "first plan" if now.last is None else "another way round"
 
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
-        """Improve what is left of the last trip: with room, as long as that costs little, or else without."""
+        """Improve what is left of the last trip: with room, as long as that costs little, or else without.
+
+        Where the last trip will do, the latter is left to the next replan: no replan takes as long as two.
+        """
         assert now.last is not None, "there is a last trip"
-        arrival, problem = now.last.arrival_time, loop.problem
-        share, self._room = self._room, max(self._room, LEAST_ROOM)
-        roomy = self._means.roomy(problem, share)
-        if roomy is not None and _keeps_clear(problem, ahead):
-            run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
-            spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
-            most = ROOM_PRICE * (arrival - now.moment.state.time)
-            if spent <= most or perf_counter() > now.deadline:
-                evaluation, found = evaluate_among(problem, run.evaluation, NEAR), None
-                if evaluation.worst_violation <= FEASIBILITY:
-                    found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
-                if isinstance(found, Vetted):
-                    self._spent, self._roomy = max(spent, 0.0), found
-                    self._room = min(2.0 * share, 1.0) if TWICE * spent <= most else share
-                    return found
-            self._room = 0.5 * share if share > LEAST_ROOM else 0.0
-        found = self._without_room(now, loop, ahead)
-        if isinstance(found, Vetted):
-            self._spent = max(self._spent + min(found.arrival - arrival, 0.0), 0.0)
+        roomy = None if self._plain else self._means.roomy(loop.problem, self._room)
+        if roomy is not None and _keeps_clear(loop.problem, ahead):
+            found = self._with_room(now, loop.problem, roomy, ahead)
+            if found is None:
+                self._room, self._plain = LESS_ROOM, PLAIN
+                found = self._still_on(now, now.last)
+            if found is not None:
+                return found
+        self._plain = max(self._plain - 1, 0)
+        arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
+        if isinstance(without, Vetted):
+            got_back = max(arrival - without.arrival, 0.0)
+            self._spent = max(self._spent - got_back, 0.0) if got_back > LOST * self._spent else 0.0
+        return without
+
+    def _with_room(self, now: Replan, problem: Problem, roomy: Problem, ahead: Trajectory) -> Vetted | None:
+        """Improve what is left of the last trip in the same problem with more room; None where that costs too much."""
+        assert now.last is not None, "there is a last trip"
+        arrival = now.last.arrival_time
+        run = self._run(now, ScpLoop(roomy, self._means.solver), ahead)
+        spent = self._spent + problem.frame.time + run.evaluation.trajectory.travel_time - arrival
+        most = ROOM_PRICE * (arrival - now.moment.state.time)
+        if spent > most and perf_counter() <= now.deadline:
+            return None
+        evaluation = evaluate_among(problem, run.evaluation, NEAR)
+        if evaluation.worst_violation > FEASIBILITY:
+            return None
+        found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))
+        if not isinstance(found, Vetted):
+            return None
+        self._spent, self._roomy = max(spent, 0.0), found
+        if TWICE * spent <= most:
+            self._room = min(2.0 * self._room, 1.0)
         return found
 
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:

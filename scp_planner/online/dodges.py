@@ -41,7 +41,7 @@ PATH_PIECES = (4, 8, 16)
 """Spans of a path that turns: the fewest whose pieces are shorter than a fourth of the turn."""
 EXACT_WITHIN = 0.1
 """Units of length. Distances to outlines beyond this need not be exact."""
-TOGETHER = 60_000
+TOGETHER = 16_000
 """Samples of dodges, times zones, whose distances are computed together."""
 BORDER = -1
 """Stands for the border of the workspace among numbers of zones."""

@@ -24,6 +24,9 @@ PARTS = (1.0, 0.75, 0.5, 0.25)
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
+HOPELESS = 4.0
+"""Radii of the vehicle by which every stop from a trip is inside of zones that is not driven still slower."""
+
 
 class Fallback:
     """What is driven where nothing better than the last plan is found.
@@ -160,6 +163,8 @@ class Fallback:
             vetted = self._means.vet(now, problem, trial, branch=np.inf)
             if isinstance(vetted, Vetted):
                 return vetted
+            if -np.inf < vetted.room < -HOPELESS * now.moment.scenario.vehicle.radius:
+                return None
         return None
 
     def _what_holds(self, now: Replan, dodge: Dodge) -> str:

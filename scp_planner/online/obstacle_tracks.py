@@ -89,7 +89,7 @@ class ObstacleTracks:
         self.margin = margin
         self.newcomers = newcomers or SceneNewcomers()
         self.watch = watch or Watch()
-        self.allowance = Allowance(self.watch.manoeuvre * self.newcomers.acceleration_deviation)
+        self.allowance = Allowance(self.watch.manoeuvre, self.newcomers.acceleration_deviation)
         self.tracks: dict[str, ObstacleTrack] = {}
         self.noise = NoiseWatch()
         adaptive = self.watch.regions is Regions.ADAPTIVE

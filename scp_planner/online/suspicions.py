@@ -44,9 +44,9 @@ LOOKED_AT = 9.0
 squared signal T with T x / (1 + x) / 2 - log(1 + x) > `SPEAKS`, x what it tells beside what was known of the change: at
 least 11.5. What windows see of it may be a little less."""
 MOST_EVIDENCE = 500.0
-MORE, WARY = 10.0, 10.0
-"""How many times as large a change is allowed for after any obstacle is noticed to move otherwise than foretold, and
-for how many units of time."""
+WARY, WARY_LASTS = 0.3, 10.0
+"""Standard deviation of a change of acceleration that is allowed for after any obstacle is noticed to move otherwise
+than foretold, over that of newcomers', and for how many units of time."""
 WILD = 8.0
 """Standard deviations to which residuals are cut: what the gate lets pass may be an outlier, or late in a change."""
 
@@ -59,25 +59,29 @@ class Allowance:
     Parameters
     ----------
     usual : float
-        Standard deviation of a change of acceleration that may begin at any moment, m/s^2.
+        Standard deviation of a change of acceleration that may begin at any moment, over that of newcomers'; 0: none
+        ever, whatever others do.
+    unit : float
+        That of newcomers' accelerations, m/s^2.
 
     Attributes
     ----------
     now : float
-        The same as it is allowed for now.
+        What is allowed for now, m/s^2.
     """
 
-    def __init__(self, usual: float) -> None:
-        self._usual, self._changed = usual, -math.inf
+    def __init__(self, usual: float, unit: float) -> None:
+        self._usual, self._wary = usual * unit, (max(usual, WARY) if usual > 0.0 else 0.0) * unit
+        self._changed = -math.inf
         self._noticed: frozenset[str] = frozenset()
-        self.now = usual
+        self.now = self._usual
 
     def note(self, time: float, noticed: frozenset[str]) -> None:
         """Take note of which obstacles are noticed to move otherwise than foretold at a time, s, the newest."""
         if noticed - self._noticed:
             self._changed = time
         self._noticed = noticed
-        self.now = MORE * self._usual if time - self._changed <= WARY else self._usual
+        self.now = self._wary if time - self._changed <= WARY_LASTS else self._usual
 
 
 @dataclass(frozen=True)

@@ -340,13 +340,11 @@ class Vetting:
         driven = now.state.time - trip.frame.time
         braking = braking_of(now.scenario.vehicle)
         since = now.state.time if driven > 0.0 else None
-        breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         tried = _Tried()
         for spans in self._spans(now, trip, braking, branch, tried):
-            stop = braking.stop_after(trip.trajectory, spans)
-            if stop is None or not fits(stop):
+            made = _left_after(trip, braking, spans)
+            if made is None:
                 continue
-            made = Stop(Trip(trip.frame, stop), trip.frame.time + float(breaks[spans]))
             certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
@@ -368,7 +366,11 @@ class Vetting:
             return
         spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
-            yield int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
+            before = int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
+            # That of the last plan held a moment ago; of a new trip samples are asked first, which are soon looked at.
+            made = None if driven > 0.0 else _left_after(trip, braking, before)
+            if made is None or np.isinf(self.clear_for(now, made)):
+                yield before
         batch = now.batch_in(trip.frame)
         room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
         tried.room = float(room.max())
@@ -441,6 +443,8 @@ class Vetting:
         """The last trip as it is, if it can be followed for a period more and its stop still be made."""
         if now.state.time + self.period > stop.branch + TINY_TIME or not self.is_on(now, last):
             return None
+        if np.isfinite(self.clear_for(now, stop)):
+            return None
         certificate = self.certify_stop(now, stop, now.state.time)
         return Vetted(last, certificate, stop) if certificate.holds else None
 
@@ -483,6 +487,15 @@ class Vetting:
     def is_on(self, now: Moment, trip: Trip) -> bool:
         """Whether the vehicle is where a trip has it."""
         return self._is_near(now, trip.place_at(now.state.time))
+
+
+def _left_after(trip: Trip, braking: Braking, spans: int) -> Stop | None:
+    """The stop that leaves a trip after so many spans of its acceleration; None if there is no room for it."""
+    stop = braking.stop_after(trip.trajectory, spans)
+    if stop is None or not fits(stop):
+        return None
+    share = float(trip.trajectory.space.acceleration.breakpoints[spans])
+    return Stop(Trip(trip.frame, stop), trip.frame.time + share * trip.trajectory.travel_time)
 
 
 def _violations(certificate: Certificate) -> str:

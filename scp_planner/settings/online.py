@@ -186,7 +186,8 @@ class OnlineSettings(Knobs):
         `scp_planner.online.noticing`. 0: there are no alarms, and the noise that the sensor declares is believed too.
     manoeuvre : float
         Standard deviation of a change of acceleration that an obstacle may begin at any moment, as a multiple of that
-        of newcomers' accelerations. Larger: zones that grow faster, and slower trips.
+        of newcomers' accelerations; at least 0.3 for a while after an alarm of any other, unless it is 0. Larger: zones
+        that grow faster, and slower trips.
     changes : float
         How often an obstacle is taken to change its acceleration, in a unit of time of the scene. Larger: zones allow
         for a change sooner, and for more that are none, see `scp_planner.online.suspicions`. 0: only after an alarm.

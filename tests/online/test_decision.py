@@ -11,13 +11,14 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.online import decision
-from scp_planner.online.means import Replan
+from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
-from scp_planner.online.vetting import Refusal
+from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
+from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.settings.planning import Settings
@@ -76,6 +77,49 @@ def test_less_room_is_kept_where_all_of_it_is_too_dear(monkeypatch: pytest.Monke
     plan, away = driven(watched("a"), half, monkeypatch, 24)
     assert near + 0.1 * (far - near) < away < far - 0.1 * (far - near)
     assert plan.arrival_time < (1.0 + half) * hurried.arrival_time
+
+
+def test_where_room_is_dear_no_replan_improves_two_trips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last plan is kept, and improved without room at the next replan, and once more before room is tried again."""
+    done, run, roomy = list[str](), ScpLoop.run, Means.roomy
+
+    def counted(self: ScpLoop, *given: Any, **choices: Any) -> Any:
+        done[-1] += "run"
+        return run(self, *given, **choices)
+
+    def tried(self: Means, problem: Problem, share: float) -> Problem | None:
+        done[-1] += "room "
+        return roomy(self, problem, share)
+
+    monkeypatch.setattr(decision, "_keeps_clear", lambda *_: True)
+    monkeypatch.setattr(decision, "ROOM_PRICE", -1.0)
+    monkeypatch.setattr(decision, "UNFINISHED_SOONER", 1)
+    planner = Planner(scene(watched("a"), start={"speed": 3.0}), online=OnlineSettings(improve_every=2))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    monkeypatch.setattr(ScpLoop, "run", counted)
+    monkeypatch.setattr(Means, "roomy", tried)
+    for time in 0.1 * np.arange(1, 12):
+        done.append("")
+        plan = planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+    assert done == ["", "room run", "run", "", "run", "", "room run", "run", "", "run", ""]
+
+
+@pytest.mark.parametrize(("got_back", "left"), [(0.0, 0.0), (0.05, 0.0), (0.3, 0.7), (2.0, 0.0)])
+def test_what_was_given_for_room_is_lost_where_it_is_not_got_back(
+    got_back: float, left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = Planner(scene(disc("a", PLACE), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    means, decide, last = planner._means, planner._decision, planner._last
+    assert last is not None
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), 0.0, 3.0 / planner._units.speed)), 0.0, math.inf, last, 1)
+    trip = replace(last.trip, frame=replace(last.trip.frame, time=last.trip.frame.time - 0.02 * got_back))
+    certificate = means.vetting.vet(now.moment, means.problem(now), last.trip.trajectory)
+    assert isinstance(certificate, Vetted)
+    monkeypatch.setattr(decide, "_without_room", lambda *_: replace(certificate, trip=trip))
+    decide._spent = 0.02
+    decide._continued(now, ScpLoop(means.problem(now), means.solver), last.trip.trajectory)
+    assert decide._spent == pytest.approx(0.02 * left)
 
 
 def test_no_room_is_kept_from_who_is_known_exactly(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,10 +15,10 @@ from scp_planner.online.mixtures import Mixture
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.suspicions import (
     LOOKED_AT,
-    MORE,
     ONSETS,
     SPEAKS,
     WARY,
+    WARY_LASTS,
     Allowance,
     Changes,
     Sightings,
@@ -233,18 +233,26 @@ def test_more_is_allowed_for_while_others_change_their_motion(seconds: float) ->
     (calm, usual), (wary, more) = seen_for(seconds, 0.0), seen_for(seconds, 1.0)
     assert not calm.tracks["other"].alarmed and not wary.tracks["calm"].alarmed
     now = round(seconds / STEP - 1) * STEP
-    allowed = (MANOEUVRE * calm.newcomers.acceleration_deviation) ** 2
+    allowed = (WARY**2 - MANOEUVRE**2) * calm.newcomers.acceleration_deviation**2
     assert wary.tracks["other"].alarmed
     for ahead in (0.5, 1.0, 2.0):
         grown = more[0].covariance(now + ahead) - usual[0].covariance(now + ahead)
-        expected = (MORE**2 - 1.0) * allowed * 0.25 * ahead**4 * chi2.ppf(0.95, 2) if seconds < 20.0 else 0.0
+        expected = allowed * 0.25 * ahead**4 * chi2.ppf(0.95, 2) if seconds < 20.0 else 0.0
         assert np.squeeze(grown) == pytest.approx(expected * np.eye(2), rel=1e-6, abs=1e-9)
 
 
-def test_wariness_ends() -> None:
-    allowance = Allowance(0.1)
+@pytest.mark.parametrize(("usual", "wary"), [(0.1, WARY), (2.0, 2.0), (0.0, 0.0)])
+def test_wariness_ends(usual: float, wary: float) -> None:
+    allowance, after = Allowance(usual, 0.5), 1.0 + WARY_LASTS
     seen = []
-    for time, noticed in ((0.0, ""), (1.0, "a"), (2.0, ""), (1.0 + WARY, "a"), (1.1 + 2.0 * WARY, "a"), (40.0, "ab")):
+    for time, noticed in (
+        (0.0, ""),
+        (1.0, "a"),
+        (2.0, ""),
+        (after, "a"),
+        (after + WARY_LASTS + 0.1, "a"),
+        (40.0, "ab"),
+    ):
         allowance.note(time, frozenset(noticed))
-        seen.append(allowance.now / 0.1)
-    assert seen == pytest.approx([1.0, MORE, MORE, MORE, 1.0, MORE])
+        seen.append(allowance.now)
+    assert seen == pytest.approx([0.5 * each for each in (usual, wary, wary, wary, usual, wary)])

@@ -85,12 +85,12 @@ def test_a_refusal_tells_how_deep_the_best_stop_is_inside(gap: float) -> None:
     assert answer.room == pytest.approx(gap - 2.0 if gap > 1.2 else -0.8, abs=0.08)  # of samples
 
 
-@pytest.mark.parametrize(("slower", "certified"), [(False, 1), (True, 0)])
-def test_what_is_driven_slower_is_not_left_where_the_last_plan_was(
-    slower: bool, certified: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("wall", "slower", "certified"), [(1.6, False, 0), (1.6, True, 0), (9.0, False, 1)])
+def test_stops_that_do_not_stay_clear_are_not_certified(
+    wall: float, slower: bool, certified: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where no stop stays clear, as samples tell, none is certified, not even the one that leaves where that did."""
-    planner = Planner(scene(disc("wall", (1.6, 0.0)), start={"speed": SPEED}))
+    """As samples tell: not even the one that leaves a trip where that of the last plan did, which comes first."""
+    planner = Planner(scene(disc("wall", (wall, 0.0)), start={"speed": SPEED}))
     planner.replan(0.0, (0.0, 0.0), 0.0, SPEED)
     means, last, tried = planner._means, planner._last, []
     assert last is not None
@@ -107,4 +107,28 @@ def test_what_is_driven_slower_is_not_left_where_the_last_plan_was(
     space = problem.space
     onward = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
     vet = partial(means.vet, branch=np.inf) if slower else means.vet
-    assert isinstance(vet(now, problem, onward), Refusal) and len(tried) == certified
+    answer = vet(now, problem, onward)
+    assert len(tried) == certified
+    assert isinstance(answer, Refusal) if not certified else isinstance(answer, Vetted) and answer.stop is not None
+    assert not certified or tried[0][1].branch == pytest.approx(1.0 / planner._units.time, rel=0.3)
+
+
+@pytest.mark.parametrize(("ahead", "certified"), [(0.0, 0), (4.0, 1)])
+def test_a_stop_that_somebody_has_come_into_is_not_certified_again(
+    ahead: float, certified: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it stands, or that much farther on; the stop was made where nobody was."""
+    answer = vetted(disc("post", (15.0, 0.0)), stops_will_do=True)
+    assert isinstance(answer, Vetted) and answer.stop is not None
+    (x, y) = answer.trip.frame.to_world(answer.stop.trip.at(np.array([answer.stop.stands]))[0].path.position)[0]
+    scenario = scene(disc("post", (x + ahead, y)), start={"speed": SPEED})
+    tried, certify = [], Vetting.certify_stop
+
+    def counted(self: Vetting, *given: Any) -> Certificate:
+        tried.append(given)
+        return certify(self, *given)
+
+    monkeypatch.setattr(Vetting, "certify_stop", counted)
+    now = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, sp.zones(scenario))
+    kept = Vetting(PERIOD, True, 0.0).vet_kept_stop(now, answer.trip, answer.stop)
+    assert len(tried) == certified and (kept is not None) is bool(certified)
