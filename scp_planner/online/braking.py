@@ -17,7 +17,7 @@ from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.ramps import JERK_SHARE, Ramps
 from scp_planner.online.remaining import State
-from scp_planner.online.stops import HOLD, SAMPLES, Stopping, room_of_stops, room_to_stop, stop_after, stop_now
+from scp_planner.online.stops import HOLD, SAMPLES, Stopping, fits, room_of_stops, room_to_stop, stop_after, stop_now
 from scp_planner.scenario.models import Vehicle
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -65,6 +65,18 @@ class Braking(Protocol):
     def stop_now(self, path: Path, state: State) -> Trajectory:
         """Return the stop along a path from its start, where the vehicle is in a state; or stand there."""
         ...
+
+
+def leaving(trip: Trip, braking: Braking, spans: int) -> tuple[Trip, float] | None:
+    """Give the stop that leaves a trip after so many spans of its acceleration, and the absolute time of that, s.
+
+    None if it cannot be made, or there is no room for it on the path.
+    """
+    stop = braking.stop_after(trip.trajectory, spans)
+    if stop is None or not fits(stop):
+        return None
+    share = float(trip.trajectory.space.acceleration.breakpoints[spans])
+    return Trip(trip.frame, stop), trip.frame.time + share * trip.trajectory.travel_time
 
 
 @dataclass(frozen=True)

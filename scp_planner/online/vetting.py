@@ -22,10 +22,10 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.braking import Braking, braking_of
+from scp_planner.online.braking import Braking, braking_of, leaving
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.remaining import State, TripSamples
-from scp_planner.online.stops import fits, standing_from, standing_trip, surely_clear
+from scp_planner.online.stops import standing_from, standing_trip, surely_clear
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -342,9 +342,10 @@ class Vetting:
         since = now.state.time if driven > 0.0 else None
         tried = _Tried()
         for spans in self._spans(now, trip, braking, branch, tried):
-            made = _left_after(trip, braking, spans)
-            if made is None:
+            left = leaving(trip, braking, spans)
+            if left is None:
                 continue
+            made = Stop(*left)
             certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
@@ -368,8 +369,8 @@ class Vetting:
         if breaks[first] <= branch - trip.frame.time <= breaks[last]:
             before = int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
             # That of the last plan held a moment ago; of a new trip samples are asked first, which are soon looked at.
-            made = None if driven > 0.0 else _left_after(trip, braking, before)
-            if made is None or np.isinf(self.clear_for(now, made)):
+            left = None if driven > 0.0 else leaving(trip, braking, before)
+            if left is None or np.isinf(self.clear_for(now, Stop(*left))):
                 yield before
         batch = now.batch_in(trip.frame)
         room = braking.room(trip.trajectory, breaks[spans], batch, driven, self.wait)
@@ -487,15 +488,6 @@ class Vetting:
     def is_on(self, now: Moment, trip: Trip) -> bool:
         """Whether the vehicle is where a trip has it."""
         return self._is_near(now, trip.place_at(now.state.time))
-
-
-def _left_after(trip: Trip, braking: Braking, spans: int) -> Stop | None:
-    """The stop that leaves a trip after so many spans of its acceleration; None if there is no room for it."""
-    stop = braking.stop_after(trip.trajectory, spans)
-    if stop is None or not fits(stop):
-        return None
-    share = float(trip.trajectory.space.acceleration.breakpoints[spans])
-    return Stop(Trip(trip.frame, stop), trip.frame.time + share * trip.trajectory.travel_time)
 
 
 def _violations(certificate: Certificate) -> str:
