@@ -14,7 +14,7 @@ from scp_planner.estimation.estimate import estimate_motion, estimate_obstacle
 from scp_planner.estimation.motion_filter import estimate_process
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.many_zones import Level, times_linear, zones_of_mixtures
-from scp_planner.online.mixtures import FilterModels, Mixture
+from scp_planner.online.mixtures import FilterModels, FilterStates, Mixture
 from scp_planner.online.noticing import EVIDENCE, Bank
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import ObstacleTrack
@@ -290,3 +290,31 @@ def test_nothing_is_lost_where_all_changes_at_once() -> None:
     assert 54 <= len(tracks.tracks["a"].times) <= 58 and tracks.tracks["a"].alarmed  # two in three, until believed
     (zone,) = tracks.zones(6.0)
     assert zone.center(6.0) == pytest.approx((4.0, 4.0), abs=0.5)
+
+
+@pytest.mark.parametrize("lags", [np.full(3, 0.3), np.array([0.3, 0.1, 0.6])])
+@pytest.mark.parametrize("unit", [np.full(3, 0.02), np.array([0.01, 0.02, 0.04])])
+def test_filters_of_a_frame_are_moved_on_as_each_alone(lags: np.ndarray, unit: np.ndarray) -> None:
+    """Whether all lags and noises are the same or not: F P F' + Q, written out."""
+    rng, diffusions = np.random.default_rng(4), np.array([[0.3, 0.0], [0.0, 0.7]])
+    roots = rng.normal(size=(2, 3, 3, 3))
+    whole = roots @ roots.transpose(0, 1, 3, 2)  # (M, K, 3, 3)
+    rows, columns = np.triu_indices(3)
+    mean = rng.normal(size=(3, 2, 2, 3))
+    states = FilterStates(mean.copy(), whole[..., rows, columns].transpose(2, 0, 1).copy(), diffusions)
+    states.predict(lags, unit)
+    for k, t in enumerate(lags.tolist()):
+        moved = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
+        for number, (swerve, jerk) in enumerate(diffusions.tolist()):
+            # white acceleration, and white jerk, integrated
+            noise = swerve * np.array([[t**3 / 3.0, t**2 / 2.0, 0.0], [t**2 / 2.0, t, 0.0], [0.0, 0.0, 0.0]])
+            noise += jerk * np.array(
+                [
+                    [t**5 / 20.0, t**4 / 8.0, t**3 / 6.0],
+                    [t**4 / 8.0, t**3 / 3.0, t**2 / 2.0],
+                    [t**3 / 6.0, t**2 / 2.0, t],
+                ]
+            )
+            spread = moved @ whole[number, k] @ moved.T + noise / unit[k]
+            assert states.spread[:, number, k] == pytest.approx(spread[rows, columns], rel=1e-12)
+            assert states.mean[:, :, number, k] == pytest.approx(moved @ mean[:, :, number, k], rel=1e-12, abs=1e-12)
