@@ -164,11 +164,12 @@ class CheckedTrip:
         """Normalised times inside the trip at which a zone's motion, growth or turn changes to another polynomial."""
         batch = self.batch
         pieces = [part for part in (batch.centers, batch.covariances, batch.own_directions) if part is not None]
-        pieces = [part for part in pieces if part.breakpoints.shape[1] > 2]
-        if not pieces:
+        several = [part.instants for part in pieces if part.breakpoints.shape[1] > 2]
+        if not several:
             return _NO_KNOTS
-        knots = np.concatenate([part.breakpoints[:, 1:-1].ravel() for part in pieces]) / self.trajectory.travel_time
-        return np.unique(knots[(knots > 0.0) & (knots < 1.0)])
+        knots = several[0] if len(several) == 1 else np.unique(np.concatenate(several))
+        knots = knots / self.trajectory.travel_time
+        return knots[(knots > 0.0) & (knots < 1.0)]
 
     def enclosed(self, pieces: Pieces) -> Enclosure:
         """Return what holds of the trip on pieces of time, if there is time for it."""

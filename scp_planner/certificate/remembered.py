@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.certificate.checked_trip import CheckedTrip
 from scp_planner.certificate.clearance import VehicleDisc
-from scp_planner.certificate.enclosures import Pieces, disc_in_the_middle
+from scp_planner.certificate.enclosures import Pieces
 from scp_planner.certificate.verdict import Ends, LimitUse
 from scp_planner.scenario.models import Scenario
 from scp_planner.threat_zones.bounds import MovingPoint
@@ -40,18 +40,40 @@ class PartOfMotion:
         # What lies between two pieces that are cut is none of them, unless it is cut, too
         here = cut[np.minimum(np.searchsorted(ends, parts.middle), len(ends) - 1)] & (parts.middle > checked.first)
         parts = Pieces(parts.middle[here], parts.half[here])
-        trajectory, lasts = checked.trajectory, checked.trajectory.travel_time
-        drive = trajectory.drive_at(parts.middle)
-        points = trajectory.path.points(trajectory.path.exact.parameter_at(drive.distance))
-        curvature = trajectory.path.bend(points).curvature if any(disc.offset for disc in self.discs) else np.zeros(1)
-        # What bounds a second derivative on a piece bounds it on parts of that.
-        whole, discs, nothing = np.searchsorted(ends, parts.middle), [], np.zeros(len(parts.middle))
-        for disc in self.discs:
-            place, velocity = disc_in_the_middle(points, drive.speed, curvature, disc.offset)
-            bound = disc.center.acceleration[whole]
-            center = MovingPoint(lasts * parts.middle, lasts * parts.half, place, velocity, bound)
-            discs.append(disc.part(~cut).with_more(VehicleDisc(disc.offset, center, nothing, nothing)))
+        whole, lasts = np.searchsorted(ends, parts.middle), checked.trajectory.travel_time
+        middle, half = lasts * parts.middle, lasts * parts.half
+        discs = [disc.part(~cut).with_more(_expanded(disc, whole, middle, half)) for disc in self.discs]
         return PartOfMotion(self.pieces.part(~cut).with_more(parts), tuple(discs))
+
+
+def _expanded(disc: VehicleDisc, whole: Index, middle: Array, half: Array) -> VehicleDisc:
+    """A disc on parts of its pieces, as Taylor's polynomial of degree 1 in the middle of each whole piece has it.
+
+    With |r''| <= a on a piece, at a time s from its middle, the polynomial is off by a s^2 / 2, and its rate by a s. So
+    it serves on a part with a middle that is d away from the other, of half width h, with a ((|d| + h) / h)^2 in place
+    of a. To ask the path where it is takes longer than all else of a certificate that is looked at again.
+
+    Parameters
+    ----------
+    disc : VehicleDisc
+        On the pieces.
+    whole : (n,) array of int
+        Of which piece each is a part.
+    middle, half : (n,) arrays
+        Of the parts, on the planning clock, s.
+
+    Returns
+    -------
+    VehicleDisc
+        On the parts.
+    """
+    center = disc.center.take(whole)
+    away = middle - center.time
+    reach = (np.abs(away) + half) / half
+    place = center.position + away[:, None] * center.velocity
+    expanded = MovingPoint(middle, half, place, center.velocity, center.acceleration * reach * reach)
+    # It may be farther from what is near than that by what the polynomial is off: only what is certain counts as hit.
+    return VehicleDisc(disc.offset, expanded, -0.5 * center.acceleration * away * away, np.zeros(len(whole)))
 
 
 @dataclass(frozen=True)

@@ -122,15 +122,15 @@ class PiecewisePolynomials:
         return len(breaks) > 0 and bool((breaks[:, :last] == breaks[0, :last]).all())
 
     @cached_property
-    def _instants(self) -> Array:
+    def instants(self) -> Array:
         """All breakpoints between pieces, sorted, (u,) s."""
-        inner = self.breakpoints[:, 1:-1]
+        inner = self.breakpoints[: 1 if self._common else None, 1:-1]
         return np.unique(inner[np.isfinite(inner)])
 
     @cached_property
     def _pieces(self) -> Index | None:
         """Piece of each polynomial after so many of these instants, (L, u + 1); None where that would be much."""
-        inner, instants = self.breakpoints[:, 1:-1], self._instants
+        inner, instants = self.breakpoints[:, 1:-1], self.instants
         if len(instants) > MOST_INSTANTS * max(inner.shape[1], 1):
             return None
         table = np.zeros((len(inner), len(instants) + 1), dtype=np.intp)
@@ -281,7 +281,7 @@ class PiecewisePolynomials:
         if self._pieces is None:
             piece = self._bisected(index, times)
         else:
-            piece = self._pieces[index, self._instants.searchsorted(times, "right")]
+            piece = self._pieces[index, self.instants.searchsorted(times, "right")]
         return piece, times - self.breakpoints[index, piece]
 
     def _bisected(self, index: Index, times: Array) -> Index:

@@ -29,7 +29,8 @@ class MovingPoint:
     position, velocity : (n, 2) arrays
         In the middles, planning frame, m and m/s.
     acceleration : (n,) array
-        Bounds of the size of the second derivative on the intervals, m/s^2.
+        Bounds of the size of the second derivative on the intervals, m/s^2; or what else bounds, times half^2 / 2, how
+        far the point is from where it would be with that velocity, and times half how far its velocity is from that.
     """
 
     time: Array
@@ -38,7 +39,7 @@ class MovingPoint:
     velocity: Array
     acceleration: Array
 
-    def take(self, part: slice | Mask) -> MovingPoint:
+    def take(self, part: slice | Mask | Index) -> MovingPoint:
         """Return some of the intervals."""
         return MovingPoint(
             self.time[part], self.half[part], self.position[part], self.velocity[part], self.acceleration[part]

@@ -20,7 +20,6 @@ from reference_trips import (
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import CheckedTrip, Scope
-from scp_planner.certificate.clearance import VehicleDisc
 from scp_planner.certificate.remembered import Motions
 from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -118,15 +117,29 @@ def test_pieces_that_are_cut_cover_the_same_and_have_no_knot_inside(offsets: tup
         assert (middle - half)[1:] == pytest.approx((middle + half)[:-1], abs=1e-12)
         inside = np.abs((knots - FRAME.time)[:, None] / lasts - middle) < half - 1e-12
         assert not inside.any()
-        points, _ = trip.at(FRAME.time + lasts * part.pieces.middle)
         for disc, offset in zip(part.discs, free.vehicle.discs, strict=True):
-            heading = points.path.direction / np.linalg.norm(points.path.direction, axis=1, keepdims=True)
-            assert disc.center.position == pytest.approx(points.path.position + offset * heading, abs=1e-7)
-            assert disc.center.time == pytest.approx(lasts * part.pieces.middle)
-            fresh = VehicleDisc.on(checked.enclosed(part.pieces), offset)
-            assert disc.center.velocity == pytest.approx(fresh.center.velocity, abs=1e-9)
-            assert (disc.center.acceleration >= fresh.center.acceleration - 1e-9).all()
-            assert len(disc.off) == len(disc.most_off) == len(middle)
+            center = disc.center
+            assert center.time == pytest.approx(lasts * part.pieces.middle)
+            assert center.half == pytest.approx(lasts * part.pieces.half)
+            assert len(disc.off) == len(middle) and not disc.most_off.any()
+            for share in np.linspace(-0.99, 0.99, 9):
+                since, step = share * center.half, 0.01 * center.half
+                times = FRAME.time + center.time + since
+                place, before, after = (place_of_disc(trip, times + moved, offset) for moved in (0.0, -step, step))
+                off = np.linalg.norm(place - center.position - since[:, None] * center.velocity, axis=1)
+                assert (off <= 0.5 * center.acceleration * center.half**2 + 1e-7).all()
+                velocity = (after - before) / (2.0 * step)[:, None]
+                slower = np.linalg.norm(velocity - center.velocity, axis=1)
+                assert (slower <= center.acceleration * center.half + 1e-3).all()
+                if abs(share) < 1e-9:
+                    assert (off <= 1e-7 - disc.off).all() and (disc.off < 0.0).any()
+
+
+def place_of_disc(trip: Trip, times: np.ndarray, offset: float) -> np.ndarray:
+    """Where a disc that is so far ahead is at times (n,), s: (n, 2) m."""
+    points, _ = trip.at(times)
+    heading = points.path.direction / np.linalg.norm(points.path.direction, axis=1, keepdims=True)
+    return np.asarray(points.path.position + offset * heading)
 
 
 def test_a_trip_is_known_by_all_that_it_depends_on() -> None:
