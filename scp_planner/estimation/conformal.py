@@ -65,6 +65,9 @@ STALE = 0.05
 """Share of them that may be new before they are sorted anew."""
 LEAST = 0.1
 """The least size of a region: what noise that is declared too large explains tells nothing of where things are."""
+CLOSE = 0.01
+"""Share of its size in variance by which a region that is right is not worth to be changed: zones of one size take less
+time to look at, and where misses go on the size soon leaves this share."""
 BEYOND = 2.0
 """Multiple of the largest squared error that is the quantile for a level of 1."""
 
@@ -275,7 +278,8 @@ class AdaptiveScales:
             if errors is not None:
                 least_and_most[:, :, column] = errors.quantiles(levels[:, horizon]).reshape(2, -1)
         least, most = least_and_most
-        return np.asarray(np.maximum(np.minimum(np.maximum(least, 1.0), most), LEAST))
+        found = np.minimum(np.maximum(least, 1.0), most)
+        return np.asarray(np.where(np.abs(found - 1.0) <= CLOSE, 1.0, np.maximum(found, LEAST)))
 
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
         """Learn from errors of tracks over a horizon.

@@ -362,7 +362,11 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
     if len(future.breaks) == 2:
         begins, at = np.zeros((count, leads.shape[1] + 1)), np.empty((count, leads.shape[1] + 2))
         begins[:, 1:], at[:, 1:-1], at[:, 0], at[:, -1] = leads, sizes, sizes[:, 0], sizes[:, -1]
-        piece = np.zeros(begins.shape[1], dtype=np.intp)
+        # Where sizes stay as they are for all, one piece will do for several: each takes time wherever zones are asked.
+        turns = (at[:, 1:] != at[:, :-1]).any(axis=0)
+        needed = np.flatnonzero(np.append(True, turns[:-1] | turns[1:]))
+        begins, at = begins[:, needed], at[:, np.append(needed, -1)]
+        piece = np.zeros(len(needed), dtype=np.intp)
     else:
         lead = leads.mean(axis=0)
         edges = np.unique(np.append(future.breaks[:-1] - start, lead[-1]))
