@@ -272,12 +272,10 @@ class AdaptiveScales:
         """Of n tracks over some horizons, (n, h)."""
         level = np.minimum(self._every[kind], self._own[rows, kind] + SLACK * self.alpha)
         levels = np.concatenate([level * (1.0 + BAND), level * (1.0 - BAND)])
-        least_and_most = np.ones((2, len(rows), len(horizons)))
-        for column, horizon in enumerate(horizons):
-            errors = self._known(kind, horizon)
-            if errors is not None:
-                least_and_most[:, :, column] = errors.quantiles(levels[:, horizon]).reshape(2, -1)
-        least, most = least_and_most
+        found = _quantiles(
+            [self._known(kind, horizon) for horizon in horizons], levels[:, horizons.start : horizons.stop]
+        )
+        least, most = found.reshape(2, len(rows), len(horizons))
         found = np.minimum(np.maximum(least, 1.0), most)
         return np.asarray(np.where(np.abs(found - 1.0) <= CLOSE, 1.0, np.maximum(found, LEAST)))
 
@@ -301,7 +299,7 @@ class AdaptiveScales:
             own, score = rows[some], found[some]
             missed = score > self._sizes(own, k, range(horizon, horizon + 1))[:, 0]
             errors, every = self._known(k, horizon), self._every[k, horizon]
-            of_all = score > (1.0 if errors is None else errors.quantiles(np.array([every])))
+            of_all = score > _quantiles([errors], np.array([[every]]))[0]
             moved = self._own[own, k, horizon] + self.rate * (self.alpha - missed)
             every += TOGETHER * self.rate * float((self.alpha - of_all).sum())
             self._every[k, horizon] = every = min(max(every, 0.0), 1.0)
@@ -341,11 +339,26 @@ class _Newest:
         self.count = min(self.count + len(new), NEWEST)
         self._fresh += len(new)
 
-    def quantiles(self, alpha: Array) -> Array:
-        """What the next error exceeds with probabilities of alpha, (n,)."""
+    @property
+    def ranked(self) -> Array:
+        """They in order, but for a few of the newest."""
         if not len(self._sorted) or self._fresh > STALE * self.count:
             self._sorted, self._fresh = np.sort(self._errors[: self.count]), 0
-        count = len(self._sorted)
-        place = np.ceil((1.0 - alpha) * (count + 1) - 1e-9 * count)
-        found = self._sorted[np.minimum(np.maximum(place, 1.0), count).astype(np.intp) - 1]
-        return np.where(place <= count, found, BEYOND * self._sorted[-1])
+        return self._sorted
+
+
+def _quantiles(errors: Sequence[_Newest | None], alpha: Array) -> Array:
+    """What the next error of each of h kinds exceeds with probabilities of alpha (n, h): (n, h); 1 of unknown ones.
+
+    All at once: one by one, most of the time would go into calls.
+    """
+    known = [None if each is None else each.ranked for each in errors]
+    counts = np.array([0 if each is None else len(each) for each in known])
+    place = np.ceil((1.0 - alpha) * (counts + 1) - 1e-9 * counts)
+    inside = place <= counts
+    rank = np.minimum(np.maximum(place, 1.0), counts).astype(np.intp) - 1
+    found = np.ones(rank.shape)
+    for column, each in enumerate(known):
+        if each is not None:
+            found[:, column] = np.where(inside[:, column], each[rank[:, column]], BEYOND * each[-1])
+    return found
