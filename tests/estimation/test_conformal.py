@@ -157,6 +157,22 @@ def test_regions_that_are_right_are_left_as_they_are() -> None:
     assert np.mean(np.array(found[50:]) == 1.0) > 0.8
 
 
+@pytest.mark.parametrize(("score", "size"), [(0.992, 1.0), (1.008, 1.0), (1.02, 1.02), (0.98, 0.98)])
+def test_sizes_within_a_hundredth_of_one_are_one(score: float, size: float) -> None:
+    """A little more than one error in twenty is that large, so that is the size for 95 %, if it is worth it."""
+    scales = AdaptiveScales(0.05, 1)
+    for number in range(510):
+        scales.take_in(0, ["a"], [score if number % 17 == 0 else 0.2])
+    assert scales.scales(["a"])[0, 0] == size
+
+
+def test_what_is_not_worth_it_is_made_up_for_where_misses_go_on() -> None:
+    scales = AdaptiveScales(0.05, 1)
+    for _ in range(2000):
+        scales.take_in(0, ["a"], [1.008])
+    assert scales.scales(["a"])[0, 0] > 1.01 and scales.missed[0] < 0.15 * 2000
+
+
 def test_regions_that_are_too_large_shrink_to_what_they_should_be() -> None:
     """Also where most of what is seen is noise: the least size that holds it has the right quantile."""
     rng, names = np.random.default_rng(9), [f"t{number}" for number in range(40)]

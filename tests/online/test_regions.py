@@ -170,6 +170,31 @@ def test_zones_of_what_was_seen_twice_at_one_time_are_sized_like_others() -> Non
         assert np.allclose(at[0], at[1], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("sizes", "count"),
+    [
+        ((1.5, 1.5, 1.5, 1.5), 1),
+        ((1.0, 1.0, 1.0, 0.5), 3),
+        ((0.5, 0.6, 1.0, 1.0), 4),
+        ((2.0, 2.0, 1.0, 1.5), 4),
+        ((0.5, 0.6, 1.0, 1.2), 5),
+    ],
+)
+def test_sizes_are_linear_between_leads_in_as_many_pieces_as_that_takes(sizes: tuple[float, ...], count: int) -> None:
+    growth = np.array([[1.0, 0.2, 2.0], [0.3, 0.1, 0.4], [0.05, 0.0, 0.1]])
+    future = Future(np.array([2.0, 50.0]), np.zeros((2, 1, 3, 2)), np.tile(growth, (2, 1, 1, 1)))
+    leads = np.array([[0.1, 1.0, 2.0, 4.0], [0.2, 1.0, 2.0, 4.0]])
+    edges, pieces = sized_pieces(future, np.arange(2), Sizing(leads, np.zeros(2, dtype=np.intp), np.array([sizes] * 2)))
+    assert pieces.shape[1] == count
+    for k in (0, 1):
+        for lag in np.linspace(0.0, 9.0, 46):
+            size, model = np.interp(lag, leads[k], sizes), growth.T @ lag ** np.arange(3)
+            expected = min(size, 1.0) * model + max(size - 1.0, 0.0) * np.array([1.0, 0.0, 1.0])
+            piece = int(np.searchsorted(edges[k, 1:-1], 2.0 + lag, "right"))
+            found = pieces[k, piece].T @ (2.0 + lag - edges[k, piece]) ** np.arange(pieces.shape[2])
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
 def test_zones_made_alone_are_sized_together_as_each_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """People, half of whom are seen every other time: as much work for many as for two, and the same sizes."""
     sized_with: list[int] = []
