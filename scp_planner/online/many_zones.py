@@ -127,11 +127,11 @@ def zones_together(
     def lengths() -> Array:
         half = np.where(last > first, 0.5 * (last - first), 1.0)
         about = _shift(order, 0.5 * (first + last) - middle, half)
-        return _lengths(
-            about @ spread @ about.transpose(0, 2, 1),
-            (start - 0.5 * (first + last)) / half,
-            (start + HORIZON - 0.5 * (first + last)) / half,
-        )
+        turned, begins = about @ spread @ about.transpose(0, 2, 1), (start - 0.5 * (first + last)) / half
+        ends = (start + HORIZON - 0.5 * (first + last)) / half
+        if (turned == turned[0]).all() and (begins == begins[0]).all() and (ends == ends[0]).all():
+            return np.repeat(_lengths(turned[:1], begins[:1], ends[:1]), count)  # all were seen at the same times
+        return _lengths(turned, begins, ends)
 
     covariance = growth[:, :, None] * noise[:, None]
     future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])

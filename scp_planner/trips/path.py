@@ -251,6 +251,16 @@ class Path:
         span, x = self.space.path.locate(parameters)
         return points_from(self.space, parameters, span, x, self.offset_coefficients.T[:, span])
 
+    def places(self, parameters: Array) -> Array:
+        """Positions at normalised stations, (n,): (n, 2) m. Nothing else is worked out, for who asks often."""
+        span, x = self.space.path.locate(parameters)
+        station, offset = parameters * self.space.length, evaluate(self.offset_coefficients, span, x)
+        if self.space.frame is None:  # straight guides lie along the x axis
+            return np.stack([station, offset], axis=1)
+        frame = self.space.guide.frame(station)
+        position: Array = frame.position + offset[:, None] * frame.normal
+        return position
+
     def bend(self, points: PathPoints) -> PathBend:
         """Return the curvature at points of the path, with its derivatives."""
         return bend_from(self.space, points, evaluate(self.bend_coefficients, points.span, points.local))

@@ -266,6 +266,12 @@ class Trajectory:
         """Local power coefficients of the acceleration."""
         return self.space.acceleration.combine(self.beta)
 
+    def distance_at(self, sigma: Array) -> Array:
+        """Distance driven up to normalised times, (n,), in m."""
+        span, x = self.space.acceleration.locate(sigma)
+        driven: Array = evaluate(self._distance, span, x) + (self.space.start_speed * self.travel_time) * sigma
+        return driven
+
     def drive_at(self, sigma: Array) -> DriveSamples:
         """Return the motion along the path at normalised times, (n,); as in :meth:`at`, but without a table."""
         span, x = self.space.acceleration.locate(sigma)

@@ -97,9 +97,8 @@ class Trip:
             return known
         trajectory = self.trajectory
         sigma = min(max((time - self.frame.time) / trajectory.travel_time, 0.0), 1.0)
-        distance = trajectory.drive_at(np.array([sigma])).distance
-        points = trajectory.path.points(trajectory.path.exact.parameter_at(distance))
-        ((x, y),) = self.frame.to_world(points.position).tolist()
+        path, distance = trajectory.path, trajectory.distance_at(np.array([sigma]))
+        ((x, y),) = self.frame.to_world(path.places(path.exact.parameter_at(distance))).tolist()
         self._place.clear()
         self._place[time] = x, y
         return x, y
