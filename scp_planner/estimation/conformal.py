@@ -68,6 +68,7 @@ LEAST = 0.1
 CLOSE = 0.01
 """Share of its size in variance by which a region that is right is not worth to be changed: zones of one size take less
 time to look at, and where misses go on the size soon leaves this share."""
+_BANDS = np.array([1.0 + BAND, 1.0 - BAND])[:, None, None]
 BEYOND = 2.0
 """Multiple of the largest squared error that is the quantile for a level of 1."""
 
@@ -236,16 +237,17 @@ class AdaptiveScales:
         -------
         (n, H) array
         """
-        kind = np.broadcast_to(kinds, len(names))
+        which = [kinds] if isinstance(kinds, int) else sorted(set(kinds.tolist()))
+        every = range(self.horizons)
+        if not names or not any(self._known(k, horizon) is not None for k in which for horizon in every):
+            return np.ones((len(names), self.horizons))
+        rows = self._rows_of(names)
+        if len(which) == 1:
+            return self._sizes(rows, which[0], every)
         sizes = np.ones((len(names), self.horizons))
-        which = sorted(set(kind.tolist()))
-        if len(names) and any(self._known(k, horizon) is not None for k in which for horizon in range(self.horizons)):
-            rows = self._rows_of(names)
-            if len(which) == 1:
-                return self._sizes(rows, which[0], range(self.horizons))
-            for k in which:
-                some = kind == k
-                sizes[some] = self._sizes(rows[some], k, range(self.horizons))
+        for k in which:
+            some = kinds == k
+            sizes[some] = self._sizes(rows[some], k, every)
         return sizes
 
     def _rows_of(self, names: Sequence[str]) -> Index:
@@ -271,13 +273,15 @@ class AdaptiveScales:
     def _sizes(self, rows: Index, kind: int, horizons: range) -> Array:
         """Of n tracks over some horizons, (n, h)."""
         level = np.minimum(self._every[kind], self._own[rows, kind] + SLACK * self.alpha)
-        levels = np.concatenate([level * (1.0 + BAND), level * (1.0 - BAND)])
-        found = _quantiles(
-            [self._known(kind, horizon) for horizon in horizons], levels[:, horizons.start : horizons.stop]
-        )
-        least, most = found.reshape(2, len(rows), len(horizons))
+        level = level[:, horizons.start : horizons.stop]
+        levels = level * _BANDS
+        known = [self._known(kind, horizon) for horizon in horizons]
+        least, most = _quantiles(known, levels.reshape(-1, len(horizons))).reshape(levels.shape)
         found = np.minimum(np.maximum(least, 1.0), most)
-        return np.asarray(np.where(np.abs(found - 1.0) <= CLOSE, 1.0, np.maximum(found, LEAST)))
+        close = np.abs(found - 1.0) <= CLOSE
+        np.maximum(found, LEAST, out=found)
+        found[close] = 1.0
+        return np.asarray(found)
 
     def take_in(self, horizon: int, names: Sequence[str], scores: ArrayLike, kinds: Index | int = 0) -> None:
         """Learn from errors of tracks over a horizon.
@@ -355,10 +359,12 @@ def _quantiles(errors: Sequence[_Newest | None], alpha: Array) -> Array:
     known = [None if each is None else each.ranked for each in errors]
     counts = np.array([0 if each is None else len(each) for each in known])
     place = np.ceil((1.0 - alpha) * (counts + 1) - 1e-9 * counts)
-    inside = place <= counts
-    rank = np.minimum(np.maximum(place, 1.0), counts).astype(np.intp) - 1
+    outside = place > counts
+    rank = np.minimum(np.maximum(place, 1.0), counts).astype(np.intp)
+    rank -= 1
     found = np.ones(rank.shape)
     for column, each in enumerate(known):
         if each is not None:
-            found[:, column] = np.where(inside[:, column], each[rank[:, column]], BEYOND * each[-1])
+            found[:, column] = each[rank[:, column]]
+            found[outside[:, column], column] = BEYOND * each[-1]
     return found

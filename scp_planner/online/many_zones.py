@@ -27,7 +27,6 @@ PANELS, NODES = 4, 12  # of the quadrature of standardised lengths
 
 
 _NORMAL = NormalErrors()
-_ONE = np.ones(1)
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,8 @@ def zones_together(
     last = np.array([track.times[-1] for track in tracks])
     inverse = np.linalg.inv(roots.factor)
     spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ roots.right
-    sigma = np.array([track.known_noise for track in tracks])
+    sigma = np.array([track.covariance for track in tracks])
+    sigma *= np.array([track.noise_factor for track in tracks])[:, None, None]
     if manoeuvre > 0.0:
         order = 2
         spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, manoeuvre**2 / _least(sigma))
@@ -116,7 +116,7 @@ def zones_together(
         order = 2
         spread = _padded(spread, 3) + suspicions.spread
         coefficients = _padded(coefficients, 2) + suspicions.shift
-    shift = _shift(order, start - middle, _ONE)
+    shift = shift_matrices(order + 1, start - middle)
     count, terms = len(tracks), order + 1
     center = shift @ coefficients
     center[:, 0] += roots.origin
@@ -125,13 +125,16 @@ def zones_together(
     noise = sigma[:, [0, 0, 1], [0, 1, 1]]
 
     def lengths() -> Array:
-        half = np.where(last > first, 0.5 * (last - first), 1.0)
-        about = _shift(order, 0.5 * (first + last) - middle, half)
-        turned, begins = about @ spread @ about.transpose(0, 2, 1), (start - 0.5 * (first + last)) / half
-        ends = (start + HORIZON - 0.5 * (first + last)) / half
-        if (turned == turned[0]).all() and (begins == begins[0]).all() and (ends == ends[0]).all():
-            return np.repeat(_lengths(turned[:1], begins[:1], ends[:1]), count)  # all were seen at the same times
-        return _lengths(turned, begins, ends)
+        clocks = np.stack([first, last, middle])
+        alike = bool((clocks == clocks[:, :1]).all() and (spread == spread[0]).all())  # all were seen at the same times
+        some = slice(1 if alike else None)
+        (begin, end, own), each = clocks[:, some], spread[some]
+        half, about = np.where(end > begin, 0.5 * (end - begin), 1.0), 0.5 * (begin + end)
+        shift = _shift(order, about - own, half)
+        found = _lengths(
+            shift @ each @ shift.transpose(0, 2, 1), (start - about) / half, (start + HORIZON - about) / half
+        )
+        return np.repeat(found, count) if alike else found
 
     covariance = growth[:, :, None] * noise[:, None]
     future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
@@ -402,13 +405,16 @@ def _least(sigma: Array) -> Array:
 
 def _with_manoeuvre(spread: Array, coefficients: Array, last: Array, change: Array) -> tuple[Array, Array]:
     """Allow for changes of acceleration at times ``last``; see `PolynomialEstimate.with_manoeuvre`."""
-    shift = 0.5 * np.stack([last * last, -2.0 * last, np.ones(len(last))], axis=1)
+    shift = np.empty((len(last), 3))
+    shift[:, 0], shift[:, 1], shift[:, 2] = 0.5 * (last * last), -last, 0.5
     return _padded(spread, 3) + change[:, None, None] * shift[:, :, None] * shift[:, None], _padded(coefficients, 2)
 
 
 def _padded(values: Array, width: int) -> Array:
     """Values (K, p, ...) of motions of any order as those of order 2, (K, 3, width)."""
     count, terms, given = values.shape
+    if terms == 3:
+        return values
     padded = np.zeros((count, 3, width))
     padded[:, :terms, :given] = values
     return padded

@@ -237,7 +237,8 @@ def changes_of(roots: SquareRoots, looks: Sightings, noise: Array, deviation: fl
     course = np.zeros((*onset.shape, 3))
     course[:, :, 0], course[:, :, 1], course[:, :, 2] = 0.5 * onset * onset, -onset, 0.5
     course[:, :, :p] -= known @ inverse.transpose(0, 2, 1)
-    gap = -np.diff(onset, axis=1, prepend=clock[:, -1:]) * there[:, back]
+    gap = clock[:, [-1, *back[:-1]]] - onset
+    gap *= there[:, back]
     evidence = np.where(gap > 0.0, 0.5 * (gradient * change).sum(axis=-1) + np.log(variance / prior), -MOST_EVIDENCE)
     return Changes(gap, evidence, change, variance, course, np.asarray(root, dtype=float))
 
