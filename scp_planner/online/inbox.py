@@ -84,6 +84,7 @@ class Inbox:
         if self.work.acquire(blocking=False):
             try:
                 self.take_in()
+                self.obstacles.prepare()
             finally:
                 self.work.release()
 

@@ -1,23 +1,21 @@
-"""Zones of many obstacles at once: polynomial motions of one order whose noise is known."""
+"""Zones of many obstacles at once, from what is foretold of each as polynomials of time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
 from scp_planner.arrays import Array, Index
 from scp_planner.estimation.confidence import alpha_of_one, uniform_scale
 from scp_planner.estimation.error_laws import NormalErrors
-from scp_planner.estimation.motion_estimate import POLYNOMIAL_TERMS, standardised_speed
-from scp_planner.estimation.recursive import SquareRoots
+from scp_planner.estimation.motion_estimate import standardised_speed
 from scp_planner.mathematics.polynomials import PiecewisePolynomials, shift_matrices
 from scp_planner.mathematics.quadrature import gauss_rule
 from scp_planner.online.foretold import Later, Pieces, Prediction
 from scp_planner.online.mixtures import Mixture, even
-from scp_planner.online.suspicions import Suspicions
 from scp_planner.online.track import ObstacleTrack
 from scp_planner.scenario.models import Confidence, ConfidenceLevel
 from scp_planner.threat_zones.of_scenario import HORIZON
@@ -69,76 +67,6 @@ class Level:
         every = lengths().tolist()  # who has been seen together for as long has the same
         found = {one: uniform_scale(self.alpha, one, _NORMAL, terms) for one in set(every)}
         return np.array([found[one] for one in every])
-
-
-def zones_together(
-    tracks: Sequence[ObstacleTrack],
-    roots: SquareRoots,
-    start: float,
-    level: Level,
-    manoeuvre: float = 0.0,
-    suspicions: Suspicions | None = None,
-    sizing: Sizing | None = None,
-) -> list[ThreatZone]:
-    """Make the zones of polynomial motions of one order whose noise is known, all at once.
-
-    Parameters
-    ----------
-    tracks : sequence of ObstacleTrack
-    roots : SquareRoots
-        What their estimates are made from.
-    start : float
-        Absolute time from which on the zones hold, s.
-    level : Level
-    manoeuvre : float
-        Standard deviation of a change of acceleration that may begin with the last observation, m/s^2.
-    suspicions : Suspicions, optional
-        Changes of acceleration that are likely by now.
-    sizing : Sizing, optional
-
-    Returns
-    -------
-    list of ThreatZone
-        One for each track, in order.
-    """
-    order = tracks[0].model.order
-    middle = roots.center
-    first = np.array([track.times[0] for track in tracks])
-    last = np.array([track.times[-1] for track in tracks])
-    inverse = np.linalg.inv(roots.factor)
-    spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ roots.right
-    sigma = np.array([track.covariance for track in tracks])
-    sigma *= np.array([track.noise_factor for track in tracks])[:, None, None]
-    if manoeuvre > 0.0:
-        order = 2
-        spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, manoeuvre**2 / _least(sigma))
-    if suspicions is not None and suspicions.probability.any():
-        order = 2
-        spread = _padded(spread, 3) + suspicions.spread
-        coefficients = _padded(coefficients, 2) + suspicions.shift
-    shift = shift_matrices(order + 1, start - middle)
-    count, terms = len(tracks), order + 1
-    center = shift @ coefficients
-    center[:, 0] += roots.origin
-    local = shift @ spread @ shift.transpose(0, 2, 1)
-    growth = local.reshape(count, -1) @ _products(terms)
-    noise = sigma[:, [0, 0, 1], [0, 1, 1]]
-
-    def lengths() -> Array:
-        clocks = np.stack([first, last, middle])
-        alike = bool((clocks == clocks[:, :1]).all() and (spread == spread[0]).all())  # all were seen at the same times
-        some = slice(1 if alike else None)
-        (begin, end, own), each = clocks[:, some], spread[some]
-        half, about = np.where(end > begin, 0.5 * (end - begin), 1.0), 0.5 * (begin + end)
-        shift = _shift(order, about - own, half)
-        found = _lengths(
-            shift @ each @ shift.transpose(0, 2, 1), (start - about) / half, (start + HORIZON - about) / half
-        )
-        return np.repeat(found, count) if alike else found
-
-    covariance = growth[:, :, None] * noise[:, None]
-    future = Future(np.array([start, start + HORIZON]), center[:, None], covariance[:, None])
-    return made_zones(tracks, future, level.scales(count, lengths, terms), sizing)
 
 
 @dataclass(frozen=True)
@@ -397,29 +325,6 @@ def sized_pieces(future: Future, some: Index, sizing: Sizing) -> tuple[Array, Ar
     return start + ends, pieces
 
 
-def _least(sigma: Array) -> Array:
-    """Smaller eigenvalues of covariances (K, 2, 2)."""
-    mean, half = 0.5 * (sigma[:, 0, 0] + sigma[:, 1, 1]), 0.5 * (sigma[:, 0, 0] - sigma[:, 1, 1])
-    return np.asarray(mean - np.hypot(half, sigma[:, 0, 1]))
-
-
-def _with_manoeuvre(spread: Array, coefficients: Array, last: Array, change: Array) -> tuple[Array, Array]:
-    """Allow for changes of acceleration at times ``last``; see `PolynomialEstimate.with_manoeuvre`."""
-    shift = np.empty((len(last), 3))
-    shift[:, 0], shift[:, 1], shift[:, 2] = 0.5 * (last * last), -last, 0.5
-    return _padded(spread, 3) + change[:, None, None] * shift[:, :, None] * shift[:, None], _padded(coefficients, 2)
-
-
-def _padded(values: Array, width: int) -> Array:
-    """Values (K, p, ...) of motions of any order as those of order 2, (K, 3, width)."""
-    count, terms, given = values.shape
-    if terms == 3:
-        return values
-    padded = np.zeros((count, 3, width))
-    padded[:, :terms, :given] = values
-    return padded
-
-
 def lengths_of_polynomials(error: Array, cross: Array, rate: Array) -> Array:
     """Standardised lengths over `HORIZON` of K motions, (K,).
 
@@ -427,7 +332,7 @@ def lengths_of_polynomials(error: Array, cross: Array, rate: Array) -> Array:
     polynomials of time of at most six terms. Errors turn in the time in which the velocity blurs the position, then
     ever more slowly.
     """
-    nodes, weights = _quadrature()
+    nodes, weights = length_rule()
     scale = np.sqrt(np.trace(error[:, 0], axis1=1, axis2=2) / np.trace(rate[:, 0], axis1=1, axis2=2))
     last = np.log1p(HORIZON / scale)
     grown = scale[:, None] * np.exp(last[:, None] * nodes)
@@ -437,60 +342,9 @@ def lengths_of_polynomials(error: Array, cross: Array, rate: Array) -> Array:
     return last * ((grown * speed) @ weights)
 
 
-def _shift(order: int, shift: Array, scale: Array) -> Array:
-    """Matrices from coefficients of powers of u to those of s, where u = shift + scale s, (K, p, p)."""
-    matrix = shift_matrices(order + 1, shift)
-    matrix *= scale[:, None, None] ** np.arange(order + 1)[:, None]
-    return matrix
-
-
-@lru_cache(maxsize=8)
-def _products(terms: int) -> Array:
-    """Matrix from the products of coefficients k and m, in rows, to the coefficient k + m."""
-    matrix = np.zeros((terms, terms, POLYNOMIAL_TERMS))
-    for k in range(terms):
-        for m in range(terms):
-            matrix[k, m, k + m] = 1.0
-    return matrix.reshape(-1, POLYNOMIAL_TERMS)
-
-
-def _lengths(spread: Array, start: Array, stop: Array) -> Array:
-    """Standardised lengths of K polynomial motions over spans of normalised time, (K,).
-
-    See `scp_planner.estimation.motion_estimate`: s = tan(angle), and the rows (1, s, s^2) become (cos^2, sin cos,
-    sin^2).
-    """
-    order = spread.shape[1] - 1
-    if order == 0:
-        return np.zeros(len(spread))
-    nodes, weights = _quadrature()
-    low, high = np.arctan(start), np.arctan(stop)
-    angles = low[:, None] + (high - low)[:, None] * nodes
-    sine, cosine = np.sin(angles), np.cos(angles)
-    x, y = np.empty((2, *angles.shape, order + 1))
-    if order == 1:
-        x[..., 0], x[..., 1] = cosine, sine
-        y[..., 0], y[..., 1] = -sine, cosine
-    else:
-        both, squares = sine * cosine, (cosine * cosine, sine * sine)
-        x[..., 0], x[..., 1], x[..., 2] = squares[0], both, squares[1]
-        y[..., 0], y[..., 1], y[..., 2] = -2.0 * both, squares[0] - squares[1], 2.0 * both
-    weighted = x @ spread
-    error, cross, rate = _summed(weighted * x), _summed(weighted * y), _summed((y @ spread) * y)
-    speed = np.sqrt(np.maximum(rate * error - cross * cross, 0.0)) / error
-    return (high - low) * (speed @ weights)
-
-
-def _summed(terms: Array) -> Array:
-    """Sums over the last axis of two or three: a sum of numpy over so short an axis takes several times as long."""
-    total: Array = terms[..., 0] + terms[..., 1]
-    for term in range(2, terms.shape[-1]):
-        total += terms[..., term]
-    return total
-
-
 @cache
-def _quadrature() -> tuple[Array, Array]:
+def length_rule() -> tuple[Array, Array]:
+    """Nodes between 0 and 1, and weights, of the quadrature of standardised lengths."""
     rule = gauss_rule(NODES)
     edges = np.arange(PANELS) / PANELS
     points = (edges[:, None] + (0.5 + 0.5 * rule.nodes) / PANELS).ravel()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -25,13 +25,14 @@ from scp_planner.estimation.recursive import SquareRoots
 from scp_planner.online.alarmed_zones import Alarmed, changes_among, slots_of
 from scp_planner.online.foresight import Learning, least_noise
 from scp_planner.online.foretold import Prediction
-from scp_planner.online.many_zones import Level, zones_together
+from scp_planner.online.many_zones import Level
 from scp_planner.online.mixtures import FilterModels
 from scp_planner.online.newcomer_zones import newcomers_together
 from scp_planner.online.noticing import Bank
-from scp_planner.online.regions import ALONE, BELIEVED, NOTICED, RegionSizes
+from scp_planner.online.regions import NOTICED, RegionSizes
 from scp_planner.online.sensor_noise import NoiseWatch, neighbour_differences
-from scp_planner.online.sorted_tracks import TrackKind, learns, track_kind
+from scp_planner.online.settled_tracks import Learnt, SettledTracks
+from scp_planner.online.sorted_tracks import SortedTracks, TrackKind, learns
 from scp_planner.online.suspicions import LEFT_OUT, LOOKED_AT, Allowance, Suspicions
 from scp_planner.online.track import (
     MOST_LATE,
@@ -56,8 +57,6 @@ from scp_planner.threat_zones.zone import ThreatZone
 logger = logging.getLogger(__name__)
 MOST_SUSPECTS = 3
 """...unless this many come in a row: then the obstacle moves otherwise than estimated, and is learnt anew."""
-MOST_TURNING = 12
-"""Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together."""
 FORETOLD = np.concatenate([[0.0], np.geomspace(0.1, HORIZON, 150)])
 """Units of time from now on, at which zones are put down that a scenario cannot hold otherwise..."""
 INTERPOLATED = 0.01
@@ -95,9 +94,12 @@ class ObstacleTracks:
         adaptive = self.watch.regions is Regions.ADAPTIVE
         self.sizes = RegionSizes(outside_probability(confidence.probability)) if adaptive else None
         self._banks: dict[int, Bank] = {}
+        self._ready: Learnt | None = None  # until anything new is known
+        self._asked = True  # for zones, since that was worked out
 
     def add(self, *obstacles: Obstacle) -> None:
         """Take in obstacles of a scenario, with their motions or their observations."""
+        self._ready = None
         together: list[ObstacleTrack] = []
         for obstacle in obstacles:
             track = self._new_track(obstacle.id, obstacle.shape, obstacle.model, obstacle.margin)
@@ -167,6 +169,7 @@ class ObstacleTracks:
 
     def judge_noise(self, differences: Array) -> None:
         """Take the noise for what it is seen to be."""
+        self._ready = None
         if not self.noise.take_in(differences):
             return
         logger.info("noise: taken for %.3g times the variance that is declared", self.noise.factor)
@@ -179,12 +182,14 @@ class ObstacleTracks:
 
     def add_unseen(self, name: str, shape: Shape, model: Model, margin: float, covariance: Array | None) -> None:
         """Take in an obstacle that will be observed from now on."""
+        self._ready = None
         track = self._new_track(name, shape, model, margin)
         track.covariance, track.newcomer = covariance, True
         self.tracks[name] = track
 
     def remove(self, name: str) -> None:
         """Forget an obstacle."""
+        self._ready = None
         track = self.tracks.pop(name)
         if self.sizes is not None:
             self.sizes.forget(name)
@@ -193,6 +198,7 @@ class ObstacleTracks:
 
     def foretell(self, name: str, motion: GivenMotion) -> None:
         """Take an obstacle to move as is foretold, until it is observed."""
+        self._ready = None
         track = self.tracks[name]
         track.fixed, track.suspects = motion, []
 
@@ -221,7 +227,7 @@ class ObstacleTracks:
         str or None
             What is wrong with it, if it was not used.
         """
-        track, one = self.tracks[name], Seen(time, position, covariance)
+        self._ready, track, one = None, self.tracks[name], Seen(time, position, covariance)
         if track.fixed is not None:
             track.fixed, track.newcomer = None, True  # it does not move as was known
         if track.given is not None:
@@ -247,6 +253,7 @@ class ObstacleTracks:
 
     def remember(self, tracks: Sequence[ObstacleTrack], seen: Sequence[Seen]) -> None:
         """Put down the newest observations of some obstacles, which their bank takes in."""
+        self._ready = None
         if self.sizes is not None:
             self.sizes.learn(tracks, seen, self.newcomers)
         for track, one in zip(tracks, seen, strict=True):
@@ -268,26 +275,40 @@ class ObstacleTracks:
         str or None
             What is wrong with it, if it was not used.
         """
-        track = self.tracks[name]
+        self._ready, track = None, self.tracks[name]
         if track.given is not None and given.time < track.given.time:
             return "it came too late, after a newer estimate"
         track.follow(given)
         return None
 
+    def prepare(self) -> None:
+        """Work out what zones are made from, if they have been asked for since that was done."""
+        if self._asked:
+            self._learnt()
+
+    def _learnt(self) -> Learnt:
+        """What zones are made from, whenever they are asked for."""
+        if self._ready is None:
+            tracks = SortedTracks.of(self.tracks.values())
+            level = Level(self.confidence, tracks.uncertain)
+            settled = [self._settled(some, level) for some in tracks.kinds[TrackKind.SETTLED].values()]
+            self._ready, self._asked = Learnt(tracks, level, settled), False
+        return self._ready
+
     def zones(self, start: float) -> tuple[ThreatZone, ...]:
         """Zones of all obstacles that have been seen, from a time on, s."""
-        tracks = [track for track in self.tracks.values() if track.seen]
-        estimated = sum(track.uncertain for track in tracks)
-        level = Level(self.confidence, estimated)
-        headings = self._bounds_headings(tracks)
-        made = self._together(tracks, start, level, headings)
+        learnt = self._learnt()
+        self._asked = True
+        tracks, level, headings = learnt.tracks.every, learnt.level, learnt.tracks.headings
+        made = self._together(learnt, start)
         alone = [track for track in tracks if track.fixed is None and track.id not in made]
         if alone:
             made |= zip((track.id for track in alone), self._alone(alone, start, level, headings), strict=True)
         if self.sizes is not None:
             for bank in self._banks.values():
                 bank.foretold.keep(start)
-        every = ((made[track.id],) if track.fixed is None else self._given(track, estimated) for track in tracks)
+        uncertain = level.estimated
+        every = ((made[track.id],) if track.fixed is None else self._given(track, uncertain) for track in tracks)
         return tuple(chain.from_iterable(every))
 
     def _given(self, track: ObstacleTrack, uncertain: int) -> tuple[ThreatZone, ...]:
@@ -299,56 +320,35 @@ class ObstacleTracks:
             track.made = made = GivenZones(motion, uncertain, zones)
         return made.zones
 
-    def _together(
-        self, tracks: Sequence[ObstacleTrack], start: float, level: Level, headings: bool
-    ) -> dict[str, ThreatZone]:
+    def _together(self, learnt: Learnt, start: float) -> dict[str, ThreatZone]:
         """Zones of those tracks that can be made together with others."""
-        groups: dict[TrackKind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in TrackKind}
-        for track in tracks:
-            kind = track_kind(track, headings)
-            if kind is not None:
-                groups[kind].setdefault(track.model.order, []).append(track)
-        self.allowance.note(start, frozenset(t.id for some in groups[TrackKind.ALARMED].values() for t in some))
+        kinds, level = learnt.tracks.kinds, learnt.level
+        alarmed = kinds[TrackKind.ALARMED]
+        self.allowance.note(start, frozenset(track.id for some in alarmed.values() for track in some))
         made: dict[str, ThreatZone] = {}
-        for _, some in sorted(groups[TrackKind.SETTLED].items()):
-            roots = self._roots(some)
-            suspicions = self._suspicions(some, level)
-            zones = self._settled_zones(some, roots, start, level, suspicions)
-            made.update(zip((track.id for track in some), zones, strict=True))
-        for order, some in sorted(groups[TrackKind.ALARMED].items()):
+        for settled in learnt.settled:
+            zones = settled.zones(start, level, self.allowance.now)
+            made.update(zip((track.id for track in settled.tracks), zones, strict=True))
+        for order, some in alarmed.items():
             deviation = self.newcomers.acceleration_deviation if self.watch.changes > 0.0 else 0.0
             sizing = None if self.sizes is None else self.sizes.of(some, np.full(len(some), NOTICED))
             zones = Alarmed(some, self._banks[order], deviation).zones(start, level, sizing)
             for track, zone in zip(some, zones, strict=True):
                 track.zone = made[track.id] = zone
                 track.foretold.clear()
-        for order, some in sorted(groups[TrackKind.NEW].items()):
+        for order, some in kinds[TrackKind.NEW].items():
             for track in some:
                 track.zone = None
             made |= newcomers_together(some, self._roots(some), prior_of(self.newcomers, order), start, level)
         return made
 
-    def _settled_zones(
-        self,
-        tracks: Sequence[ObstacleTrack],
-        roots: SquareRoots,
-        start: float,
-        level: Level,
-        suspicions: Suspicions | None,
-    ) -> list[ThreatZone]:
-        """Zones of polynomial motions of one order."""
+    def _settled(self, tracks: Sequence[ObstacleTrack], level: Level) -> SettledTracks:
+        """What is learnt of tracks of one order that are settled."""
         banked = all(isinstance(track.estimator, NoticingTrack) for track in tracks)
-        suspected = np.zeros(len(tracks), dtype=bool) if suspicions is None else suspicions.probability > 0.0
-        otherwise, sizing = suspected.copy(), None
-        if self.sizes is not None:
-            believed = BELIEVED if banked else ALONE
-            sizing = self.sizes.of(tracks, np.where(suspected, NOTICED, believed))
-            otherwise[sizing.others] = True
-        zones = zones_together(tracks, roots, start, level, self.allowance.now, suspicions, sizing)
-        for track, zone, suspect, other in zip(tracks, zones, suspected.tolist(), otherwise.tolist(), strict=True):
-            track.suspected, track.zone = suspect, zone if other else None
-            track.foretold.clear() if banked else track.keep_foretold()
-        return zones
+        suspicions = self._suspicions(tracks, level) if banked else None
+        found = SettledTracks(tracks, self._roots(tracks), suspicions, banked, self.sizes)
+        found.motions(self.allowance.now)
+        return found
 
     def _roots(self, tracks: Sequence[ObstacleTrack]) -> SquareRoots:
         """What the estimates of simple tracks of one order are made from."""
@@ -359,8 +359,8 @@ class ObstacleTracks:
         return SquareRoots.together([one.roots for one in estimators if one is not None and one.roots is not None])
 
     def _suspicions(self, tracks: Sequence[ObstacleTrack], level: Level) -> Suspicions | None:
-        """Changes of acceleration of some tracks of one order that are likely enough to matter."""
-        if self.watch.changes <= 0.0 or not all(isinstance(track.estimator, NoticingTrack) for track in tracks):
+        """Changes of acceleration of some tracks of one bank that are likely enough to matter."""
+        if self.watch.changes <= 0.0:
             return None
         bank, slots = self._banks[tracks[0].model.order], slots_of(tracks)
         some = np.flatnonzero(bank.trend[slots] > LOOKED_AT)
@@ -370,10 +370,6 @@ class ObstacleTracks:
         if not found.spoken_for:
             return None
         return found.suspicions(self.watch.changes).among(some, len(tracks), LEFT_OUT * level.alpha)
-
-    def _bounds_headings(self, tracks: Collection[ObstacleTrack]) -> bool:
-        """Whether shapes that turn with an estimated motion are more than the discs that cover them."""
-        return sum(track.fixed is None and track.body.turning is not None for track in tracks) <= MOST_TURNING
 
     def _estimate(self, track: ObstacleTrack) -> MotionEstimate:
         estimate = track.estimate(self.newcomers)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 from scp_planner.online.track import ObstacleTrack
+
+MOST_TURNING = 12
+"""Shapes whose headings are estimated, one by one; where there are more, all are discs, which are made together."""
 
 
 class TrackKind(Enum):
@@ -38,6 +43,41 @@ def track_kind(track: ObstacleTrack, headings: bool) -> TrackKind | None:
     if track.settled:
         return TrackKind.SETTLED
     return TrackKind.NEW if track.model.order > 0 else None  # of order 0 no prior tells anything
+
+
+@dataclass(frozen=True)
+class SortedTracks:
+    """Tracks that have been seen.
+
+    Attributes
+    ----------
+    every : sequence of ObstacleTrack
+    uncertain : int
+        How many of them are not known exactly.
+    headings : bool
+        Whether shapes that turn with an estimated motion are more than the discs that cover them.
+    kinds : mapping of TrackKind to mapping of int to sequence of ObstacleTrack
+        Those whose zones are made together, by the order of their motion, the lowest first.
+    """
+
+    every: Sequence[ObstacleTrack]
+    uncertain: int
+    headings: bool
+    kinds: Mapping[TrackKind, Mapping[int, Sequence[ObstacleTrack]]]
+
+    @classmethod
+    def of(cls, tracks: Iterable[ObstacleTrack]) -> SortedTracks:
+        """Sort tracks; those that have not been seen are left out."""
+        every = [track for track in tracks if track.seen]
+        turning = sum(track.fixed is None and track.body.turning is not None for track in every)
+        headings = turning <= MOST_TURNING
+        groups: dict[TrackKind, dict[int, list[ObstacleTrack]]] = {kind: {} for kind in TrackKind}
+        for track in every:
+            kind = track_kind(track, headings)
+            if kind is not None:
+                groups[kind].setdefault(track.model.order, []).append(track)
+        kinds = {kind: dict(sorted(some.items())) for kind, some in groups.items()}
+        return cls(every, sum(track.uncertain for track in every), headings, kinds)
 
 
 def learns(track: ObstacleTrack) -> bool:
