@@ -19,12 +19,11 @@ from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.evaluation import evaluate_among
+from scp_planner.scp.evaluation import among_smaller
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import FEASIBILITY, LoopRun
 from scp_planner.settings.online import GiveWay
-from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
 
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
@@ -234,7 +233,7 @@ class Decision:
         most = ROOM_PRICE * (arrival - now.moment.state.time)
         if spent > most and perf_counter() <= now.deadline:
             return None
-        evaluation = evaluate_among(problem, run.evaluation, NEAR)
+        evaluation = among_smaller(run.evaluation, roomy.zones.radius - problem.zones.radius)
         if evaluation.worst_violation > FEASIBILITY:
             return None
         found = self._means.vet(now, problem, evaluation.trajectory, evaluation, len(run.record))

@@ -196,32 +196,27 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     return evaluations
 
 
-def evaluate_among(problem: Problem, evaluation: Evaluation, near: float) -> Evaluation:
-    """Evaluate a trip that has been evaluated in a problem that differs from this one in its zones alone.
+def among_smaller(evaluation: Evaluation, less: Array) -> Evaluation:
+    """Return the evaluation of the same trip in a problem that has zones of smaller radii, and is the same otherwise.
 
     Parameters
     ----------
-    problem : Problem
     evaluation : Evaluation
-        In the other problem.
-    near : float
-        Clearances below this are looked at closely, m.
+        In the problem with the larger ones.
+    less : (L,) array
+        By how much their radii are smaller, m, not negative; parts of one zone by the same.
 
     Returns
     -------
     Evaluation
-        What `evaluate_trip` would return.
+        What `evaluate_trip` would return, but that minima are those that were found near the larger zones.
     """
-    bundle = TripBundle([evaluation.trajectory])
-    (found,) = _near_zones(problem, bundle, evaluation.points, near)
+    contacts = evaluation.minima_contacts
     return replace(
         evaluation,
-        clearance=found.clearance,
-        minima=found.minima,
-        minima_zone=found.minima_zone,
-        minima_contacts=found.minima_contacts,
-        zone_violation=found.violation,
-        batch=TripBatch(bundle, evaluation.points),
+        clearance=evaluation.clearance + less,
+        minima_contacts=replace(contacts, distance=contacts.distance + less[evaluation.minima_zone]),
+        zone_violation=np.maximum(evaluation.zone_violation - less, 0.0),
     )
 
 
