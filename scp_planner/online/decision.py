@@ -85,7 +85,6 @@ class Decision:
         self._looks, self._fallback = Looks(means), Fallback(means)
         self._improved = 0
         self._good_enough = True
-        self._said = ""  # by the last look
         self._put_off = False  # a look at other ways, to the next time that what is left of the last trip is refused
         self._spent = 0.0  # time that was given for room, s
         self._roomy: Vetted | None = None  # the last trip that it was given for
@@ -148,10 +147,6 @@ class Decision:
         ahead = None if now.last is None else remaining_trip(problem, now.last.trip, now.moment.state)
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
-        if best is None and now.last is not None and last is None and not self._put_off:
-            plan = self._fallback.as_before(now, why)
-            if plan is not None:
-                return plan
         if best is None:
             plan = self._fallback.fall_back(now, problem, last, ahead, why)
             if self._put_off and not plan.safe:
@@ -194,11 +189,9 @@ class Decision:
             if isinstance(found, Vetted):
                 self._put_off = False
                 return found, "the last plan, continued"
-            refused = found.why
-        if now.last is not None:
-            self._put_off = not self._put_off
+            refused, self._put_off = found.why, not self._put_off
             if self._put_off:
-                return None, refused or self._said
+                return None, refused
         best, why = self._looked(now, loop)
         return best, (refused or why) if best is None else why
 
@@ -208,7 +201,6 @@ class Decision:
         if not self._looks.is_due(now, None):
             return None, ""
         best, said = self._looks.look(now, loop, None)
-        self._said = said
         return best, said if best is None else "first plan" if now.last is None else "another way round"
 
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:

@@ -217,20 +217,6 @@ class Evasion:
         now.lap("certificate")
         return found if found.safe else None
 
-    def as_before(self, now: Replan) -> Dodge | None:
-        """Go on getting out of the way as before, without a look at anything else, where that is safe; None if not."""
-        stop, moment = self.begun(now), now.moment
-        if stop is None:
-            return None
-        self.outlooks.note(moment)
-        seen = self.outlooks.of_stop(moment, stop, self._dodges(moment).times)
-        now.lap("evasion")
-        if np.isfinite(seen.clear[0]):
-            return None
-        found = self._gone_on_with(moment, seen, stop)
-        now.lap("certificate")
-        return found if found.safe else None
-
     def begun(self, now: Replan) -> Stop | None:
         """What was begun at the last replan to get out of the way, unless the vehicle is not on it, or that is over."""
         moment, last = now.moment, now.last

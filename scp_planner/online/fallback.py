@@ -64,11 +64,6 @@ class Fallback:
                 return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
         return self._give_way(now, problem, ahead, why)
 
-    def as_before(self, now: Replan, why: str) -> OnlinePlan | None:
-        """Go on getting out of the way as at the last replan, where that is safe; None if not."""
-        dodge = self._evasion.as_before(now)
-        return None if dodge is None else self._dodging(now, dodge, why)
-
     def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:
         """Get out of the way where that is clearly better than a plan that would do."""
         dodge = self._evasion.sooner(now, plan.trip)

@@ -86,16 +86,18 @@ class ZoneBatch:
         others = zones.others if isinstance(zones, SortedZones) else range(len(zones))
         numbered = [(k, part) for k in others for part in ConvexPart.all_of(zones[k])]
         parts = [part for _, part in numbered]
-        # Discs first, then all in the order of the zones
-        still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
-        order = np.argsort(still_to_sort, kind="stable")
-        place = np.empty(len(order), dtype=np.intp)
-        place[order] = np.arange(len(order))
-        place = place[len(discs.index) :]
         ids = [*discs.ids, *(part.id for part in parts)]
-        radius = np.concatenate([discs.radius, np.array([part.radius for part in parts])])[order]
+        radius = np.array([part.radius for part in parts])
         known = [discs.centers] if len(discs.index) else []
         centers = frame.points_batch([*known, *(part.centers for part in parts)])
+        place = order = np.arange(len(parts))
+        if known:  # discs first, then all in the order of the zones
+            still_to_sort = np.concatenate([discs.index, np.array([k for k, _ in numbered], dtype=np.intp)])
+            order = np.argsort(still_to_sort, kind="stable")
+            place = np.empty(len(order), dtype=np.intp)
+            place[order] = np.arange(len(order))
+            place = place[len(discs.index) :]
+            ids, radius = [ids[k] for k in order.tolist()], np.concatenate([discs.radius, radius])[order]
         uncertain = [
             (k, part.covariances) for k, part in zip(place, parts, strict=True) if part.covariances is not None
         ]
@@ -107,7 +109,7 @@ class ZoneBatch:
             pointing = frame.points_batch([*known, *paths])
             directions = (pointing.take(order) if known else pointing).derivative
         return cls(
-            ids=tuple(ids[k] for k in order),
+            ids=tuple(ids),
             radius=radius + inflation,
             centers=centers.take(order) if known and parts else centers,
             uncertain=np.array([k for k, _ in uncertain], dtype=np.intp),
