@@ -86,26 +86,16 @@ class Assumptions:
             return {}
         clock = np.array([now.state.time - frame.time])
         moved = new.centers.grid(clock)[0, second] - old.centers.grid(clock)[0, first]
-        if old.covariances is None:
-            uncertain, spread = np.zeros(len(first), dtype=bool), np.zeros((0, 3))
-        else:
-            uncertain = old.slot[first] >= 0
-            spread = old.covariances.grid(clock)[0, old.slot[first[uncertain]]]
-            if len(spread) == len(moved) and _are_inside(moved, spread):
-                return {}
         apart = np.hypot(moved[:, 0], moved[:, 1])
         allowed = INSIDE * old.radius[first] + NOTHING
-        allowed[uncertain] += _radii_towards(moved[uncertain], spread)
+        if old.covariances is not None:
+            some = old.slot[first] >= 0
+            spread = old.covariances.grid(clock)[0, old.slot[first[some]]]
+            allowed[some] += _radii_towards(moved[some], spread)
         return {
             new.ids[second[k]]: f"{new.ids[second[k]]} has left its zone: what was certified before may not hold"
             for k in np.flatnonzero(apart > allowed)
         }
-
-
-def _are_inside(moved: Array, covariances: Array) -> bool:
-    """Whether all of some points (n, 2) are in their ellipses x' C^-1 x <= 1, (n, 3) as (xx, xy, yy)."""
-    (x, y), (xx, xy, yy) = moved.T, covariances.T
-    return bool((yy * x * x - 2.0 * xy * x * y + xx * y * y <= xx * yy - xy * xy).all())
 
 
 def _radii_towards(moved: Array, covariances: Array) -> Array:

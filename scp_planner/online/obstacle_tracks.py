@@ -354,8 +354,7 @@ class ObstacleTracks:
         """What the estimates of simple tracks of one order are made from."""
         estimators = [track.estimator for track in tracks]
         if all(isinstance(one, NoticingTrack) for one in estimators):
-            slots = np.array([one.slot for one in estimators if one is not None], dtype=np.intp)
-            return self._banks[tracks[0].model.order].polynomials.roots.of(slots)
+            return self._banks[tracks[0].model.order].polynomials.roots.of(slots_of(tracks))
         return SquareRoots.together([one.roots for one in estimators if one is not None and one.roots is not None])
 
     def _suspicions(self, tracks: Sequence[ObstacleTrack], level: Level) -> Suspicions | None:

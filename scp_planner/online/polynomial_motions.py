@@ -77,8 +77,7 @@ class PolynomialMotions:
         last = np.array([track.times[-1] for track in tracks])
         inverse = np.linalg.inv(roots.factor)
         spread, coefficients = inverse @ inverse.transpose(0, 2, 1), inverse @ roots.right
-        sigma = np.array([track.covariance for track in tracks])
-        sigma *= np.array([track.noise_factor for track in tracks])[:, None, None]
+        sigma = np.array([track.known_noise for track in tracks])
         if manoeuvre > 0.0:
             spread, coefficients = _with_manoeuvre(spread, coefficients, last - middle, manoeuvre**2 / _least(sigma))
         if suspicions is not None and suspicions.probability.any():
