@@ -65,7 +65,9 @@ def update_state(dynamics: Dynamics, state: FilterState, times: Array, positions
     gain = p[:, :, :2] @ inverse
     weighted = (inverse @ innovation[:, :, None])[:, :, 0]
     mean += (gain @ innovation[:, :, None]).reshape(mean.shape)
+    seen = noise @ (inverse @ p[:, :2, :])  # of the position, in which nothing cancels: it never comes out as 0
     p -= gain @ p[:, :2, :]
+    p[:, :2, :], p[:, :, :2] = seen, np.swapaxes(seen, 1, 2)
     p += np.swapaxes(p, 1, 2).copy()  # rounding would make it lopsided
     p *= 0.5
     squares = np.einsum("na,na->n", weighted, innovation)

@@ -372,6 +372,17 @@ def test_one_observation_is_enough() -> None:
     assert seen.covariance(4.0) == pytest.approx((0.01 + (1.3 * 3) ** 2 + 0.2 * 27 / 3) * np.eye(2))
 
 
+@pytest.mark.parametrize("lag", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_after_a_long_time_nothing_but_the_noise_of_the_last_observation_is_left(kind: str, lag: float) -> None:
+    seen = estimate_process([0.0, lag], [[0.0, 0.0], [2.0, 3.0]], model(kind))
+    # the variance predicted is so large that 1 / R + 1 / P = 1 / R up to a hundredth
+    assert seen.covariance(lag) == pytest.approx(0.01 * np.eye(2), rel=0.01)
+    assert seen.position(lag) == pytest.approx([2.0, 3.0], abs=1e-2)
+    assert np.isfinite(seen.standardised_length(lag, lag + 10.0))
+    assert np.isfinite(seen.covariance(lag + 10.0)).all()
+
+
 def test_observations_may_come_in_any_order() -> None:
     times, z = np.array([0.8, 0.0, 0.4]), np.array([[1.0, 0.2], [0.0, 0.0], [0.6, 0.1]])
     ordered = estimate_process(np.sort(times), z[np.argsort(times)], model())
