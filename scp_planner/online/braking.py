@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from scp_planner.arrays import Array
+from scp_planner.arrays import Array, Index
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.ramps import JERK_SHARE, Ramps
 from scp_planner.online.remaining import State
@@ -77,6 +77,28 @@ def leaving(trip: Trip, braking: Braking, spans: int) -> tuple[Trip, float] | No
         return None
     share = float(trip.trajectory.space.acceleration.breakpoints[spans])
     return Trip(trip.frame, stop), trip.frame.time + share * trip.trajectory.travel_time
+
+
+def spans_between(breaks: Array, first: float, last: float, most: int) -> Index:
+    """After how many spans of its acceleration a trip may be left between two times, s: some of them, evenly spread.
+
+    Parameters
+    ----------
+    breaks : (n,) array
+        Where the spans end, s.
+    first, last : float
+        s. Where none ends in between, the first that ends later will do.
+    most : int
+        How many are given, at most.
+
+    Returns
+    -------
+    (m,) array of int
+        Increasing; none where the trip ends before the first time.
+    """
+    begin, end = int(np.searchsorted(breaks, first)), int(np.searchsorted(breaks, last, "right")) - 1
+    end = min(max(end, begin), len(breaks) - 1)
+    return np.unique(np.linspace(begin, end, max(min(most, end - begin + 1), 0)).astype(np.intp))
 
 
 @dataclass(frozen=True)

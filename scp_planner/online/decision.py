@@ -25,6 +25,7 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import FEASIBILITY, LoopRun
 from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
 NEAR_GOAL = 0.4
@@ -40,7 +41,7 @@ LESS_ROOM = 0.25
 TWICE = 4.0
 """...and twice as much where so many times what has been spent may be."""
 HOPELESS = 1.0
-"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not gone on with."""
+"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved, or not further."""
 PLAIN = 2
 """Improvements without room after one with room that cost too much: the first of them at the next replan."""
 LOST = 0.1
@@ -206,11 +207,14 @@ class Decision:
     def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without.
 
-        Where the last trip will do, the latter is left to the next replan: no replan takes as long as two.
+        Where the last trip will do, the latter is left to the next replan: no replan takes as long as two. Nor is it
+        done where what is left is not clear, and every stop from it is far inside of a zone.
         """
         assert now.last is not None, "there is a last trip"
-        roomy = None if self._plain else self._means.roomy(loop.problem, self._room)
-        if roomy is not None and _keeps_clear(loop.problem, ahead):
+        roomy, clear = None if self._plain else self._means.roomy(loop.problem, self._room), False
+        if roomy is not None or self._means.vetting.stops_will_do:
+            clear = _keeps_clear(loop.problem, ahead)
+        if roomy is not None and clear:
             found = self._with_room(now, loop.problem, roomy, ahead)
             if found is None:
                 self._room, self._plain = LESS_ROOM, PLAIN
@@ -218,6 +222,11 @@ class Decision:
             if found is not None:
                 return found
         self._plain = max(self._plain - 1, 0)
+        if not clear and self._means.vetting.stops_will_do:
+            room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
+            now.lap("certificate")
+            if self._is_hopeless(now, room):
+                return Refusal("every stop from what is left of the last trip is far inside of a zone", room)
         arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
         if isinstance(without, Vetted):
             got_back = max(arrival - without.arrival, 0.0)
@@ -258,9 +267,14 @@ class Decision:
             finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
             if last_run or finished or isinstance(found, Vetted):
                 break
-            if -math.inf < found.room < -HOPELESS * now.moment.scenario.vehicle.radius:
+            if self._is_hopeless(now, found.room):
                 break
         return found
+
+    @staticmethod
+    def _is_hopeless(now: Replan, room: float) -> bool:
+        """Whether the most room that a stop has, m, is so little that the loop, which knows of no stops, gains none."""
+        return -math.inf < room < -HOPELESS * now.moment.scenario.vehicle.radius
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         """Improve what is left of the last trip in the problem of a loop."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -14,7 +15,7 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY_TIME, Stop, Vetted, refused
+from scp_planner.online.vetting import TINY_TIME, Stop, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -122,7 +123,7 @@ class Fallback:
         harm = "; ".join(str(violation.outside(self._means.units)) for violation in certificate.violations)
         if now.last is not None and trip is now.last.trip:
             text = f"goes on: {why}; nothing is safe, and nothing else does less harm: {harm}"
-            return self._means.plan_of(Vetted(trip, refused(certificate), None), now, Outcome.KEPT, text)
+            return self._means.plan_of(Vetted(trip, replace(certificate, holds=False), None), now, Outcome.KEPT, text)
         text = f"{why}; no stop is certified, this is the least bad: {harm}"
         if certificate.holds:
             text = f"{why}; the stop is certified until the vehicle stands; what moves may still reach it"

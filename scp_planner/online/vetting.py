@@ -22,7 +22,7 @@ from scp_planner.certificate.remembered import Motions
 from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
-from scp_planner.online.braking import Braking, braking_of, leaving
+from scp_planner.online.braking import Braking, braking_of, leaving, spans_between
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import standing_from, standing_trip, surely_clear
@@ -359,14 +359,12 @@ class Vetting:
         """
         breaks = trip.trajectory.space.acceleration.breakpoints * trip.trajectory.travel_time
         driven = now.state.time - trip.frame.time
-        first = int(np.searchsorted(breaks, driven + self.period - TINY_TIME))
-        last = int(np.searchsorted(breaks, driven + self.period + COMMITMENT, "right")) - 1
-        last = min(max(last, first), len(breaks) - 1)
-        if first > last:
+        earliest = driven + self.period
+        spans = spans_between(breaks, earliest - TINY_TIME, earliest + COMMITMENT, STOPS)
+        if not len(spans):
             tried.reasons.append("the goal is nearer than the distance to stop in")
             return
-        spans = np.unique(np.linspace(first, last, min(STOPS, last - first + 1)).astype(np.intp))
-        if breaks[first] <= branch - trip.frame.time <= breaks[last]:
+        if breaks[spans[0]] <= branch - trip.frame.time <= breaks[spans[-1]]:
             before = int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
             # That of the last plan held a moment ago; of a new trip samples are asked first, which are soon looked at.
             left = None if driven > 0.0 else leaving(trip, braking, before)
@@ -384,6 +382,12 @@ class Vetting:
         for index in order[:STOPS_TRIED]:
             if room[index] >= 0.0:
                 yield int(spans[index])
+
+    def most_room(self, now: Moment, trip: Trip) -> float:
+        """The most room that one of the stops from a trip has, m, as far as samples tell; -inf where there is none."""
+        tried = _Tried(room=-math.inf)
+        next(self._spans(now, trip, braking_of(now.scenario.vehicle), math.inf, tried), None)
+        return tried.room
 
     def vet_on(
         self, now: Moment, last: Trip, foresee: Callable[[ZoneBatch, float], ZoneBatch], branch: float, whole: bool
@@ -492,8 +496,3 @@ class Vetting:
 
 def _violations(certificate: Certificate) -> str:
     return "; ".join(str(violation) for violation in certificate.violations)
-
-
-def refused(certificate: Certificate) -> Certificate:
-    """The same certificate, not holding."""
-    return replace(certificate, holds=False)

@@ -161,6 +161,32 @@ def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, m
     assert len(made) == runs
 
 
+@pytest.mark.parametrize(
+    ("radii", "clear", "improved"),
+    [(-1.1, False, False), (-0.9, False, True), (0.5, False, True), (-math.inf, False, True), (-1.1, True, True)],
+)
+def test_what_has_every_stop_far_inside_of_a_zone_is_not_improved(
+    radii: float, clear: bool, improved: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But what keeps clear is: it may be certified to the goal, which needs no stop."""
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    means, last, run, runs = planner._means, planner._last, ScpLoop.run, []
+    assert last is not None
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), 0.0, 3.0 / planner._units.speed)), 0.0, math.inf, last, 1)
+
+    def counted(self: ScpLoop, *given: Any, **choices: Any) -> Any:
+        runs.append(run(self, *given, **choices))
+        return runs[-1]
+
+    monkeypatch.setattr(ScpLoop, "run", counted)
+    monkeypatch.setattr(decision, "_keeps_clear", lambda *_: clear)
+    monkeypatch.setattr(means.vetting, "most_room", lambda *_: radii * now.moment.scenario.vehicle.radius)
+    loop = ScpLoop(means.problem(now), means.solver)
+    found = planner._decision._continued(now, loop, last.trip.trajectory)
+    assert isinstance(found, Vetted) is improved and (len(runs) > 0) is improved
+
+
 def refusing(monkeypatch: pytest.MonkeyPatch, safe: bool) -> list[str]:
     """What is done in replans in which all that is left of the last trip is refused; all else is, or is not, safe."""
     done: list[str] = []

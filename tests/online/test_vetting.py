@@ -19,6 +19,7 @@ from scp_planner.online.vetting import Moment, Refusal, Vetted, Vetting
 from scp_planner.problem.build import build_problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 pytestmark = pytest.mark.numerics
 
@@ -132,3 +133,28 @@ def test_a_stop_that_somebody_has_come_into_is_not_certified_again(
     now = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, sp.zones(scenario))
     kept = Vetting(PERIOD, True, 0.0).vet_kept_stop(now, answer.trip, answer.stop)
     assert len(tried) == certified and (kept is not None) is bool(certified)
+
+
+@pytest.mark.parametrize("side", [0.3, 0.79, 2.0])
+def test_the_most_room_of_the_stops_is_that_of_one_that_is_sampled_densely(side: float) -> None:
+    """Each keeps to the trip up to the end of a span, and then brakes: all on the line that the trip is."""
+    scenario = scene(disc("post", (4.0, side)), start={"speed": SPEED})
+    zones = sp.zones(scenario)
+    problem = build_problem(scenario, zones, Settings(acceleration_degree=0), BREAKS)
+    space = problem.space
+    trip = Trip(problem.frame, Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size)))
+    moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
+    ends = SPEED * np.arange(PERIOD, PERIOD + 3.01, 0.5) + 0.5 * SPEED**2 / scenario.vehicle.max_deceleration
+    rooms = [np.hypot(np.linspace(0.0, end, 2001) - 4.0, side).min() - 0.8 for end in ends]
+    found = Vetting(PERIOD, True, 0.0).most_room(moment, trip)
+    assert max(rooms) - 1e-9 <= found <= max(rooms) + 0.02
+
+
+def test_there_is_no_room_where_the_trip_ends_before_a_stop() -> None:
+    scenario = scene(start={"speed": SPEED})
+    zones = sp.zones(scenario)
+    problem = build_problem(scenario, zones, Settings(acceleration_degree=0), BREAKS)
+    space = problem.space
+    trip = Trip(problem.frame, Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size)))
+    moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
+    assert Vetting(20.0, True, 0.0).most_room(moment, trip) == -np.inf
