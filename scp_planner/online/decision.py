@@ -46,6 +46,9 @@ PLAIN = 2
 """Improvements without room after one with room that cost too much: the first of them at the next replan."""
 LOST = 0.1
 """Share of the time that was given for room, of which a trip without room gets back less where the rest is lost."""
+GONE_ON = 2
+"""Replans in a row in which ways to the goal are looked at and a dodge that was begun is gone on with. At the next one
+dodges are looked at, and no ways: both in one replan take twice as long."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -91,6 +94,7 @@ class Decision:
         self._roomy: Vetted | None = None  # the last trip that it was given for
         self._room = 1.0  # share of the room that is asked for next
         self._plain = 0  # improvements that are still to be made without room
+        self._gone_on = 0  # replans in a row in which a dodge was gone on with
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -149,7 +153,7 @@ class Decision:
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
         if best is None:
-            plan = self._fallback.fall_back(now, problem, last, ahead, why)
+            plan = self._going_on(now, why) or self._fallback.fall_back(now, problem, last, ahead, why)
             if self._put_off and not plan.safe:
                 best, why = self._looked(now, loop)
             if best is None:
@@ -165,6 +169,18 @@ class Decision:
             return self._means.plan_of(best, now, Outcome.KEPT, "it holds, and is improved at the next replan")
         self._good_enough = best.feasible
         return self._means.plan_of(best, now, Outcome.IMPROVED, why)
+
+    def _going_on(self, now: Replan, why: str) -> OnlinePlan | None:
+        """Go on with a dodge that was begun, after a look at ways; None where that is not safe or dodges are due."""
+        due = not self._takes_turns(now) or self._gone_on == GONE_ON
+        plan = None if due else self._fallback.go_on(now, why)
+        self._gone_on = 0 if plan is None else self._gone_on + 1
+        return plan
+
+    def _takes_turns(self, now: Replan) -> bool:
+        """Whether ways and dodges are looked at in turns: who gives way early is to find the best at all times."""
+        evades = now.last is not None and now.last.outcome is Outcome.EVADING and now.last.safe
+        return evades and self._means.online.give_way is GiveWay.LATE
 
     @property
     def _improve_every(self) -> int:
@@ -193,6 +209,9 @@ class Decision:
             refused, self._put_off = found.why, not self._put_off
             if self._put_off:
                 return None, refused
+        elif self._gone_on == GONE_ON and self._takes_turns(now):
+            self._put_off = True
+            return None, "ways are looked at again at the next replan"
         best, why = self._looked(now, loop)
         return best, (refused or why) if best is None else why
 

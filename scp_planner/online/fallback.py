@@ -22,6 +22,7 @@ from scp_planner.trips.trip import Trip
 
 PARTS = (1.0, 0.75, 0.5, 0.25)
 """Shares of the time in which samples of a dodge are clear, for which it is tried to certify it."""
+NO_TIME = "there is no time now to look for a way"
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 
@@ -40,6 +41,7 @@ class Fallback:
     def __init__(self, means: Means) -> None:
         self._means = means
         self._evasion = Evasion(means)
+        self._does = ""  # what the last dodge does, in words
 
     def be_patient(self, waited: float) -> None:
         """Say for how long the vehicle has come no nearer to its goal, s."""
@@ -50,7 +52,7 @@ class Fallback:
     ) -> OnlinePlan:
         """Keep the last plan, or drive its path slower, or brake."""
         moment = now.moment
-        why = why or "there is no time now to look for a way"
+        why = why or NO_TIME
         if last is not None:
             kept = self._means.vetting.vet_kept(moment, last.trip)
             if kept is not None:
@@ -65,6 +67,19 @@ class Fallback:
                 return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
         return self._give_way(now, problem, ahead, why)
 
+    def go_on(self, now: Replan, why: str) -> OnlinePlan | None:
+        """Go on with the dodge that was begun, without a look at any other; None if that is not certified."""
+        begun = self._evasion.begun(now)
+        if begun is None or now.last is None:
+            return None
+        certificate = self._means.vetting.certify_stop(now.moment, begun, now.moment.state.time)
+        now.lap("certificate")
+        if not certificate.holds:
+            return None
+        whole = Stop(begun.trip, begun.trip.frame.time + begun.trip.trajectory.travel_time)
+        text = f"{self._does}, as before: {why or NO_TIME}"
+        return self._means.plan_of(Vetted(begun.trip, certificate, whole, 0.0), now, now.last.outcome, text)
+
     def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:
         """Get out of the way where that is clearly better than a plan that would do."""
         dodge = self._evasion.sooner(now, plan.trip)
@@ -74,7 +89,8 @@ class Fallback:
 
     def _dodging(self, now: Replan, dodge: Dodge, why: str) -> OnlinePlan:
         stop = Stop(dodge.trip, dodge.trip.frame.time + dodge.trip.trajectory.travel_time)
-        text = f"{_what(dodge)}: {why}{'' if dodge.moves else '; the vehicle stands'}"
+        self._does = _what(dodge)
+        text = f"{self._does}: {why}{'' if dodge.moves else '; the vehicle stands'}"
         return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
 
     def _give_way(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:

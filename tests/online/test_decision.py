@@ -12,7 +12,7 @@ from scenes import disc, scene
 
 from scp_planner.online import decision
 from scp_planner.online.means import Means, Replan
-from scp_planner.online.plan import OnlinePlan
+from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
 from scp_planner.online.vetting import Refusal, Vetted
@@ -20,7 +20,7 @@ from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.settings.online import OnlineSettings
+from scp_planner.settings.online import GiveWay, OnlineSettings
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
 from scp_planner.trips.trajectory import Trajectory
@@ -221,3 +221,60 @@ def test_other_ways_are_looked_at_every_other_time_that_a_trip_is_refused(monkey
 def test_other_ways_are_looked_at_at_once_where_nothing_else_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     done = refusing(monkeypatch, safe=False)
     assert done.count("look") == done.count("replan") == 4
+
+
+@pytest.mark.parametrize(
+    ("give_way", "safe", "done"),
+    [
+        (GiveWay.LATE, True, [["look", "go on"], ["look", "go on"], ["fall back"], ["look", "go on"]]),
+        (GiveWay.LATE, False, 4 * [["look", "fall back"]]),
+        (GiveWay.EARLY, True, 4 * [["look", "fall back"]]),
+    ],
+)
+def test_ways_and_dodges_are_looked_at_in_turns_where_the_vehicle_gives_way_late(
+    give_way: GiveWay, safe: bool, done: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the dodge that was begun is safe."""
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=OnlineSettings(give_way=give_way))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    last, decide, found = planner._last, planner._decision, list[list[str]]()
+    assert last is not None
+    stop = last.trip if safe else None
+    away = replace(last, outcome=Outcome.EVADING, status=PlanStatus.INFEASIBLE, stop=stop)
+
+    def noted(owner: Any, name: str, what: str, answer: Any) -> None:
+        def answered(*_: Any) -> Any:
+            found[-1].append(what)
+            return answer
+
+        monkeypatch.setattr(owner, name, answered)
+
+    noted(decide._looks, "look", "look", (None, "no way"))
+    noted(decide._fallback, "go_on", "go on", away)
+    noted(decide._fallback, "fall_back", "fall back", away)
+    planner._last = away
+    for time in (0.1, 0.2, 0.3, 0.4):
+        found.append([])
+        planner.replan(time, (3.0 * time, 0.0), 0.0, 3.0)
+    assert found == done
+
+
+def test_dodges_are_looked_at_at_once_where_the_one_that_was_begun_is_not_safe_any_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    last, decide, done = planner._last, planner._decision, list[str]()
+    assert last is not None
+    away = planner._last = replace(last, outcome=Outcome.EVADING, stop=last.trip)
+
+    def fallen_back(*_: Any) -> OnlinePlan:
+        done.append("fall back")
+        return away
+
+    monkeypatch.setattr(decide._looks, "look", lambda *_: (None, "no way"))
+    monkeypatch.setattr(decide._fallback, "go_on", lambda *_: None)
+    monkeypatch.setattr(decide._fallback, "fall_back", fallen_back)
+    for time in (0.1, 0.2, 0.3, 0.4):
+        planner.replan(time, (3.0 * time, 0.0), 0.0, 3.0)
+    assert len(done) == 4 and decide._gone_on == 0

@@ -21,7 +21,7 @@ from scp_planner.online.braking import braking_of, straight_stop
 from scp_planner.online.dodge_worth import FADING, a_moment
 from scp_planner.online.expected_harm import GROWS
 from scp_planner.online.means import Means
-from scp_planner.online.plan import Outcome
+from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.scp.loop import ScpLoop
@@ -192,12 +192,12 @@ def test_a_faster_way_is_found_when_it_opens() -> None:
     assert planner.plan is not None and planner.plan.arrival_time < before - 0.1
 
 
-def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From a stand before something that goes away: the first trip drives too fast, until it has been improved."""
+def from_a_stand(away: float, monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, OnlinePlan]]:
+    """Plans from a stand before something that goes away, that is put down so far away, m, and replans between them."""
     scenario = scene(bounds={"min": (-2.0, -1.1), "max": (21.0, 1.1)})
     planner = Planner(scenario, online=OnlineSettings(iterations=6))
     begin(planner, scenario)
-    post = float(follow(planner, 2.0).position(2.0)[0]) + 9.0
+    post = float(follow(planner, 2.0).position(2.0)[0]) + away
     planner.add_obstacle(disc("post", (post, 0.0), radius=1.2))
     for k in range(21, 61):
         follow(planner, k * PERIOD)
@@ -209,12 +209,18 @@ def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.Mon
         tried.append(k)
         return improve(self, *given)
 
-    monkeypatch.setattr(decision.Decision, "_improve", counting)
     plans = {}
-    for k in range(61, 90):
-        plans[k] = follow(planner, k * PERIOD)
-    every = planner.online.improve_every
-    gaps = [(later - one, plans[one]) for one, later in pairwise(tried) if plans[one].outcome is Outcome.IMPROVED]
+    with monkeypatch.context() as patch:
+        patch.setattr(decision.Decision, "_improve", counting)
+        for k in range(61, 90):
+            plans[k] = follow(planner, k * PERIOD)
+    return [(later - one, plans[one]) for one, later in pairwise(tried) if plans[one].outcome is Outcome.IMPROVED]
+
+
+def test_plan_that_breaks_a_limit_yet_is_improved_sooner(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some first trips drive too fast, until they have been improved."""
+    gaps = [gap for away in (6.5, 7.0, 8.0, 8.5) for gap in from_a_stand(away, monkeypatch)]
+    every = OnlineSettings().improve_every
     assert {gap for gap, plan in gaps if plan.status is PlanStatus.INFEASIBLE} == {every // decision.UNFINISHED_SOONER}
     assert {gap for gap, plan in gaps if plan.status is PlanStatus.CERTIFIED} == {every}
 
