@@ -42,6 +42,8 @@ TWICE = 4.0
 """...and twice as much where so many times what has been spent may be."""
 HOPELESS = 1.0
 """Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved, or not further."""
+DEEP = 0.5
+"""Radii of the vehicle by which what is left of a trip is inside of zones where its stops are looked at beforehand."""
 PLAIN = 2
 """Improvements without room after one with room that cost too much: the first of them at the next replan."""
 LOST = 0.1
@@ -227,13 +229,12 @@ class Decision:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without.
 
         Where the last trip will do, the latter is left to the next replan: no replan takes as long as two. Nor is it
-        done where what is left is not clear, and every stop from it is far inside of a zone.
+        done where what is left, and every stop from it, is far inside of a zone.
         """
         assert now.last is not None, "there is a last trip"
-        roomy, clear = None if self._plain else self._means.roomy(loop.problem, self._room), False
-        if roomy is not None or self._means.vetting.stops_will_do:
-            clear = _keeps_clear(loop.problem, ahead)
-        if roomy is not None and clear:
+        roomy = None if self._plain else self._means.roomy(loop.problem, self._room)
+        clearance = _clearance(loop.problem, ahead)
+        if roomy is not None and clearance >= 0.0:
             found = self._with_room(now, loop.problem, roomy, ahead)
             if found is None:
                 self._room, self._plain = LESS_ROOM, PLAIN
@@ -241,7 +242,8 @@ class Decision:
             if found is not None:
                 return found
         self._plain = max(self._plain - 1, 0)
-        if not clear and self._means.vetting.stops_will_do:
+        radius = now.moment.scenario.vehicle.radius
+        if clearance < -DEEP * radius and self._means.vetting.stops_will_do:
             room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
             now.lap("certificate")
             if self._is_hopeless(now, room):
@@ -305,7 +307,7 @@ class Decision:
         return run
 
 
-def _keeps_clear(problem: Problem, trip: Trajectory) -> bool:
-    """Whether a trip keeps clear of zones at the problem's samples: one that does not has no room to give away."""
+def _clearance(problem: Problem, trip: Trajectory) -> float:
+    """The least clearance of a trip at the problem's samples, m: one that is not clear has no room to give away."""
     points = trip.kept_at(problem.samples)
-    return bool(problem.zones.distances(points.time, points.path.position, 0.0).min(initial=np.inf) >= 0.0)
+    return float(problem.zones.distances(points.time, points.path.position, 0.0).min(initial=np.inf))

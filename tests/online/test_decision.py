@@ -91,7 +91,7 @@ def test_where_room_is_dear_no_replan_improves_two_trips(monkeypatch: pytest.Mon
         done[-1] += "room "
         return roomy(self, problem, share)
 
-    monkeypatch.setattr(decision, "_keeps_clear", lambda *_: True)
+    monkeypatch.setattr(decision, "_clearance", lambda *_: 0.0)
     monkeypatch.setattr(decision, "ROOM_PRICE", -1.0)
     monkeypatch.setattr(decision, "UNFINISHED_SOONER", 1)
     planner = Planner(scene(watched("a"), start={"speed": 3.0}), online=OnlineSettings(improve_every=2))
@@ -134,8 +134,8 @@ def test_no_room_is_looked_for_on_a_trip_that_does_not_keep_clear() -> None:
     space = problem.space
     through = Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size))
     aside = np.full(space.path_size, 2.0)
-    assert not decision._keeps_clear(problem, through)
-    assert decision._keeps_clear(problem, Trajectory.of(space, aside, np.zeros(space.acceleration_size)))
+    assert decision._clearance(problem, through) < 0.0
+    assert decision._clearance(problem, Trajectory.of(space, aside, np.zeros(space.acceleration_size))) >= 0.0
 
 
 @pytest.mark.parametrize(("radii", "runs"), [(-1.1, 1), (-0.9, 2), (0.5, 2), (math.inf, 2), (-math.inf, 2)])
@@ -162,13 +162,13 @@ def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, m
 
 
 @pytest.mark.parametrize(
-    ("radii", "clear", "improved"),
-    [(-1.1, False, False), (-0.9, False, True), (0.5, False, True), (-math.inf, False, True), (-1.1, True, True)],
+    ("radii", "deep", "improved"),
+    [(-1.1, 0.6, False), (-0.9, 0.6, True), (0.5, 0.6, True), (-math.inf, 0.6, True), (-1.1, 0.4, True)],
 )
 def test_what_has_every_stop_far_inside_of_a_zone_is_not_improved(
-    radii: float, clear: bool, improved: bool, monkeypatch: pytest.MonkeyPatch
+    radii: float, deep: float, improved: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But what keeps clear is: it may be certified to the goal, which needs no stop."""
+    """But what is hardly inside of one itself is: most of the time it has one."""
     planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
     means, last, run, runs = planner._means, planner._last, ScpLoop.run, []
@@ -180,8 +180,9 @@ def test_what_has_every_stop_far_inside_of_a_zone_is_not_improved(
         return runs[-1]
 
     monkeypatch.setattr(ScpLoop, "run", counted)
-    monkeypatch.setattr(decision, "_keeps_clear", lambda *_: clear)
-    monkeypatch.setattr(means.vetting, "most_room", lambda *_: radii * now.moment.scenario.vehicle.radius)
+    radius = now.moment.scenario.vehicle.radius
+    monkeypatch.setattr(decision, "_clearance", lambda *_: -deep * radius)
+    monkeypatch.setattr(means.vetting, "most_room", lambda *_: radii * radius)
     loop = ScpLoop(means.problem(now), means.solver)
     found = planner._decision._continued(now, loop, last.trip.trajectory)
     assert isinstance(found, Vetted) is improved and (len(runs) > 0) is improved
