@@ -336,14 +336,17 @@ class Cells:
         if int(length.sum()) > blocked.size:  # large zones: their ends alone, and what lies between
             self._fill(blocked, cuts, first, length)
             return
-        until = np.cumsum(length)
+        until, delays, cells = np.cumsum(length), blocked.shape[2], blocked.reshape(-1)
+        # NUMPY-CALLS: as one index of all cells, which takes half as long as three
+        begin = (cuts.line * size + first) * delays + cuts.delay
         done = 0
         while done < len(length):
             before = int(until[done - 1]) if done else 0
             part = slice(done, max(int(np.searchsorted(until, before + MOST_MARKED, "right")), done + 1))
             some = length[part]
-            offset = np.arange(int(some.sum())) - np.repeat(until[part] - some - before - first[part], some)
-            blocked[np.repeat(cuts.line[part], some), offset, np.repeat(cuts.delay[part], some)] = True
+            cell = np.arange(0, int(some.sum()) * delays, delays)
+            cell += np.repeat(begin[part] - (until[part] - some - before) * delays, some)
+            cells[cell] = True
             done = part.stop
 
     @staticmethod
