@@ -295,6 +295,11 @@ class Courses:
         steps = 0.5 * (unit[:, 1:] + unit[:, :-1]) / (TABLE - 1)
         return np.concatenate([np.zeros((len(self.turn), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
 
+    @property
+    def _ends(self) -> tuple[Array, Array]:
+        """Components of the directions, (K,) each, in which turns end, from that in which they begin."""
+        return np.cos(self.turn), np.sin(self.turn)
+
     def along(self, lead: Array, length: Array, distance: Array) -> tuple[Array, Array]:
         """Places and headings.
 
@@ -319,14 +324,22 @@ class Courses:
         within = np.minimum(share, 1.0)
         place = np.minimum(within * (TABLE - 1), TABLE - 1 - 1e-9)
         number = place.astype(np.intp)
-        rest = (place - number)[..., None]
-        course = np.arange(len(self.turn))[:, None, None]
-        table = self._turning
-        local = table[course, number] * (1.0 - rest) + table[course, number + 1] * rest
-        end = np.stack([np.cos(self.turn), np.sin(self.turn)], axis=-1)[:, None, None]
-        local += np.maximum(share - 1.0, 0.0)[..., None] * end
-        local *= length[:, :, None, None]
+        rest = place - number
+        left, beyond = 1.0 - rest, np.maximum(share - 1.0, 0.0)
+        number += TABLE * np.arange(len(self.turn))[:, None, None]
+        local = []
+        # NUMPY-CALLS: by axes, each on its own, as what is indexed in pairs takes twice as long
+        for table, end in zip(self._turning.reshape(-1, 2).T.copy(), self._ends, strict=True):
+            value = table.take(number)
+            value *= left
+            value += table.take(number + 1) * rest
+            value += beyond * end[:, None, None]
+            value *= length[:, :, None]
+            local.append(value)
+        x, y = local[0] + before, local[1]
         c, s = np.cos(self.base)[:, None, None], np.sin(self.base)[:, None, None]
-        x, y = local[..., 0] + before, local[..., 1]
+        placed = np.empty((*x.shape, 2))
+        np.subtract(c * x, s * y, out=placed[..., 0])
+        np.add(s * x, c * y, out=placed[..., 1])
         heading = self.base[:, None, None] + self.turn[:, None, None] * self.bend.turned(within)
-        return np.stack([c * x - s * y, s * x + c * y], axis=-1), heading
+        return placed, heading
