@@ -154,12 +154,12 @@ class Decision:
         ahead = None if now.last is None else remaining_trip(problem, now.last.trip, now.moment.state)
         now.lap("problem")
         best, why = self._improve(now, loop, None if last is None else ahead)
-        if best is None:
-            plan = self._going_on(now, why) or self._fallback.fall_back(now, problem, last, ahead, why)
-            if self._put_off and not plan.safe:
-                best, why = self._looked(now, loop)
-            if best is None:
+        if isinstance(best, Refusal):
+            plan = self._going_on(now, best.why) or self._fallback.fall_back(now, problem, last, ahead, best)
+            other, why = self._looked(now, loop) if self._put_off and not plan.safe else (None, "")
+            if other is None:
                 return plan
+            best = other
         later = last is not None and best is not self._roomy and best.arrival > last.arrival_time + SLOWER
         if last is not None and (later or (last.certified and not best.certified)):
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
@@ -200,22 +200,25 @@ class Decision:
                 return self._means.plan_of(other, now, Outcome.IMPROVED, "another way round")
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
-    def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | None, str]:
-        """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan."""
-        refused = ""
+    def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | Refusal, str]:
+        """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan.
+
+        And what is found, in words.
+        """
+        refusal = Refusal("")
         if ahead is not None:
             found = self._continued(now, loop, ahead)
             if isinstance(found, Vetted):
                 self._put_off = False
                 return found, "the last plan, continued"
-            refused, self._put_off = found.why, not self._put_off
+            refusal, self._put_off = found, not self._put_off
             if self._put_off:
-                return None, refused
+                return refusal, ""
         elif self._gone_on == GONE_ON and self._takes_turns(now):
             self._put_off = True
-            return None, "ways are looked at again at the next replan"
+            return Refusal("ways are looked at again at the next replan"), ""
         best, why = self._looked(now, loop)
-        return best, (refused or why) if best is None else why
+        return (Refusal(refusal.why or why, refusal.room), "") if best is None else (best, why)
 
     def _looked(self, now: Replan, loop: ScpLoop) -> tuple[Vetted | None, str]:
         """Look at other ways round, where that is due; and what that comes to, in words."""

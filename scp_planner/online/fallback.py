@@ -15,7 +15,7 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
 from scp_planner.online.stops import STANDING, fits
-from scp_planner.online.vetting import TINY_TIME, Stop, Vetted
+from scp_planner.online.vetting import TINY_TIME, Refusal, Stop, Vetted
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -25,9 +25,10 @@ PARTS = (1.0, 0.75, 0.5, 0.25)
 NO_TIME = "there is no time now to look for a way"
 EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
-
+DEEP = 2.0
+"""Radii of the vehicle by which every stop from a trip is inside of zones that is not driven slower..."""
 HOPELESS = 4.0
-"""Radii of the vehicle by which every stop from a trip is inside of zones that is not driven still slower."""
+"""...and from one that is driven slower, that is not driven still slower."""
 
 
 class Fallback:
@@ -48,11 +49,27 @@ class Fallback:
         self._evasion.outlooks.be_patient(waited)
 
     def fall_back(
-        self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, why: str
+        self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, refusal: Refusal
     ) -> OnlinePlan:
-        """Keep the last plan, or drive its path slower, or brake."""
+        """Keep the last plan, or drive its path slower, or brake.
+
+        Parameters
+        ----------
+        now : Replan
+        problem : Problem
+        last : OnlinePlan or None
+            To drive on by.
+        ahead : Trajectory or None
+            What is left of it, or of one that does not lead to the goal.
+        refusal : Refusal
+            Of what is left of it, improved or as it is.
+
+        Returns
+        -------
+        OnlinePlan
+        """
         moment = now.moment
-        why = why or NO_TIME
+        why = refusal.why or NO_TIME
         if last is not None:
             kept = self._means.vetting.vet_kept(moment, last.trip)
             if kept is not None:
@@ -61,7 +78,8 @@ class Fallback:
                 kept = self._means.vetting.vet_kept_stop(moment, last.trip, Stop(last.stop, last.branch_time))
                 if kept is not None:
                     return self._means.plan_of(kept, now, Outcome.KEPT, f"a stop from it still holds; {why}")
-        if last is not None and ahead is not None:
+        deep = -np.inf < refusal.room < -DEEP * moment.scenario.vehicle.radius
+        if last is not None and ahead is not None and not deep:
             repaired = self._repair(now, problem, ahead)
             if repaired is not None:
                 return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
@@ -173,7 +191,8 @@ class Fallback:
         for share in EASINGS:
             if perf_counter() > now.deadline:
                 return None
-            trial = Trajectory.of(problem.space, ahead.theta, eased(problem, ahead, share))
+            beta = eased(problem, ahead, share)
+            trial = Trajectory(ahead.path, beta, problem.space.travel_time(ahead.path.arc_length, beta))
             if not np.isfinite(trial.travel_time) or trial.speed_control_points().min() < 0.0:
                 continue
             # Driven slower, where the last trip was to be left says little.

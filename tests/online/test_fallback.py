@@ -39,6 +39,27 @@ def test_a_trip_all_of_whose_stops_are_deep_inside_of_zones_is_not_driven_still_
     assert times == sorted(times) and times[0] > last.trip.trajectory.travel_time
 
 
+@pytest.mark.parametrize(("radii", "tried"), [(-2.1, False), (-1.9, True), (math.inf, True), (-math.inf, True)])
+def test_a_trip_that_was_refused_for_stops_deep_inside_of_zones_is_not_driven_slower(
+    radii: float, tried: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+    means, fallback, last, asked = planner._means, planner._decision._fallback, planner._last, list[str]()
+    assert last is not None
+    now = Replan(means.moment(State(0.0, (0.0, 0.0), 0.0, 3.0 / planner._units.speed)), 0.0, math.inf, last, 1)
+
+    def noted(*_: object) -> None:
+        asked.append("repair")
+
+    monkeypatch.setattr(means.vetting, "vet_kept", lambda *_: None)
+    monkeypatch.setattr(means.vetting, "vet_kept_stop", lambda *_: None)
+    monkeypatch.setattr(fallback, "_repair", noted)
+    refusal = Refusal("none", radii * now.moment.scenario.vehicle.radius)
+    fallback.fall_back(now, means.problem(now), last, last.trip.trajectory, refusal)
+    assert asked == ["repair"] * tried
+
+
 @pytest.mark.parametrize("blocked", [False, True])
 def test_a_dodge_that_was_begun_is_gone_on_with_while_it_is_certified(blocked: bool) -> None:
     """Without a look at any other; not where somebody stands where it leads."""
