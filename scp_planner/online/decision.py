@@ -41,7 +41,8 @@ LESS_ROOM = 0.25
 TWICE = 4.0
 """...and twice as much where so many times what has been spent may be."""
 HOPELESS = 1.0
-"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved, or not further."""
+"""Radii of the vehicle by which every stop from a trip is inside of zones where it is not improved: the loop knows of
+no stops."""
 DEEP = 0.5
 """Radii of the vehicle by which what is left of a trip is inside of zones where its stops are looked at beforehand."""
 PLAIN = 2
@@ -249,7 +250,7 @@ class Decision:
         if clearance < -DEEP * radius and self._means.vetting.stops_will_do:
             room = self._means.vetting.most_room(now.moment, Trip(loop.problem.frame, ahead.settled()))
             now.lap("certificate")
-            if self._is_hopeless(now, room):
+            if -math.inf < room < -HOPELESS * radius:
                 return Refusal("every stop from what is left of the last trip is far inside of a zone", room)
         arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
         if isinstance(without, Vetted):
@@ -280,7 +281,7 @@ class Decision:
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
         """Improve what is left of the last trip; once more where it is refused before it keeps its limits.
 
-        Not if all stops from it are so deep in zones that a few steps more would not get one out.
+        Not if all stops from it are inside of zones: steps that make it keep its limits hardly ever get one out.
         """
         steps = 0
         for last_run in (False, True):
@@ -291,14 +292,9 @@ class Decision:
             finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
             if last_run or finished or isinstance(found, Vetted):
                 break
-            if self._is_hopeless(now, found.room):
+            if -math.inf < found.room < 0.0:
                 break
         return found
-
-    @staticmethod
-    def _is_hopeless(now: Replan, room: float) -> bool:
-        """Whether the most room that a stop has, m, is so little that the loop, which knows of no stops, gains none."""
-        return -math.inf < room < -HOPELESS * now.moment.scenario.vehicle.radius
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         """Improve what is left of the last trip in the problem of a loop."""

@@ -138,9 +138,9 @@ def test_no_room_is_looked_for_on_a_trip_that_does_not_keep_clear() -> None:
     assert decision._clearance(problem, Trajectory.of(space, aside, np.zeros(space.acceleration_size))) >= 0.0
 
 
-@pytest.mark.parametrize(("radii", "runs"), [(-1.1, 1), (-0.9, 2), (0.5, 2), (math.inf, 2), (-math.inf, 2)])
+@pytest.mark.parametrize(("radii", "runs"), [(-0.1, 1), (0.1, 2), (math.inf, 2), (-math.inf, 2)])
 def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A trip that exceeds limits yet is improved for once more, unless all stops from it are deep inside of zones."""
+    """A trip that exceeds limits yet is improved for once more, unless all stops from it are inside of zones."""
     planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
     means, made, run = planner._means, [], ScpLoop.run
