@@ -67,7 +67,7 @@ class Ledger:
         self._done = {self._name(row) for row in self.rows}
 
     def _name(self, row: Row) -> tuple[str, ...]:
-        return tuple(str(row[key]) for key in self.keys)
+        return tuple(str(row.get(key)) for key in self.keys)  # an older file may lack one
 
     def missing(self, wanted: Iterable[Row]) -> list[Row]:
         """What is wanted and not there yet."""

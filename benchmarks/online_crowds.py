@@ -131,7 +131,7 @@ def task(place: str, tracks: Tracks, number: int) -> Task:
         points = [(side, end) if across else (end, side) for end in ends]
         start, goal = points if rng.random() < 0.5 else points[::-1]
         people = {
-            track.id: track_course(_led_in(track))
+            track.id: track_course(led_in(track))
             for track in tracks
             if track.times[-1] > time - 6.0 and track.times[0] < time + LONGEST
         }
@@ -143,7 +143,7 @@ def task(place: str, tracks: Tracks, number: int) -> Task:
             return drawn
 
 
-def _led_in(track: Track) -> Track:
+def led_in(track: Track) -> Track:
     """A track that begins some seconds sooner, straight."""
     if len(track) < 2:
         return track

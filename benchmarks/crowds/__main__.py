@@ -28,6 +28,7 @@ from benchmarks.crowds.policies import POLICIES
 from benchmarks.crowds.profiles import PROFILES
 from benchmarks.crowds.protocols import Row
 from benchmarks.online import Ledger
+from benchmarks.online_crowds import recordings
 
 KEYS = ("protocol", "people", "robot", "policy", "profile", "seed")
 
@@ -65,16 +66,25 @@ def crossing(options: argparse.Namespace) -> int:
 
 def through_recordings(options: argparse.Namespace) -> int:
     """Scenes of recorded people."""
-    ledger = Ledger(options.output / "crowds-recorded.csv", ("place", "number", "profile"), options.fresh)
+    keys = ("place", "number", "profile", "beginning")
+    ledger = Ledger(options.output / "crowds-recorded.csv", keys, options.fresh)
+    there = {place: recorded.scenes(tracks) for place, tracks in recordings(options.tracks, options.places).items()}
     wanted = [
-        {"place": place, "number": number, "profile": options.profile}
+        dict(zip(keys, (place, number, options.profile, options.beginning), strict=True))
         for number in range(options.seed, options.seed + options.count)
         for place in options.places
+        if number < there[place]
     ]
+    for place, most in there.items():
+        if options.seed + options.count > most:
+            common.say(f"{place}: {most} scenes were recorded")
+    if not wanted:
+        raise common.MissingDataError(f"no scenes from {options.seed} on")
     rows = filled(ledger, wanted, partial(recorded.run, folder=options.tracks), options.workers)
     sys.stdout.write(f"{recorded.table(rows)}\n{recorded.PUBLISHED}\n")
     if options.json:
-        facts = {"protocol": "recorded", "profile": options.profile, **recorded.summary(rows)}
+        asked = {"protocol": "recorded", "profile": options.profile, "beginning": options.beginning}
+        facts = {**asked, **recorded.summary(rows)}
         common.write_text(options.json, json.dumps(facts, indent=1) + "\n")
     common.write_environment(options.output / "crowds-environment.csv", common.environment())
     return 0
@@ -97,6 +107,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     sub.set_defaults(run=through_recordings)
     sub.add_argument("--tracks", help="folder of recorded motions; default: SCP_PLANNER_DATA")
     places = tuple(recorded.PLACES)
+    beginnings = tuple(str(each) for each in recorded.Beginning)
+    sub.add_argument("--beginning", choices=beginnings, default=beginnings[0], help="whether people walk in first")
     sub.add_argument("--places", nargs="+", choices=places, default=places, help="default: all")
     for name, sub in commands.choices.items():
         count, what = (3, "scenes of each place") if name == "recorded" else (500, "episodes")

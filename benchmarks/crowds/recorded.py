@@ -8,6 +8,11 @@ the exit is reached within 0.6 m of the goal, and its step counts from when the 
 its speed at once and turns on the spot. This one takes a step to its top speed, and turns only as it drives, in bends
 no tighter than theirs at top speed. Of their places ETH, HOTEL and the university are here. The coordinates of the last
 differ from theirs, so that trip has the same direction and length and the middle of the place in its middle.
+
+Taken as they were recorded (`Beginning.AS_RECORDED`), people appear in the middle of a place, up to on top of the
+robot, and stand where it is put: no robot can answer that. So unless that is asked for (`Beginning.UNTOUCHED`), each
+walks in for some seconds, straight, as in `benchmarks.online_crowds`, and the robot sets off at the first step at which
+nobody touches it, nor will at the next ones if it stands.
 """
 
 from __future__ import annotations
@@ -18,13 +23,15 @@ from benchmarks import common  # isort: skip
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import count, product
 from typing import Any
 
 import numpy as np
 
 import scp_planner as sp
 from benchmarks.crowds.policies import PLAN_OUTCOMES
-from benchmarks.online_crowds import fitted_model, recordings
+from benchmarks.online_crowds import fitted_model, led_in, recordings
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
@@ -32,7 +39,7 @@ from scp_planner.simulation.crowds import LEVEL, among_people
 from scp_planner.simulation.loop import simulate
 from scp_planner.simulation.run import Run
 from scp_planner.simulation.sensors import Sensor
-from scp_planner.simulation.worlds import track_course
+from scp_planner.simulation.worlds import Course, track_course
 
 Row = dict[str, Any]
 
@@ -54,6 +61,20 @@ GONE = 1.5
 """Steps after which somebody who is not seen has gone: everybody who is there is seen in every step."""
 BEGINNINGS = (100, 200, 300)
 """Steps of the recording at which the published scenes begin; further ones follow at the same distance."""
+
+
+TOUCHING = ROBOT + PERSON  # m
+SOON = 2
+"""Steps after the one at which the robot sets off, in which nobody comes to touch it where it stands."""
+
+
+class Beginning(StrEnum):
+    """How people and the robot come to be where they are."""
+
+    UNTOUCHED = "untouched"
+    """People walk in, and the robot sets off when nobody touches it."""
+    AS_RECORDED = "as-recorded"
+    """People appear where they were first recorded, and the robot sets off after 15 steps."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +102,23 @@ class Scene:
     shapes: Mapping[str, Any]
 
 
-def scene(place: str, tracks: Tracks, number: int) -> Scene:
+def scenes(tracks: Tracks) -> int:
+    """How many scenes of a recording there are: people are recorded for all of their steps."""
+    steps = round((tracks.stop - tracks.start) / STEP)
+    return max((steps - MOST_STEPS - BEGINNINGS[0]) // (BEGINNINGS[1] - BEGINNINGS[0]) + 1, 0)
+
+
+def scene(place: str, tracks: Tracks, number: int, beginning: Beginning = Beginning.UNTOUCHED) -> Scene:
     """The scene of a place that begins at a step of its recording."""
     where = PLACES[place]
-    beginning = BEGINNINGS[0] + number * (BEGINNINGS[1] - BEGINNINGS[0])
-    start = tracks.start + (beginning + WAITING) * STEP
+    put = BEGINNINGS[0] + number * (BEGINNINGS[1] - BEGINNINGS[0])
+    start, end = (tracks.start + (put + steps) * STEP for steps in (WAITING, WAITING + 2 * MOST_STEPS))
+    some = [t for t in tracks if len(t) > 1 and t.times[-1] > start - WAITING * STEP and t.times[0] < end]
+    if beginning is Beginning.UNTOUCHED:
+        some = [led_in(track) for track in some]
+    people = {track.id: track_course(track) for track in some}
+    if beginning is Beginning.UNTOUCHED:
+        start = next(time for k in count() if _is_free(people, where.start, time := start + k * STEP))
     scenario = sp.Scenario(
         name=f"{place}-{number}",
         vehicle=VEHICLE,
@@ -94,10 +127,13 @@ def scene(place: str, tracks: Tracks, number: int) -> Scene:
         confidence=sp.Confidence(probability=LEVEL, level="per_time"),
         obstacles=(),
     )
-    end = start + MOST_STEPS * STEP
-    some = [t for t in tracks if len(t) > 1 and t.times[-1] > start - WAITING * STEP and t.times[0] < end]
-    people = {track.id: track_course(track) for track in some}
     return Scene(scenario, people, {name: sp.Disc(disc=PERSON) for name in people})
+
+
+def _is_free(people: Mapping[str, Course], place: tuple[float, float], time: float) -> bool:
+    """Whether nobody touches a robot that stands at a place, m, at a time, s, or soon after it."""
+    times = time + STEP * np.arange(SOON + 1)
+    return not any((np.hypot(*(course(times) - place).T) < TOUCHING).any() for course in people.values())
 
 
 def among_recorded_people() -> OnlineSettings:
@@ -110,7 +146,7 @@ def run(row: Row, folder: str | None = None) -> Row:
     from benchmarks.crowds.profiles import profile
 
     tracks = recordings(folder, [row["place"]])[row["place"]]
-    drawn = scene(row["place"], tracks, int(row["number"]))
+    drawn = scene(row["place"], tracks, int(row["number"]), Beginning(row["beginning"]))
     online, _ = profile(str(row["profile"]))
     done = simulate(
         drawn.scenario,
@@ -130,14 +166,16 @@ def run(row: Row, folder: str | None = None) -> Row:
 def written(done: Run) -> Row:
     """The columns of a run."""
     steps = np.array([_nearest(record.position, record.truth) for record in done.records])
+    safe, near = np.array([record.safe for record in done.records]), steps < TOUCHING
     wall = 1e3 * done.wall_times[1:]
     return {
         "arrived": int(done.arrived),
         "steps": WAITING + math.ceil(done.travel_time / STEP - 1e-6),
         "driven": len(steps),
-        "near": int((steps < ROBOT + PERSON).sum()),
+        "near": int(near.sum()),
         "least": float(steps.min()),
-        "unsafe": sum(not record.safe for record in done.records),
+        "unsafe": int((~safe).sum()),
+        "unsafe_untouched": int((~safe & ~near).sum()),
         "median_ms": float(np.median(wall)),
         "slow_ms": float(np.quantile(wall, 0.99)),
         **{name: done.outcomes[name] for name in PLAN_OUTCOMES},
@@ -161,6 +199,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
         "collision_steps": float((column("near") / driven).mean()),
         "exit_steps": float(column("steps").mean()),
         "unsafe_steps": float((column("unsafe") / driven).mean()),
+        "unsafe_untouched_steps": float((column("unsafe_untouched") / driven).mean()),
         "least_distance": float(column("least").min()),
         "median_ms": common.median(column("median_ms")),
         "slow_ms": common.median(column("slow_ms")),
@@ -170,11 +209,13 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 HEADINGS = [
     "place",
+    "beginning",
     "scenes",
     "arrived, %",
     "steps within 1.107 m, %",
     "steps to the exit",
     "steps not safe, %",
+    "and untouched, %",
     "nearest m",
     "replan ms",
     "99 %",
@@ -184,20 +225,21 @@ HEADINGS = [
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A line for each place, and one for all."""
+    """A line for each place, and one for all, for each beginning."""
     lines = []
-    for name in (*PLACES, "all"):
-        some = [row for row in rows if name in ("all", row["place"])]
+    for beginning, name in product(Beginning, (*PLACES, "all")):
+        some = [row for row in rows if row["beginning"] == beginning and name in ("all", row["place"])]
         if not some:
             continue
         facts = summary(some)
         lines.append(
             [
                 name,
+                beginning,
                 len(some),
                 *(common.number(100.0 * facts[key], 1) for key in ("arrived", "collision_steps")),
                 common.number(facts["exit_steps"], 1),
-                common.number(100.0 * facts["unsafe_steps"], 1),
+                *(common.number(100.0 * facts[key], 1) for key in ("unsafe_steps", "unsafe_untouched_steps")),
                 *(common.number(facts[key], digits) for key, digits in (("least_distance", 2), ("median_ms", 1))),
                 common.number(facts["slow_ms"], 1),
                 *(common.number(100.0 * facts[key], 1) for key in ("braking", "evading")),

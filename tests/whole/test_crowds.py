@@ -76,9 +76,41 @@ def test_recorded_scene_begins_where_the_published_one_does() -> None:
     times = 50.0 + 0.4 * np.arange(400.0)
     walked: Array = np.stack([0.05 * (times - 50.0), np.full(400, 5.0)], axis=-1)
     walker = Track("w", times, walked)
-    drawn = recorded.scene("eth", Tracks([walker]), 1)
+    drawn = recorded.scene("eth", Tracks([walker]), 1, recorded.Beginning.AS_RECORDED)
     start = drawn.scenario.start
     assert start.time == pytest.approx(50.0 + 0.4 * 215) and start.position == (5.0, 1.0)
     assert drawn.scenario.vehicle.max_speed == 0.8 and drawn.scenario.goal.radius == 0.6
     assert drawn.people["w"](np.array([start.time]))[0] == pytest.approx((0.05 * 0.4 * 215, 5.0))
     assert drawn.shapes["w"].disc + drawn.scenario.vehicle.radius == pytest.approx(0.4 + math.sqrt(0.5))
+
+
+def _stands(name: str, first: float, last: float, place: tuple[float, float]) -> Track:
+    return Track(name, np.array([first, last]), np.array([place, place]))
+
+
+def test_recorded_scene_sets_off_when_nobody_touches_the_robot_nor_will_at_once() -> None:
+    """Who stands by the start until step 220, and who is there from 7.5 steps, 3 s, before a recording begins."""
+    step, (x, y) = recorded.STEP, recorded.PLACES["eth"].start
+    there = _stands("there", 0.0, 220.0 * step, (x + 1.1, y))
+    comes = _stands("comes", 240.0 * step, 250.0 * step, (x, y - 1.1))
+    far = _stands("far", 0.0, 400.0 * step, (x, y + 1.2))
+    for people, sets_off in (([far], 215), ([far, there], 221), ([far, there, comes], 221), ([far, comes], 215)):
+        start = recorded.scene("eth", Tracks(people), 1).scenario.start
+        assert round(start.time / step) == sets_off
+    late = [far, there, _stands("late", 230.0 * step, 240.0 * step, (x, y - 1.1))]
+    assert round(recorded.scene("eth", Tracks(late), 1).scenario.start.time / step) == 241
+
+
+def test_recorded_people_walk_in_unless_as_recorded_is_asked_for() -> None:
+    far = _stands("far", 0.0, 160.0, (9.0, 9.0))
+    appears = Track("a", np.array([100.0, 101.0, 110.0]), np.array([[0.0, 0.0], [1.0, 0.0], [9.0, 0.0]]))
+    before = np.array([98.0])
+    walks, jumps = (
+        recorded.scene("eth", Tracks([far, appears]), 1, each).people["a"](before)[0] for each in recorded.Beginning
+    )
+    assert walks == pytest.approx((-2.0, 0.0)) and np.isnan(jumps).all()
+
+
+def test_recorded_scenes_are_those_with_people_to_the_end() -> None:
+    for steps, count in ((199, 0), (200, 1), (299, 1), (300, 2)):
+        assert recorded.scenes(Tracks([_stands("s", 7.0, 7.0 + steps * recorded.STEP, (0.0, 0.0))])) == count
