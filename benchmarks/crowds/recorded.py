@@ -12,7 +12,7 @@ differ from theirs, so that trip has the same direction and length and the middl
 Taken as they were recorded (`Beginning.AS_RECORDED`), people appear in the middle of a place, up to on top of the
 robot, and stand where it is put: no robot can answer that. So unless that is asked for (`Beginning.UNTOUCHED`), each
 walks in for some seconds, straight, as in `benchmarks.online_crowds`, and the robot sets off at the first step at which
-nobody touches it, nor will at the next ones if it stands.
+nobody touches it, nor did a moment ago, nor will at the next steps if it stands.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ import numpy as np
 import scp_planner as sp
 from benchmarks.crowds.policies import PLAN_OUTCOMES
 from benchmarks.online_crowds import fitted_model, led_in, recordings
+from scp_planner.arrays import Array
 from scp_planner.estimation.tracks import Tracks
 from scp_planner.scenario.models import Steering
 from scp_planner.settings.online import OnlineSettings
@@ -65,7 +66,8 @@ BEGINNINGS = (100, 200, 300)
 
 TOUCHING = ROBOT + PERSON  # m
 SOON = 2
-"""Steps after the one at which the robot sets off, in which nobody comes to touch it where it stands."""
+"""Steps before and after that at which the robot sets off, in which nobody touches it where it stands: who is not seen
+any more is remembered for a while."""
 
 
 class Beginning(StrEnum):
@@ -131,8 +133,8 @@ def scene(place: str, tracks: Tracks, number: int, beginning: Beginning = Beginn
 
 
 def _is_free(people: Mapping[str, Course], place: tuple[float, float], time: float) -> bool:
-    """Whether nobody touches a robot that stands at a place, m, at a time, s, or soon after it."""
-    times = time + STEP * np.arange(SOON + 1)
+    """Whether nobody touches a robot that stands at a place, m, about a time, s."""
+    times: Array = time + STEP * np.arange(-SOON, SOON + 1.0)
     return not any((np.hypot(*(course(times) - place).T) < TOUCHING).any() for course in people.values())
 
 

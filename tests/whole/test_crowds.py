@@ -94,11 +94,11 @@ def test_recorded_scene_sets_off_when_nobody_touches_the_robot_nor_will_at_once(
     there = _stands("there", 0.0, 220.0 * step, (x + 1.1, y))
     comes = _stands("comes", 240.0 * step, 250.0 * step, (x, y - 1.1))
     far = _stands("far", 0.0, 400.0 * step, (x, y + 1.2))
-    for people, sets_off in (([far], 215), ([far, there], 221), ([far, there, comes], 221), ([far, comes], 215)):
+    for people, sets_off in (([far], 215), ([far, there], 223), ([far, there, comes], 223), ([far, comes], 215)):
         start = recorded.scene("eth", Tracks(people), 1).scenario.start
         assert round(start.time / step) == sets_off
-    late = [far, there, _stands("late", 230.0 * step, 240.0 * step, (x, y - 1.1))]
-    assert round(recorded.scene("eth", Tracks(late), 1).scenario.start.time / step) == 241
+    late = [far, there, _stands("late", 232.0 * step, 240.0 * step, (x, y - 1.1))]
+    assert round(recorded.scene("eth", Tracks(late), 1).scenario.start.time / step) == 243
 
 
 def test_recorded_people_walk_in_unless_as_recorded_is_asked_for() -> None:
