@@ -12,8 +12,8 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import way_on
 from scp_planner.online.dodge_courses import LIMIT_SHARE
-from scp_planner.online.dodge_worth import GAIN, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
-from scp_planner.online.dodges import BORDER, Dodges, Room, in_parts
+from scp_planner.online.dodge_worth import GAIN, GROWING, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
+from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
 from scp_planner.online.unrest import Unrest
@@ -95,7 +95,9 @@ class DodgeOutlooks:
         self._means = means
         self._patience = 1.0
         self._change = np.zeros((0, 2))  # of the velocity of each obstacle, of late, (L, 2) m/s
-        self._unrest = Unrest(UNREST_LASTS * a_moment(means.given.vehicle))
+        moment = a_moment(means.given.vehicle)
+        self._unrest = Unrest(UNREST_LASTS * moment)
+        self._growing = GROWING * moment  # s for which zones grow that what is driven is judged by
 
     def note(self, moment: Moment) -> None:
         """Take note of how obstacles move: who has just changed the velocity is kept farther away from."""
@@ -152,8 +154,11 @@ class DodgeOutlooks:
         Outlook
         """
         vehicle = moment.scenario.vehicle
-        room = dodges.room(moment.batch, self.box(moment), vehicle, self._means.vetting.period, near)
-        seen = self.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
+        if near is None:
+            near = dodges.within_reach(moment.batch, vehicle)
+        sizes, period = (WHOLE, Size(latest=self._growing)), self._means.vetting.period
+        room, judged = dodges.rooms(moment.batch, self.box(moment), vehicle, period, near, sizes)
+        seen = self.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room, judged)
         if vehicle.steering is Steering.BOTH_WAYS and not can_reverse(vehicle, moment.state.speed):
             return self._with_backing_out(moment, dodges, seen)
         return seen
@@ -171,10 +176,10 @@ class DodgeOutlooks:
         gone += vehicle.max_speed * np.maximum(since - starting, 0.0)
         heading = dodges.heading[0]
         place = dodges.position[0] - gone[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-        grown = max(stands, self._means.vetting.period)
+        grown = min(max(stands, self._means.vetting.period), self._growing)
         away = foreseen(moment.batch, grown, {}).distances(times, place)
         room = self._room_of(moment, place, away)
-        left = self.seen(moment, Driven(times, place[None], heading[None], times[-1:]), room)
+        left = self.seen(moment, Driven(times, place[None], heading[None], times[-1:]), room, room)
         stops = np.arange(0, dodges.families[0].size, len(dodges.families[0].profiles.stands))
         worth = seen.worth.copy()
         worth[stops] = np.maximum(worth[stops], left.worth[0])
@@ -201,16 +206,18 @@ class DodgeOutlooks:
         """
         trip, begin = stop.trip, moment.state.time
         points, _ = trip.at(begin + times)
-        grown = max(stop.stands, self._means.vetting.unseen_until(moment)) - trip.frame.time
-        batch = foreseen(moment.batch_in(trip.frame), grown, {})
-        away = batch.distances(begin + times - trip.frame.time, points.path.position)
         place = moment.frame.to_frame(trip.frame.to_world(points.path.position))
-        room, direction = self._room_of(moment, place, away), points.path.direction
+        clock, zones = begin + times - trip.frame.time, moment.batch_in(trip.frame)
+        grown = max(stop.stands, self._means.vetting.unseen_until(moment))
+        sizes = (foreseen(zones, until - trip.frame.time, {}) for until in (grown, min(grown, begin + self._growing)))
+        away = (batch.distances(clock, points.path.position) for batch in sizes)
+        room, judged = (self._room_of(moment, place, each) for each in away)
+        direction = points.path.direction
         heading = np.arctan2(direction[:, 1], direction[:, 0]) + trip.frame.heading - moment.frame.heading
         driven = Driven(times, place[None], heading[None], np.array([stop.stands + self._means.wait - begin]))
-        return self.seen(moment, driven, room)
+        return self.seen(moment, driven, room, judged)
 
-    def seen(self, moment: Moment, driven: Driven, room: Room) -> Outlook:
+    def seen(self, moment: Moment, driven: Driven, room: Room, judged: Room) -> Outlook:
         """Judge what is driven by the room that it keeps.
 
         Parameters
@@ -218,7 +225,9 @@ class DodgeOutlooks:
         moment : Moment
         driven : Driven
         room : Room
-            At the same samples.
+            At the same samples: where it is clear.
+        judged : Room
+            The same from zones that grow for less long: what that is worth.
 
         Returns
         -------
@@ -235,8 +244,8 @@ class DodgeOutlooks:
         time = driven.times / a_moment(vehicle)
         left = self._way_left(moment, driven, time)
         # It is not meant to stand for ever where somebody comes, but it may be hemmed in by then.
-        counted = np.where(after & (time > OUTLOOK), np.inf, room.less(self._spare(moment.batch, vehicle)))
-        closer = self._closer(moment, driven.times, driven.position, room)
+        counted = np.where(after & (time > OUTLOOK), np.inf, judged.less(self._spare(moment.batch, vehicle)))
+        closer = self._closer(moment, driven.times, driven.position, judged)
         worth = left[0] - left[1] - self._cost(time, closer / width, counted / width) * width
         worth -= LOST * self._way_lost(moment, driven)
         return Outlook(least, room, clear, leaves, left[0], left[1], left[2], worth)
@@ -326,7 +335,8 @@ class DodgeOutlooks:
         points, _ = trip.at(begin + ahead)
         place = points.path.position
         clock = ahead + (begin - trip.frame.time)
-        each = moment.batch_in(trip.frame).distances(clock, place, width).T[:, None]
+        batch = foreseen(moment.batch_in(trip.frame), begin - trip.frame.time + self._growing, {})
+        each = batch.distances(clock, place, width).T[:, None]
         room = Room(np.arange(len(each)), each)
         time = ahead / a_moment(vehicle)
         # All of its way leads to the goal, round what a dodge would end at; and who has arrived has no more to gain.

@@ -18,12 +18,15 @@ GAIN = 3.5
 half as many a vehicle goes along with who crosses its way rather than let them pass."""
 NEARNESS = 4.0
 """Widths of way that a moment of touching a zone is worth, if it were now."""
-CLOSE, CLOSER = 1.0 / 6.0, 1.0 / 20.0
+CLOSE, CLOSER = 1.0 / 4.0, 1.0 / 20.0
 """Widths, and widths a moment: by so much more clearance nearness falls to 1 / e, now, and how this grows with time."""
 FADING = 0.9
 """A moment: how soon nearness that is to come counts less, since there will be replans until then."""
 OUTLOOK = 5.0
 """Moments for which nearness counts."""
+GROWING = 1.0
+"""Moments for which zones grow, where nearness to them and harm are judged: of what is farther ahead the vehicle will
+know as much by when it is there. Zones that grow on fill a crowd, and drive the vehicle away to where nobody is."""
 HARM = 50.0
 """Widths of way that a width of depth in a zone is worth, if it were now..."""
 HARM_AT_ALL = 1.0 / 6.0

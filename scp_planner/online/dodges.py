@@ -25,7 +25,7 @@ from scp_planner.online.dodge_courses import (
     Courses,
     DodgeProfiles,
 )
-from scp_planner.online.foresight import smaller
+from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Vehicle
 from scp_planner.threat_zones.batch import ZoneBatch
@@ -82,6 +82,25 @@ class Room:
     def nearest(self, dodge: int, sample: int) -> int:
         """The nearest zone of one dodge at one sample, or `BORDER`, also where there is nothing."""
         return int(self.zones[self.each[:, dodge, sample].argmin()]) if len(self.zones) else BORDER
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large the ellipses of zones are taken to be.
+
+    Attributes
+    ----------
+    share : float
+        Of their size.
+    latest : float
+        When they stop to grow at the latest, s from now: what comes after that will be known better by then.
+    """
+
+    share: float = 1.0
+    latest: float = math.inf
+
+
+WHOLE = Size()
 
 
 @dataclass(frozen=True)
@@ -143,10 +162,8 @@ class Family:
         place, heading = self.courses.along(self.lead, self.length, self.profiles.distance(times))
         return place.reshape(self.size, len(times), 2), heading.reshape(self.size, len(times))
 
-    def extents(self, batch: ZoneBatch, offset: Array, squared: Array, times: Array, unseen: float) -> Array:
+    def extents(self, batch: ZoneBatch, offset: Array, squared: Array, times: Array, until: Array) -> Array:
         """How far ellipses of zones reach towards the vehicle.
-
-        They do not grow any more from when it stands, and has looked again.
 
         Parameters
         ----------
@@ -157,8 +174,8 @@ class Family:
             Of its length, m2.
         times : (J,) array
             s from now.
-        unseen : float
-            Time to the next replan, s.
+        until : (P,) array
+            When they stop to grow, by the profile that is driven, s from now.
 
         Returns
         -------
@@ -167,7 +184,6 @@ class Family:
         """
         assert batch.covariances is not None
         count, profiles = self.length.shape
-        until = np.maximum(self.profiles.stands, unseen)
         still = times > until[:, None]
         # (3, U, 1, P, J), or (3, U, 1, 1, J): the same for all courses, and all profiles that are under way.
         spread = np.ascontiguousarray(batch.covariances.grid(times).transpose(2, 1, 0))[:, :, None, None]
@@ -331,22 +347,25 @@ class Dodges:
         """
         if near is None:
             near = self.within_reach(batch, vehicle)
-        (room,) = self.rooms(batch, box, vehicle, unseen, near, (1.0,))
+        (room,) = self.rooms(batch, box, vehicle, unseen, near, (WHOLE,))
         return room
 
     def rooms(
-        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, shares: tuple[float, ...]
+        self, batch: ZoneBatch, box: Box, vehicle: Vehicle, unseen: float, near: Index, sizes: tuple[Size, ...]
     ) -> list[Room]:
-        """Look how far it keeps from some zones of which ellipses are such shares as large; see :meth:`room`."""
+        """Look how far it keeps from some zones of which ellipses are of such sizes; see :meth:`room`.
+
+        They do not grow any more from when the vehicle stands, and has looked again.
+        """
         rounds, others = near[batch.outline_slot[near] < 0], near[batch.outline_slot[near] >= 0]
         border = np.full(min(len(box.offsets), 1), BORDER)
-        zones, shaped = batch.subset(rounds), [smaller(batch.subset(others), share) for share in shares]
+        zones, shaped = batch.subset(rounds), [_of_size(batch.subset(others), size) for size in sizes]
         numbers, least = np.concatenate([rounds, others, border]), list[Array]()
         for offset in vehicle.discs:
             place = self.position
             if offset != 0.0:
                 place = place + offset * np.stack([np.cos(self.heading), np.sin(self.heading)], axis=-1)
-            found = [[some] for some in self._from_rounds(zones, place, unseen, shares)]
+            found = [[some] for some in self._from_rounds(zones, place, unseen, sizes)]
             for parts, outlined in zip(found, shaped, strict=True):
                 if len(others):
                     times, points = np.tile(self.times, len(place)), place.reshape(-1, 2)
@@ -358,23 +377,23 @@ class Dodges:
             least = [np.minimum(*both) for both in zip(least, each, strict=True)] if least else each
         return [Room(numbers, one) for one in least]
 
-    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float, shares: tuple[float, ...]) -> Array:
-        """Distances to S shares of zones without outlines, (S, L, C, J) m, towards their centres: never too large.
+    def _from_rounds(self, batch: ZoneBatch, place: Array, unseen: float, sizes: tuple[Size, ...]) -> Array:
+        """Distances to S sizes of zones without outlines, (S, L, C, J) m, towards their centres: never too large.
 
         Zones come first: NUMPY-CALLS over few of them, each on its own, would be slow; and so would be those over
         thousands, whose intermediate results leave the processor's cache.
         """
-        distance = np.empty((len(shares), batch.size, *place.shape[:-1]))
+        distance = np.empty((len(sizes), batch.size, *place.shape[:-1]))
         for part in in_parts(batch.size, place[..., 0].size):
             some = np.arange(part.start, part.stop)
             zones = batch.subset(some) if len(some) < batch.size else batch
-            self._put_distances(zones, place, unseen, shares, distance[:, part])
+            self._put_distances(zones, place, unseen, sizes, distance[:, part])
         return distance
 
     def _put_distances(
-        self, batch: ZoneBatch, place: Array, unseen: float, shares: tuple[float, ...], out: Array
+        self, batch: ZoneBatch, place: Array, unseen: float, sizes: tuple[Size, ...], out: Array
     ) -> None:
-        """Put the distances to S shares of some zones, (S, l, C, J) m, into an array."""
+        """Put the distances to S sizes of some zones, (S, l, C, J) m, into an array."""
         centers = batch.centers.grid(self.times).transpose(2, 1, 0)[:, :, None]
         offset = np.empty((2, *out.shape[1:]))
         for axis in (0, 1):
@@ -390,9 +409,16 @@ class Dodges:
             first = 0
             for family in self.families:
                 some = slice(first, first + family.size)
-                extents = family.extents(batch, offset[:, :, some], squared[:, some], self.times, unseen)
-                for share, each in zip(shares, out, strict=True):
-                    each[batch.uncertain, some] -= extents if share == 1.0 else share * extents
+                until = np.maximum(family.profiles.stands, unseen)
+                extents = {
+                    latest: family.extents(
+                        batch, offset[:, :, some], squared[:, some], self.times, np.minimum(until, latest)
+                    )
+                    for latest in dict.fromkeys(size.latest for size in sizes)
+                }
+                for size, each in zip(sizes, out, strict=True):
+                    reach = extents[size.latest]
+                    each[batch.uncertain, some] -= reach if size.share == 1.0 else size.share * reach
                 first += family.size
 
     def within_reach(self, batch: ZoneBatch, vehicle: Vehicle) -> Index:
@@ -404,6 +430,11 @@ class Dodges:
         longest = max(map(abs, vehicle.discs)) + EXACT_WITHIN
         reach = np.hypot(self.position[..., 0], self.position[..., 1]).max(axis=0) + longest
         return np.flatnonzero((away <= reach[:, None]).any(axis=0))
+
+
+def _of_size(batch: ZoneBatch, size: Size) -> ZoneBatch:
+    """Zones with ellipses of a size."""
+    return smaller(foreseen(batch, size.latest, {}) if math.isfinite(size.latest) else batch, size.share)
 
 
 def in_parts(count: int, size: int) -> Iterator[slice]:

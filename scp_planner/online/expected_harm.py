@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale
 from scp_planner.online.dodge_worth import FADING, a_moment
-from scp_planner.online.dodges import Dodges, in_parts
+from scp_planner.online.dodges import WHOLE, Dodges, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment
@@ -66,7 +66,7 @@ def harms_of_dodges(moment: Moment, dodges: Dodges, box: Box, confidence: Confid
     weights = _weights(dodges.times, dodges.position, vehicle, standing)
     scale = _deviations(confidence, whole)
     for some in in_parts(max(len(near), 1), dodges.heading.size):  # the border is one more, also where no zone is near
-        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (1.0, PART))
+        each, less = dodges.rooms(whole, box, vehicle, np.inf, near[some], (WHOLE, Size(PART)))
         spared *= _spared(each.each, less.each, scale, weights)
     return 1.0 - spared
 

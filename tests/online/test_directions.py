@@ -130,7 +130,8 @@ def test_stop_of_a_vehicle_that_drives_both_ways_counts_as_one_that_it_backs_out
     moment = planner._means.moment(State(0.0, (0.0, 0.0), 0.0, 0.3))
     dodges = evasion._dodges(moment)
     room = dodges.room(moment.batch, evasion.outlooks.box(moment), moment.scenario.vehicle)
-    before = evasion.outlooks.seen(moment, Driven(dodges.times, dodges.position, dodges.heading, dodges.until), room)
+    driven = Driven(dodges.times, dodges.position, dodges.heading, dodges.until)
+    before = evasion.outlooks.seen(moment, driven, room, room)
     after = evasion.outlooks.of(moment, dodges)
     at_once = np.arange(len(after.worth)) % len(dodges.families[0].profiles.stands) == 0
     assert np.all(after.worth[at_once] > before.worth[at_once])

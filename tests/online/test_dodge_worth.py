@@ -15,7 +15,7 @@ from scp_planner.scenario.models import Vehicle
 def test_nearness_is_an_integral_that_fades() -> None:
     """At a constant clearance of a width, against a quadrature of another kind; and what comes later counts less."""
     time = np.linspace(0.0, 12.0, 4001)
-    expected, _ = quad(lambda t: math.exp(-1.0 / (1.0 / 6.0 + t / 20.0)) / (1.0 + 0.9 * t), 0.0, 5.0)
+    expected, _ = quad(lambda t: math.exp(-1.0 / (0.25 + t / 20.0)) / (1.0 + 0.9 * t), 0.0, 5.0)
     assert nearness(time, np.ones((1, len(time))))[0] == pytest.approx(expected, rel=1e-2)
     soon, late = np.ones((2, len(time)))
     soon[(time > 0.5) & (time < 1.0)] = late[(time > 3.0) & (time < 3.5)] = 0.1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 from scenes import disc, scene
 
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.polynomials import PiecewisePolynomials
 from scp_planner.online.dodge_courses import GRADUAL, LIMIT_SHARE, PROMPT, Bend, Profiles
-from scp_planner.online.dodges import Dodges
-from scp_planner.online.evasion import HURRIED
+from scp_planner.online.dodge_worth import GROWING, a_moment
+from scp_planner.online.dodges import WHOLE, Dodges, Size
+from scp_planner.online.evasion import HURRIED, Evasion
 from scp_planner.online.planner import Planner
 from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.remaining import State
@@ -20,6 +23,7 @@ from scp_planner.scenario.limits import Box, Limits
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.of_scenario import ZonesOf
+from scp_planner.threat_zones.zone import ThreatZone
 
 LIMITS = Limits(1.5, 1.0, 1.5, 1.5, 2.0)
 
@@ -130,11 +134,34 @@ def test_zones_grow_until_the_vehicle_stands_and_has_looked_again(unseen: float)
     frame, vehicle = PlanningFrame((0.0, 0.0), 0.0, 0.0), scenario.vehicle
     dodges = dodges_of(None, 0.0, 0.0, vehicle.radius)
     batch = ZoneBatch.of(zones, frame, vehicle.radius)
-    room = dodges.room(batch, Box.of(scenario, frame, 0.0), vehicle, unseen)
+    box, sizes = Box.of(scenario, frame, 0.0), (WHOLE, Size(0.25), Size(latest=0.6), Size(0.25, 0.6))
+    rooms = dodges.rooms(batch, box, vehicle, unseen, dodges.within_reach(batch, vehicle), sizes)
+    assert np.array_equal(dodges.room(batch, box, vehicle, unseen).least, rooms[0].least)
     times = np.minimum(dodges.times, np.maximum((dodges.until - dodges.wait)[:, None], unseen))
     away = np.linalg.norm(dodges.position - [1.5, 0.0], axis=-1)
-    expected = away - 0.3 - vehicle.radius - math.sqrt(-2.0 * math.log(0.05)) * np.sqrt(0.01 + 0.04 * times**2)
-    assert room.least == pytest.approx(expected, abs=1e-9)
+    for size, room in zip(sizes, rooms, strict=True):
+        deviation = np.sqrt(0.01 + 0.04 * np.minimum(times, size.latest) ** 2)
+        expected = away - 0.3 - vehicle.radius - size.share * math.sqrt(-2.0 * math.log(0.05)) * deviation
+        assert room.least == pytest.approx(expected, abs=1e-9)
+
+
+def test_what_dodges_are_worth_does_not_depend_on_how_zones_grow_later() -> None:
+    """Whether they are clear does: of two obstacles that are known alike for a moment, one is lost sight of then."""
+    seen = []
+    for growth in (0.0, 0.3):
+        planner = Planner(scene(confidence={"probability": 0.95, "level": "per_time"}))
+        evasion = Evasion(planner._means)
+        moment = planner._means.moment(State(0.0, (0.0, 0.0), None, 0.0))
+        later = GROWING * a_moment(planner.given.vehicle)
+        spread = PiecewisePolynomials(
+            np.array([[0.0, later, np.inf]]),
+            np.array([[[[0.04, 0.0, 0.04], [0.0, 0.0, 0.0]], [[0.04, 0.0, 0.04], [growth, 0.0, growth]]]]),
+        )
+        centers = PiecewisePolynomials(np.array([[0.0, np.inf]]), np.array([[[[2.0, 0.0], [-0.5, 0.0]]]]))
+        moment = replace(moment, zones=(ThreatZone("a", 0.3, centers, spread),))
+        seen.append(evasion.outlooks.of(moment, evasion._dodges(moment)))
+    known, unknown = seen
+    assert np.array_equal(known.worth, unknown.worth) and np.isinf(unknown.clear).sum() < np.isinf(known.clear).sum()
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, 1.2])
