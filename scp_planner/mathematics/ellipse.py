@@ -78,12 +78,19 @@ def ellipse_contact(offset: Array, covariance: Array) -> Contact:
     # shift = s + minor, so that nothing cancels near the pole
     shift = np.maximum(w, np.sqrt(u * u + w * w) - gap)
     for _ in range(MAX_NEWTON_STEPS):
-        p = u / (shift + gap)
-        q = w / shift
-        residual = p * p + q * q - 1.0
-        step = 0.5 * residual / (p * p / (shift + gap) + q * q / shift)
-        shift = shift + np.maximum(step, 0.0)
-        if np.all(step <= NEWTON_TOLERANCE * shift):
+        far = shift + gap
+        p, q = u / far, w / shift
+        p *= p
+        q *= q
+        step = p + q
+        step -= 1.0
+        step *= 0.5
+        p /= far
+        q /= shift
+        p += q
+        step /= p
+        shift += np.maximum(step, 0.0)
+        if (step <= NEWTON_TOLERANCE * shift).all():
             break
     return axes.contact(axes.y0 / (shift + gap), axes.y1 / shift, offset, covariance)
 
@@ -158,11 +165,10 @@ class _PrincipalAxes:
 
     def contact(self, first: Array, second: Array, offset: Array, covariance: Array) -> Contact:
         """The contact with the normal along (first, second), for a point of the first quadrant."""
-        first = np.where(self.along < 0.0, -first, first)
-        second = np.where(self.across < 0.0, -second, second)
         scale = 1.0 / np.hypot(first, second)
-        first = first * scale
-        second = second * scale
+        first, second = first * scale, second * scale
+        np.negative(first, out=first, where=self.along < 0.0)
+        np.negative(second, out=second, where=self.across < 0.0)
         normal = np.empty_like(offset)
         normal[:, 0] = self.cosine * first - self.sine * second
         normal[:, 1] = self.sine * first + self.cosine * second
