@@ -35,23 +35,21 @@ def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
         "distance beyond the path", float(drive.distance[1]) - path.driven_length, 0.0, checked.absolute(1.0)
     )
     found = [] if beyond.value <= END_TOLERANCE else [beyond]
-    if ends:
-        points = path.points(path.exact.parameter_at(drive.distance))
-        position, direction = frame.to_world(points.position), frame.vectors_to_world(points.direction)
-        start, goal = (
-            EndState(
-                checked.absolute(float(sigma)),
-                (float(position[k, 0]), float(position[k, 1])),
-                atan2(direction[k, 1], direction[k, 0]),
-                float(drive.speed[k]),
-                float(drive.acceleration[k]),
-            )
-            for k, sigma in enumerate(_BOTH_ENDS)
+    # One by one: stops are asked for their start alone, and to find one station takes no NUMPY-CALLS
+    for k, end in enumerate((Ends.START, Ends.GOAL)):
+        if end not in ends:
+            continue
+        point = path.points(path.exact.parameter_at(drive.distance[k : k + 1]))
+        ((x, y),), ((ahead, aside),) = (
+            frame.to_world(point.position).tolist(),
+            frame.vectors_to_world(point.direction).tolist(),
         )
-    if Ends.START in ends:
-        found += start_violations(scenario, start)
-    if Ends.GOAL in ends:
-        found += goal_violations(scenario, goal, checked.absolute(0.0))
+        speed, acceleration = float(drive.speed[k]), float(drive.acceleration[k])
+        state = EndState(checked.absolute(float(_BOTH_ENDS[k])), (x, y), atan2(aside, ahead), speed, acceleration)
+        if end is Ends.START:
+            found += start_violations(scenario, state)
+        else:
+            found += goal_violations(scenario, state, checked.absolute(0.0))
     return tuple(sorted(found, key=lambda one: one.what != EARLIEST))
 
 
