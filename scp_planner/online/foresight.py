@@ -88,9 +88,12 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     covariances = batch.covariances
     pieces, powers, width = covariances.coefficients.shape[1:]
     count = covariances.size
-    factors = np.ones((count, len(LONGER)))
-    known = [(k, learning.get(batch.ids[index])) for k, index in enumerate(batch.uncertain)]
-    learnt = [(k, one) for k, one in known if one is not None and one.span > 0.0]
+    learnt = []
+    if learning:
+        known = [(k, learning.get(batch.ids[index])) for k, index in enumerate(batch.uncertain)]
+        learnt = [(k, one) for k, one in known if one is not None and one.span > 0.0]
+    longer = LONGER if learnt else LONGER[:1]  # what nothing is learnt of stays as it is then, in one piece
+    factors = np.ones((count, len(longer)))
     if learnt:
         variance = _variances([one for _, one in learnt], foresight)
         factors[[k for k, _ in learnt]] = variance / variance[:, :1]
@@ -98,12 +101,13 @@ def foreseen(batch: ZoneBatch, foresight: float, learning: Mapping[str, Learning
     size = covariances.at(every, np.full(count, now + foresight))
     # Pieces that begin after the foresight are empty, and those that follow them are taken first.
     begins = np.minimum(covariances.breakpoints[:, :-1], now + foresight)
-    coefficients = np.zeros((count, pieces + len(LONGER), max(powers, 2), width))
+    coefficients = np.zeros((count, pieces + len(longer), max(powers, 2), width))
     coefficients[:, :pieces, :powers] = covariances.coefficients
     coefficients[:, pieces:, 0] = factors[:, :, None] * size[:, None]
-    slopes = (factors[:, 1:] - factors[:, :-1]) / _STEPS
-    coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
-    later = np.broadcast_to(now + foresight + LONGER, (count, len(LONGER)))
+    if learnt:
+        slopes = (factors[:, 1:] - factors[:, :-1]) / _STEPS
+        coefficients[:, pieces:-1, 1] = slopes[:, :, None] * size[:, None]
+    later = np.broadcast_to(now + foresight + longer, (count, len(longer)))
     end = np.full((count, 1), np.inf)
     seen = PiecewisePolynomials(np.concatenate([begins, later, end], axis=1), coefficients)
     return replace(batch, covariances=seen)

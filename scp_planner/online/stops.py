@@ -152,18 +152,20 @@ def room_of_stops(
     fit = driven[:, -1] <= path.arc_length
     if zones.size == 0:
         return np.where(fit, np.inf, -np.inf)
-    points = path.points(path.parameter_at(driven.ravel()))
-    near = zones.distances((leads[:, None] + stops.after).ravel(), points.position, ROOM_LOOKED_AT).min(axis=1)
-    least = near.reshape(len(leads), SAMPLES).min(axis=1)
+    position = path.points(path.parameter_at(driven.ravel())).position
+    times, places = [before, (leads[:, None] + stops.after).ravel()], [kept.path.position[:SAMPLES], position]
     if wait > 0.0:
-        # They do not grow beyond when the last of these stops stands.
+        # They do not grow beyond when the last of these stops stands: up to then nothing else is looked at.
         stands = leads + stops.lasts
-        still = foreseen(zones, float(stands.max()), {})
-        times = stands[:, None] + wait * np.linspace(0.0, 1.0, WAIT_LOOKS)
-        places = np.repeat(points.position[SAMPLES - 1 :: SAMPLES], WAIT_LOOKS, axis=0)
-        standing = still.distances(times.ravel(), places, ROOM_LOOKED_AT).min(axis=1)
+        zones = foreseen(zones, float(stands.max()), {})
+        times.append((stands[:, None] + wait * np.linspace(0.0, 1.0, WAIT_LOOKS)).ravel())
+        places.append(position[SAMPLES - 1 :: SAMPLES].repeat(WAIT_LOOKS, axis=0))
+    # All at once: NUMPY-CALLS
+    near = zones.distances(np.concatenate(times), np.concatenate(places), ROOM_LOOKED_AT).min(axis=1)
+    keeping, stopping_at, standing = np.split(near, [SAMPLES, SAMPLES + len(position)])
+    least = stopping_at.reshape(len(leads), SAMPLES).min(axis=1)
+    if len(standing):
         least = np.minimum(least, standing.reshape(len(leads), WAIT_LOOKS).min(axis=1))
-    keeping = zones.distances(before, kept.path.position[:SAMPLES], ROOM_LOOKED_AT).min(axis=1)
     sofar = np.minimum.accumulate(keeping)[np.minimum(np.searchsorted(before, leads, "right"), SAMPLES - 1)]
     return np.where(fit, np.minimum(least, sofar), -np.inf)
 
