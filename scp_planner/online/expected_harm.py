@@ -35,6 +35,8 @@ SETTING_OFF = 0.4
 """Share of how much less it counts to stand than to creep, that it counts besides to drive while it is touched."""
 GROWS = 0.5
 """Moments for which zones grow: what is farther ahead will be known better by when the vehicle has to be out of it."""
+FAR = 9.0
+"""Deviations of a gap, beyond which a touch is so improbable that no sum with anything probable shows it."""
 LEAST_DEVIATION = 1e-9
 """Units of length. What is known better than this is known."""
 
@@ -95,8 +97,7 @@ def harms_of_trips(
         return np.zeros(0)
     vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
     for trip, put in zip(trips, place, strict=True):
-        at, _ = trip.at(moment.state.time + times)
-        put[:] = moment.frame.to_frame(trip.frame.to_world(at.path.position))
+        put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
     clock, points = np.tile(times, len(trips)), place.reshape(-1, 2)
     whole, less = (
         _grown(one.batch, vehicle).distances(clock, points).T.reshape(-1, *place.shape[:2])
@@ -130,13 +131,22 @@ def _weights(times: Array, place: Array, vehicle: Vehicle, standing: float) -> t
 
 def _spared(whole: Array, less: Array, scale: float, weights: tuple[Array, Array, Array]) -> Array:
     """The harm that is not to be expected, (C,), by distances (L, C, J) to zones and those of `PART` of the size, m."""
-    extent = np.maximum(less - whole, 0.0) / (1.0 - PART)
+    extent = less - whole
+    np.maximum(extent, 0.0, out=extent)
+    extent /= 1.0 - PART
     gap = whole + extent
-    touched = ndtr(-gap / np.maximum(extent / scale, LEAST_DEVIATION))
+    extent /= scale
+    np.maximum(extent, LEAST_DEVIATION, out=extent)
+    away = np.divide(gap, extent, out=extent)
+    near = away < FAR
+    touched = np.zeros(gap.shape)
+    touched[near] = ndtr(-away[near])
     counts, fading, sets_off = weights
     touched *= counts
     touched *= fading
+    harm = touched.max(axis=2)
     # Who is touched now is no better off by what it was: it gets away the sooner, the better, if that is worth it.
-    harm = np.where(gap[..., 0] < 0.0, touched.sum(axis=2) / fading.sum() + sets_off, touched.max(axis=2))
+    zone, dodge = np.nonzero(gap[..., 0] < 0.0)
+    harm[zone, dodge] = touched[zone, dodge].sum(axis=1) / fading.sum() + sets_off[dodge]
     spared: Array = np.prod(1.0 - np.minimum(harm, 1.0), axis=0)
     return spared
