@@ -157,11 +157,12 @@ class Moment:
         """
         if wait <= 0.0 or not self.zones:
             return None
-        points, _ = trip.at(since)
         ahead = max(map(abs, self.scenario.vehicle.discs))
         batch, grows = self.batch_in(trip.frame), max(unseen_until - since, 0.0)
-        if surely_clear(batch, points.path.position[0], (since - trip.frame.time, grows, wait), ahead):
+        (position,) = trip.positions_at(np.array([since]))
+        if surely_clear(batch, position, (since - trip.frame.time, grows, wait), ahead):
             return None
+        points, _ = trip.at(since)
         (place,) = trip.frame.to_world(points.path.position).tolist()
         heading = trip.frame.vectors_to_world(points.path.direction)[0]
         frame = PlanningFrame((place[0], place[1]), math.atan2(heading[1], heading[0]), since)
@@ -470,10 +471,9 @@ class Vetting:
         """How long a stop, and standing there, keeps clear from now on, s, as far as samples tell; inf: long enough."""
         trip = stop.trip
         times = np.linspace(now.state.time, stop.stands + self.wait, TRIP_SAMPLES)
-        points, _ = trip.at(times)
         grown = max(stop.stands, self.unseen_until(now)) - trip.frame.time
         batch = foreseen(now.batch_in(trip.frame), grown, {})
-        away = batch.distances(times - trip.frame.time, points.path.position, EXACT)
+        away = batch.distances(times - trip.frame.time, trip.positions_at(times), EXACT)
         entered = away.min(axis=1, initial=np.inf) < 0.0
         return float(times[entered.argmax()] - times[0]) if entered.any() else math.inf
 

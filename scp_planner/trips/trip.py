@@ -95,10 +95,7 @@ class Trip:
         """Where the vehicle is at an absolute time, s, clamped to the trip: (x, y) in the world, m."""
         if (known := self._place.get(time)) is not None:
             return known
-        trajectory = self.trajectory
-        sigma = min(max((time - self.frame.time) / trajectory.travel_time, 0.0), 1.0)
-        path, distance = trajectory.path, trajectory.distance_at(np.array([sigma]))
-        ((x, y),) = self.frame.to_world(path.places(path.exact.parameter_at(distance))).tolist()
+        ((x, y),) = self.frame.to_world(self.positions_at(np.array([time]))).tolist()
         self._place.clear()
         self._place[time] = x, y
         return x, y
@@ -107,6 +104,12 @@ class Trip:
     def _place(self) -> dict[float, tuple[float, float]]:
         """The place that was asked for last: several ask for that of the present."""
         return {}
+
+    def positions_at(self, times: Array) -> Array:
+        """Where the vehicle is at absolute times, (n,) s, clamped to the trip, in its frame: (n, 2) m, nothing else."""
+        sigma = np.minimum(np.maximum((times - self.frame.time) / self.trajectory.travel_time, 0.0), 1.0)
+        path, distance = self.trajectory.path, self.trajectory.distance_at(sigma)
+        return path.places(path.exact.parameter_at(distance))
 
     def at(self, t: ArrayLike) -> tuple[TripPoints, tuple[int, ...]]:
         """Return the trip at absolute times, clamped to the trip, and the shape of ``t``."""
