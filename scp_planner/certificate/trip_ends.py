@@ -35,21 +35,16 @@ def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
         "distance beyond the path", float(drive.distance[1]) - path.driven_length, 0.0, checked.absolute(1.0)
     )
     found = [] if beyond.value <= END_TOLERANCE else [beyond]
+    wanted = [k for k, end in enumerate((Ends.START, Ends.GOAL)) if end in ends]
+    if not wanted:
+        return tuple(found)
     # One by one: stops are asked for their start alone, and to find one station takes no NUMPY-CALLS
-    for k, end in enumerate((Ends.START, Ends.GOAL)):
-        if end not in ends:
-            continue
-        point = path.points(path.exact.parameter_at(drive.distance[k : k + 1]))
-        ((x, y),), ((ahead, aside),) = (
-            frame.to_world(point.position).tolist(),
-            frame.vectors_to_world(point.direction).tolist(),
-        )
-        speed, acceleration = float(drive.speed[k]), float(drive.acceleration[k])
-        state = EndState(checked.absolute(float(_BOTH_ENDS[k])), (x, y), atan2(aside, ahead), speed, acceleration)
-        if end is Ends.START:
-            found += start_violations(scenario, state)
-        else:
-            found += goal_violations(scenario, state, checked.absolute(0.0))
+    points = path.points(np.concatenate([path.exact.parameter_at(drive.distance[k : k + 1]) for k in wanted]))
+    position, direction = frame.to_world(points.position).tolist(), frame.vectors_to_world(points.direction).tolist()
+    for k, (x, y), (ahead, aside) in zip(wanted, position, direction, strict=True):
+        sigma, speed, acceleration = float(_BOTH_ENDS[k]), float(drive.speed[k]), float(drive.acceleration[k])
+        state = EndState(checked.absolute(sigma), (x, y), atan2(aside, ahead), speed, acceleration)
+        found += goal_violations(scenario, state, checked.absolute(0.0)) if k else start_violations(scenario, state)
     return tuple(sorted(found, key=lambda one: one.what != EARLIEST))
 
 
