@@ -24,6 +24,7 @@ from scp_planner.search.sweep import Begun, Counts, States, Sweep, WayEnds
 Closed = tuple[tuple[int, int], ...]
 
 WINDOWS = (0.08, 0.25, 1.0)  # of all delays; sweeps for few are quicker, and are enough if there is a way
+ROUNDED_UP = 2.0  # delays by which a window may be wider than it is, at most
 LIKELY = 3.0  # delays after the fastest way that other ways have
 QUICKER = 0.25  # of the delays that they may have: it is worth while to look for fewer before
 MOST_TOGETHER = 100_000  # cells of the cases of one sweep; with more their memory would be slower than their calls
@@ -93,6 +94,7 @@ class WaySearch:
         self.grid = Grid.of(problem, fineness or Fineness(), coarseness)
         self.cells = Cells(problem, self.grid, deadline)
         self._fastest = np.inf  # arrival of the ways that were found, s
+        self._least = 0  # delays at the goal of the fastest way with no side closed; none has fewer
         self.ends = WayEnds(self._slopes(0), self._slopes(-1), self._goal())
 
     @property
@@ -176,6 +178,7 @@ class WaySearch:
             if sweep is None or sweep.cut_off:
                 return reached, False
             arrivals = [(begin + case, case, sweep.first_arrival(case)) for case in range(len(some))]
+            self._least = max([self._least, *(delay for k, _, delay in arrivals if delay is not None and not cases[k])])
             traced = [(k, delay, sweep.trace(delay, case)) for k, case, delay in arrivals if delay is not None]
             del sweep  # before anything else is made: nothing that is kept is larger
             reached |= {k: self._way(states, delay, within) for k, delay, states in traced}
@@ -199,7 +202,9 @@ class WaySearch:
         """Times at the goal up to which ways are looked for in turn, s."""
         first, all_delays = float(self.grid.fastest[-1]), DELAYS * self.grid.delay_step
         if within == np.inf:
-            return [first + window * all_delays for window in WINDOWS]
+            # As sides are closed no way gets faster
+            useful = [window for window in WINDOWS if self._least <= window * DELAYS + ROUNDED_UP]
+            return [first + window * all_delays for window in useful]
         last = min(within + self._longest_bends, first + all_delays)
         # Other ways are hardly slower than the fastest
         likely = self._fastest + LIKELY * self.grid.delay_step

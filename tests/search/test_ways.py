@@ -19,6 +19,7 @@ from scp_planner.search.blocked import Cells, Cuts
 from scp_planner.search.first_trips import trip_along
 from scp_planner.search.grid import EACH_STATION
 from scp_planner.search.starts import coarsenesses
+from scp_planner.search.sweep import Counts
 from scp_planner.search.ways import WaySearch, WayTree, ways
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
@@ -139,6 +140,24 @@ def test_first_trips_ask_the_motor_for_what_it_has() -> None:
         asked[name] = float((trip.beta * np.maximum(speeds[:-1], speeds[1:])).max())
     assert asked["hard"] > 0.6
     assert asked["weak"] <= 0.3 * 1.2
+
+
+def test_no_window_is_looked_at_that_ends_before_the_fastest_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    late = scene(*CROSSERS, goal={"earliest_arrival": 8.5})
+    search, swept = WaySearch(problem_of(late)), list[float]()
+    look = search._in_time
+
+    def counted(latest: float) -> Counts:
+        swept.append(latest)
+        return look(latest)
+
+    monkeypatch.setattr(search, "_in_time", counted)
+    tree = WayTree(search, 20)
+    first = tree.next()
+    assert first is not None and len(swept) > 1, "it is not in the first window"
+    before = len(swept)
+    tree.branch(first.sides)
+    assert swept[before:] == swept[before - 1 : before], "those before hold no way with a side closed, either"
 
 
 def test_ways_end_where_none_can_be_as_fast_as_what_has_been_found() -> None:
