@@ -164,7 +164,8 @@ def evaluate_trips(problem: Problem, trips: Sequence[Trajectory], near: float) -
     """
     count = len(trips)
     bundle = TripBundle(trips)
-    points = bundle.at_each(problem.samples)
+    known = trips[0].known_at(problem.samples) if count == 1 else None
+    points = bundle.at_each(problem.samples) if known is None else known
     near_zones = _near_zones(problem, bundle, points, near)
     sites = bend_sites(problem, bundle, points)
     gaps = [box_gaps(problem, trip.path) for trip in trips]
