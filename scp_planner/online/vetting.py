@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -245,8 +245,14 @@ class Refusal:
 class _Tried:
     """What comes of stops that are tried from a trip: why not, and the most room of those that were sampled, m."""
 
-    reasons: list[str] = field(default_factory=list)
+    refused: str = ""
+    otherwise: str = ""
     room: float = math.inf
+
+    @property
+    def why(self) -> str:
+        """Why none of those that were tried to certify will do; or why none was."""
+        return self.refused or self.otherwise
 
 
 class Vetting:
@@ -310,7 +316,7 @@ class Vetting:
         """
         trip = Trip(problem.frame, trajectory.settled())
         violation = math.inf if evaluation is None else evaluation.worst_violation
-        why = ""
+        why, broken = "", math.inf
         if not self.stops_will_do or self._may_hold(now, trip, evaluation):
             certificate = now.certify(trip, motions=self.motions)
             if certificate.holds:
@@ -318,7 +324,8 @@ class Vetting:
             why = _violations(certificate.outside(self.units))
             if not self.stops_will_do:
                 return Refusal(why)
-        found = self._stop(now, trip, branch)
+            broken = min((one.time for one in certificate.violations), default=math.inf)
+        found = self._stop(now, trip, branch, broken)
         if isinstance(found, Refusal):
             return Refusal("; ".join(part for part in (why, f"no stop from it: {found.why}") if part), found.room)
         stop, certificate = found
@@ -336,8 +343,13 @@ class Vetting:
         points = evaluation.points
         return bool(now.batch.distances(points.time, points.path.position, EXACT).min() >= 0.0)
 
-    def _stop(self, now: Moment, trip: Trip, branch: float) -> tuple[Stop, Certificate] | Refusal:
-        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few."""
+    def _stop(
+        self, now: Moment, trip: Trip, branch: float, broken: float = math.inf
+    ) -> tuple[Stop, Certificate] | Refusal:
+        """A certified stop from a trip: the one that the last plan had, or the one with most room of a few.
+
+        None that would keep to the trip until it does what it must not, which it is known to do at a time, s.
+        """
         driven = now.state.time - trip.frame.time
         braking = braking_of(now.scenario.vehicle)
         since = now.state.time if driven > 0.0 else None
@@ -346,12 +358,16 @@ class Vetting:
             left = leaving(trip, braking, spans)
             if left is None:
                 continue
+            if left[1] >= broken:
+                tried.refused = tried.refused or "none leaves it before that"
+                continue
             made = Stop(*left)
             certificate = self.certify_stop(now, made, since)
             if certificate.holds:
                 return made, certificate
-            tried.reasons.append(_violations(certificate.outside(self.units)))
-        return Refusal(tried.reasons[-1], tried.room)
+            tried.refused = _violations(certificate.outside(self.units))
+            broken = min([broken, *(one.time for one in certificate.violations if one.time < made.branch)])
+        return Refusal(tried.why, tried.room)
 
     def _spans(self, now: Moment, trip: Trip, braking: Braking, branch: float, tried: _Tried) -> Iterator[int]:
         """After how many spans of acceleration a stop may leave a trip, the most promising first, and why not others.
@@ -363,7 +379,7 @@ class Vetting:
         earliest = driven + self.period
         spans = spans_between(breaks, earliest - TINY_TIME, earliest + COMMITMENT, STOPS)
         if not len(spans):
-            tried.reasons.append("the goal is nearer than the distance to stop in")
+            tried.otherwise = "the goal is nearer than the distance to stop in"
             return
         if breaks[spans[0]] <= branch - trip.frame.time <= breaks[spans[-1]]:
             before = int(np.searchsorted(breaks, branch - trip.frame.time - TINY_TIME))
@@ -377,9 +393,9 @@ class Vetting:
         # The latest of those with plenty of room: it will do for the most replans.
         order = np.lexsort((-spans, -np.minimum(room, PLENTY)))
         if np.isneginf(tried.room):
-            tried.reasons.append("the goal is nearer than the distance to stop in")
+            tried.otherwise = "the goal is nearer than the distance to stop in"
         else:
-            tried.reasons.append("none stays clear for long enough" if self.wait > 0.0 else "none keeps clear")
+            tried.otherwise = "none stays clear for long enough" if self.wait > 0.0 else "none keeps clear"
         for index in order[:STOPS_TRIED]:
             if room[index] >= 0.0:
                 yield int(spans[index])

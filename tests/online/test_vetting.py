@@ -15,7 +15,7 @@ from scp_planner.certificate.verdict import Certificate
 from scp_planner.online.means import Replan
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
-from scp_planner.online.vetting import Moment, Refusal, Vetted, Vetting
+from scp_planner.online.vetting import Moment, Refusal, Stop, Vetted, Vetting
 from scp_planner.problem.build import build_problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
@@ -158,3 +158,24 @@ def test_there_is_no_room_where_the_trip_ends_before_a_stop() -> None:
     trip = Trip(problem.frame, Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size)))
     moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
     assert Vetting(20.0, True, 0.0).most_room(moment, trip) == -np.inf
+
+
+@pytest.mark.parametrize(("acceleration", "tried"), [(0.3, 1), (1.6, 0)])
+def test_no_stop_is_tried_that_leaves_the_trip_after_what_it_must_not_do(
+    acceleration: float, tried: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limit is 1.5 m/s2: what exceeds it from the beginning on cannot be left before."""
+    stops, certify = list[Stop](), Vetting.certify_stop
+
+    def noted(self: Vetting, now: Moment, stop: Stop, since: float | None) -> Certificate:
+        stops.append(stop)
+        return certify(self, now, stop, since)
+
+    monkeypatch.setattr(Vetting, "certify_stop", noted)
+    answer = vetted(disc("aside", (10.0, 1.2)), stops_will_do=True, acceleration=acceleration)
+    assert len(stops) == tried
+    if tried:
+        assert isinstance(answer, Vetted) and answer.stop is stops[0]
+    else:
+        assert isinstance(answer, Refusal) and answer.why.endswith("; no stop from it: none leaves it before that")
+        assert "acceleration 1.6 m/s2 at t = 0.000 s" in answer.why
