@@ -12,7 +12,7 @@ from scp_planner.certificate.ends import can_reverse
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.dead_ends import way_on
 from scp_planner.online.dodge_courses import LIMIT_SHARE
-from scp_planner.online.dodge_worth import GAIN, GROWING, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
+from scp_planner.online.dodge_worth import EXACT, GAIN, GROWING, NEARNESS, OUTLOOK, a_moment, harm, nearness, value_at
 from scp_planner.online.dodges import BORDER, WHOLE, Dodges, Room, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.means import Means
@@ -210,7 +210,8 @@ class DodgeOutlooks:
         clock, zones = begin + times - trip.frame.time, moment.batch_in(trip.frame)
         grown = max(stop.stands, self._means.vetting.unseen_until(moment))
         sizes = (foreseen(zones, until - trip.frame.time, {}) for until in (grown, min(grown, begin + self._growing)))
-        away = (batch.distances(clock, points.path.position) for batch in sizes)
+        exact = EXACT * 2.0 * moment.scenario.vehicle.radius
+        away = (batch.distances(clock, points.path.position, exact) for batch in sizes)
         room, judged = (self._room_of(moment, place, each) for each in away)
         direction = points.path.direction
         heading = np.arctan2(direction[:, 1], direction[:, 0]) + trip.frame.heading - moment.frame.heading

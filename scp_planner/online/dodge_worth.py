@@ -27,6 +27,8 @@ OUTLOOK = 5.0
 GROWING = 1.0
 """Moments for which zones grow, where nearness to them and harm are judged: of what is farther ahead the vehicle will
 know as much by when it is there. Zones that grow on fill a crowd, and drive the vehicle away to where nobody is."""
+EXACT = 2.0
+"""Widths within which distances of what is driven are exact: what is farther away hardly counts."""
 HARM = 50.0
 """Widths of way that a width of depth in a zone is worth, if it were now..."""
 HARM_AT_ALL = 1.0 / 6.0

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from scp_planner.arrays import Array
 from scp_planner.estimation.confidence import marginal_scale
-from scp_planner.online.dodge_worth import FADING, a_moment
+from scp_planner.online.dodge_worth import EXACT, FADING, a_moment
 from scp_planner.online.dodges import WHOLE, Dodges, Size, in_parts
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.stops import STANDING
@@ -98,9 +98,9 @@ def harms_of_trips(
     vehicle, place = moment.scenario.vehicle, np.empty((len(trips), len(times), 2))
     for trip, put in zip(trips, place, strict=True):
         put[:] = moment.frame.to_frame(trip.frame.to_world(trip.positions_at(moment.state.time + times)))
-    clock, points = np.tile(times, len(trips)), place.reshape(-1, 2)
+    clock, points, exact = np.tile(times, len(trips)), place.reshape(-1, 2), EXACT * 2.0 * vehicle.radius
     whole, less = (
-        _grown(one.batch, vehicle).distances(clock, points).T.reshape(-1, *place.shape[:2])
+        _grown(one.batch, vehicle).distances(clock, points, exact).T.reshape(-1, *place.shape[:2])
         for one in (moment, moment.with_smaller_zones(PART))
     )
     weights = _weights(times, place, vehicle, standing)
