@@ -17,6 +17,8 @@ from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
 from scp_planner.search.grid import Fineness
+from scp_planner.search.ways import BRANCHES
+from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trip import Trip
 
 VIOLATION_COST = 5.0
@@ -31,12 +33,15 @@ LOOK_SOONER = 2
 """Without a plan that keeps clear of foreseen zones, looks at other ways round come so many times as often."""
 FIRST_LOOK_TIME, LOOK_TIME_DECAY = 0.02, 0.8
 """Seconds of wall time, that a look is expected to take before one has been timed; and how soon it is forgotten."""
+PART = 3
+"""Branches of a way that are searched for in one replan."""
 LOOK_RUNS = 2
 """Ways that are looked at in turn while there is a plan."""
 FEWEST_LOOK_STEPS = 2
 """Steps of the loop from another way before a feasible trip is good enough to be driven, and improved on the way."""
-SPARED = 1
-"""Steps fewer of a look are taken in a replan while there is a plan to drive."""
+SPARED, SPARED_FALLING_BACK = 1, 2
+"""Steps fewer of a look are taken in a replan while there is a plan to drive, or a dodge or a stop, which is looked at
+in the same replan."""
 GRIDS = (Fineness(), Fineness(stations=0.45), Fineness(stations=0.225))
 """Of the search for ways; from one that was cut off, the next look goes on to the next..."""
 IN_GOOD_TIME = 1.0 / 3.0
@@ -55,8 +60,8 @@ class Look:
         How many more ways are to be tried.
     cutoff : float
         Units of time; only ways that may be faster are looked for.
-    starts : iterator of Trip
-        What is left to start from.
+    starts : iterator of Trip or None
+        What is left to start from; None where it is still looked for.
     trip : Trip or None
         What has come of the one that is being tried...
     steps : int
@@ -67,7 +72,7 @@ class Look:
 
     runs: int
     cutoff: float
-    starts: Iterator[Trip] = field(default_factory=lambda: iter(()))
+    starts: Iterator[Trip | None] = field(default_factory=lambda: iter(()))
     trip: Trip | None = None
     steps: int = 0
     begun: bool = False
@@ -78,10 +83,16 @@ class Look:
         return self.trip is None and self.runs <= 0
 
     def begin_next(self) -> bool:
-        """Go on to the next start, if there is one."""
-        self.trip = next(self.starts, None) if self.runs > 0 else None
-        self.runs, self.steps, self.begun = self.runs - 1, 0, True
-        return self.trip is not None
+        """Go on to the next start; whether there is one, or may be one after all that is still to be looked at."""
+        self.trip, self.steps, self.begun = None, 0, True
+        if self.runs <= 0:
+            return False
+        try:
+            self.trip = next(self.starts)
+        except StopIteration:
+            return False
+        self.runs -= 0 if self.trip is None else 1
+        return True
 
 
 class Looks:
@@ -99,6 +110,11 @@ class Looks:
         self._looked = 0
         self._deadline = math.inf  # of the replan that is under way
         self._grid = 0  # which of `GRIDS` the next search is on
+
+    @property
+    def under_way(self) -> bool:
+        """Whether there is a way that is being tried."""
+        return self._look is not None and self._look.trip is not None
 
     def is_due(self, now: Replan, best: Vetted | None) -> bool:
         """Whether there is to be a look at other ways in this replan: at once where there is nothing to drive.
@@ -121,26 +137,50 @@ class Looks:
         return in_time
 
     def look(self, now: Replan, loop: ScpLoop, best: Vetted | None) -> tuple[Vetted | None, str]:
-        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan."""
+        """Look for a way that is clearly faster than the best so far, or for any; go on with it at the next replan.
+
+        Parameters
+        ----------
+        now : Replan
+        loop : ScpLoop
+        best : Vetted or None
+            What is driven, if that leads to the goal.
+
+        Returns
+        -------
+        Vetted or None
+        str
+            What came of it, in words.
+        """
         began, problem, first = perf_counter(), loop.problem, now.last is None
         cutoff, self._deadline = math.inf if best is None else _cutoff(now, best), now.deadline
         if self._look is None:
             runs = self._means.online.first_runs if best is None else LOOK_RUNS
             self._look = look = Look(runs, cutoff)
-            look.starts = self._means.starts(problem, lambda: look.cutoff, lambda: self._deadline, GRIDS[self._grid])
+            look.starts = self._means.starts(
+                problem, lambda: look.cutoff, lambda: self._deadline, GRIDS[self._grid], BRANCHES if first else PART
+            )
         look, self._looked = self._look, now.cycle
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else NEARLY_CLEAR
-        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
+        steps = max(self._means.online.look_steps - self._spared(now, best), 1)
+        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None, steps)
         if first or look.over or (found is not None and found.violation <= NEARLY_CLEAR):
             self._look = None
         if not first:
             self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
         return found, said
 
+    def _spared(self, now: Replan, best: Vetted | None) -> int:
+        """How many steps fewer are taken in a replan in which there is something else to drive."""
+        if best is not None:
+            return SPARED
+        late = self._means.online.give_way is GiveWay.LATE
+        return SPARED_FALLING_BACK if late and now.last is not None and now.last.safe else 0
+
     def _try_ways(
-        self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
+        self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool, left: int
     ) -> tuple[Vetted | None, str]:
         """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
 
@@ -148,9 +188,8 @@ class Looks:
         """
         problem, first = loop.problem, now.last is None
         most = self._means.settings.max_iterations if first else self._means.online.look_iterations
-        left = most * self._means.online.first_runs
-        if not first:
-            left = max(self._means.online.look_steps - (0 if any_will_do else SPARED), 1)
+        if first:
+            left = most * self._means.online.first_runs
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:

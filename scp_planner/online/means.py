@@ -27,7 +27,7 @@ from scp_planner.scenario.models import Scenario, Start
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.grid import Fineness
-from scp_planner.search.ways import WaySearch, ways
+from scp_planner.search.ways import BRANCHES, WaySearch, ways_in_parts
 from scp_planner.settings.online import GiveWay, Safety, SceneOnlineSettings
 from scp_planner.settings.planning import SceneSettings
 from scp_planner.solvers import QpSolver
@@ -216,18 +216,23 @@ class Means:
         return vetted
 
     def starts(
-        self, problem: Problem, cutoff: Callable[[], float], deadline: Callable[[], float], fineness: Fineness
-    ) -> Iterator[Trip]:
+        self,
+        problem: Problem,
+        cutoff: Callable[[], float],
+        deadline: Callable[[], float],
+        fineness: Fineness,
+        part: int = BRANCHES,
+    ) -> Iterator[Trip | None]:
         """Give trips along the ways to the goal that may be faster than a cutoff, s, as it is when each is asked for.
 
         Bows where there is none. The search ends at a deadline, on the computer's clock, as it is when each is asked
-        for; what it has not found by then is not there.
+        for; what it has not found by then is not there. None is given between parts of it, of so many branches each.
         """
         any_way = False
         search = WaySearch(problem, fineness=fineness, deadline=deadline())
-        for way in ways(search, self.settings.searches, lambda: cutoff() + LOOK_GAIN_TIME):
+        for way in ways_in_parts(search, self.settings.searches, lambda: cutoff() + LOOK_GAIN_TIME, part):
             any_way = True
-            yield Trip(problem.frame, trip_along(problem, way))
+            yield None if way is None else Trip(problem.frame, trip_along(problem, way))
             search.go_on_until(deadline())
         if not any_way and not math.isfinite(cutoff()):
             for bow in bows(problem):

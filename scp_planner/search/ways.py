@@ -362,7 +362,31 @@ def ways(search: WaySearch, most: int, within: Callable[[], float] = lambda: np.
     ------
     Way
     """
+    return (way for way in ways_in_parts(search, most, within, BRANCHES) if way is not None)
+
+
+def ways_in_parts(search: WaySearch, most: int, within: Callable[[], float], part: int) -> Iterator[Way | None]:
+    """Yield ways as :func:`ways` does, and None in between: after each so many branches that have been looked for.
+
+    Parameters
+    ----------
+    search : WaySearch
+    most : int
+        Ways that are searched for, at most.
+    within : callable
+        Gives how long the estimates of ways may be that are still looked for, s; asked before each.
+    part : int
+        How many branches of a way are looked for at a time.
+
+    Yields
+    ------
+    Way or None
+    """
     tree = WayTree(search, most, within())
     while (way := tree.next()) is not None and way.travel_time <= within():
         yield way
-        tree.branch(way.sides[:BRANCHES], within())
+        touched = way.sides[:BRANCHES]
+        for first in range(0, len(touched), part):
+            if first:
+                yield None
+            tree.branch(touched[first : first + part], within())

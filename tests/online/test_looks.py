@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -11,11 +13,14 @@ import pytest
 from scenes import CROSSERS, VEHICLE, disc, scene
 
 from scp_planner.online import looks
-from scp_planner.online.looks import LOOK_GAIN, Looks
-from scp_planner.online.means import Means
+from scp_planner.online.looks import LOOK_GAIN, Look, Looks
+from scp_planner.online.means import Means, Replan
 from scp_planner.online.planner import Planner
+from scp_planner.planning.plan import PlanStatus
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.settings.online import OnlineSettings
+from scp_planner.search.grid import Fineness
+from scp_planner.search.ways import BRANCHES, WaySearch
+from scp_planner.settings.online import GiveWay, OnlineSettings
 
 pytestmark = pytest.mark.numerics
 
@@ -89,3 +94,63 @@ def test_each_look_searches_or_improves_a_way(monkeypatch: pytest.MonkeyPatch) -
     driven(IN_THE_WAY, cycles=25)
     after = [then for call, then in pairwise(calls) if call == "look"]
     assert len(after) > 10 and set(after) == {"search", "run"}
+
+
+@pytest.mark.parametrize("part", [1, 2, BRANCHES])
+def test_ways_are_the_same_however_many_branches_are_looked_for_at_a_time(
+    part: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None comes in between, after each part that is not the last."""
+    planner = driven(*CROSSERS, cycles=1)
+    means, cases, state = planner._means, list[int](), planner._state
+    assert state is not None
+    problem = means.problem(Replan(means.moment(state), 0.0, math.inf, None, 1))
+    whole = list(means.starts(problem, lambda: math.inf, lambda: math.inf, Fineness()))
+    best_of = WaySearch.best_of
+
+    def counting(self: WaySearch, some: Any, within: float = math.inf) -> Any:
+        cases.append(len(some))
+        return best_of(self, some, within)
+
+    monkeypatch.setattr(WaySearch, "best_of", counting)
+    found = list(means.starts(problem, lambda: math.inf, lambda: math.inf, Fineness(), part))
+    assert [trip for trip in found if trip is not None] == whole and len(whole) > 2
+    assert max(cases) <= part
+    assert (None in found) is (part < BRANCHES)
+
+
+def test_a_look_goes_on_where_no_more_has_been_looked_for_yet() -> None:
+    trip = driven(cycles=1).plan
+    assert trip is not None
+    look = Look(2, math.inf, iter([trip.trip, None, trip.trip, trip.trip]))
+    seen = [(look.begin_next(), look.trip is trip.trip, look.runs, look.over) for _ in range(4)]
+    assert seen == [(True, True, 1, False), (True, False, 1, False), (True, True, 0, False), (False, False, 0, True)]
+    assert not Look(2, math.inf, iter([])).begin_next()
+
+
+@pytest.mark.parametrize(
+    ("give_way", "safe", "steps"),
+    [(GiveWay.LATE, True, 2), (GiveWay.LATE, False, 4), (GiveWay.EARLY, True, 4)],
+)
+def test_a_look_takes_fewer_steps_where_there_is_something_to_fall_back_on(
+    give_way: GiveWay, safe: bool, steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is looked at in the same replan."""
+    planner = Planner(scene(*CROSSERS), online=OnlineSettings(give_way=give_way))
+    planner.replan(0.0, (0.0, 0.0), 0.0, 1.0)
+    means, last, state = planner._means, planner._last, planner._state
+    assert last is not None and state is not None and means.online.look_steps == 4
+    away = replace(last, status=PlanStatus.INFEASIBLE, stop=last.trip if safe else None)
+    now = Replan(means.moment(state), 0.0, math.inf, away, 1)
+    look, asked, run = planner._decision._looks, list[int](), ScpLoop.run
+
+    def counting(self: ScpLoop, start: Any, most: int, *given: Any, **choices: Any) -> Any:
+        asked.append(most)
+        return run(self, start, most, *given, **choices)
+
+    monkeypatch.setattr(ScpLoop, "run", counting)
+    loop = ScpLoop(means.problem(now), means.solver)
+    look.look(now, loop, None)
+    assert not asked  # the search is enough for one replan
+    look.look(now, loop, None)
+    assert asked[0] == steps
