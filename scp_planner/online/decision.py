@@ -16,6 +16,7 @@ from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import remaining_trip
+from scp_planner.online.renewal import Renewal
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.problem.problem import Problem
@@ -53,6 +54,8 @@ LOST = 0.1
 GONE_ON = 2
 """Replans in a row in which ways to the goal are looked at and a dodge that was begun is gone on with. At the next one
 dodges are looked at, and no ways: both in one replan take twice as long."""
+WITHOUT_A_LOOK = 5
+"""Replans in a row without a look at ways to the goal, where nothing is safe: dodges are looked at in each of them."""
 SLOWER = 5e-3
 """Units of time. By how much later a new plan may arrive before the last one is preferred, if that still holds."""
 
@@ -98,7 +101,9 @@ class Decision:
         self._roomy: Vetted | None = None  # the last trip that it was given for
         self._room = 1.0  # share of the room that is asked for next
         self._plain = 0  # improvements that are still to be made without room
+        self._unfinished: Trip | None = None  # what has come of the last improvement, which is gone on with
         self._gone_on = 0  # replans in a row in which a dodge was gone on with
+        self._without = 0  # replans in a row without a look at ways
         self._waiting = Waiting(means.given.goal.position)
 
     def is_there(self, place: tuple[float, float]) -> bool:
@@ -110,7 +115,7 @@ class Decision:
         """Give the plan of one replan."""
         self._fallback.be_patient(self._waiting.waited(now))
         plan = self._answer(now)
-        if self._means.online.give_way is GiveWay.LATE or plan.arrived or plan.outcome in AWAY:
+        if self._gives_way_late or plan.arrived or plan.outcome in AWAY:
             return plan
         return self._fallback.sooner(now, plan)
 
@@ -126,7 +131,7 @@ class Decision:
             kept = self._means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
                 return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        if now.cycle - self._improved < self._improve_every and self._plain < PLAIN:
+        if now.cycle - self._improved < self._improve_every and self._plain < PLAIN and self._unfinished is None:
             kept = self._still_on(now, last)
             if kept is not None:
                 return self._keep(now, kept)
@@ -151,14 +156,16 @@ class Decision:
     def _anew(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by."""
         self._improved = now.cycle
-        problem = self._means.problem(now)
-        loop = ScpLoop(problem, self._means.solver)
-        ahead = None if now.last is None else remaining_trip(problem, now.last.trip, now.moment.state)
-        now.lap("problem")
-        best, why = self._improve(now, loop, None if last is None else ahead)
+        fresh = Renewal(self._means, now)
+        unfinished = self._unfinished
+        best, why = self._improve(now, fresh, last)
+        if self._unfinished is unfinished:
+            self._unfinished = None
         if isinstance(best, Refusal):
-            plan = self._going_on(now, best.why) or self._fallback.fall_back(now, problem, last, ahead, best)
-            other, why = self._looked(now, loop) if self._put_off and not plan.safe else (None, "")
+            plan = self._going_on(now, best.why) or self._fallback.fall_back(now, fresh, last, best)
+            # A look that only begins finds nothing before the next replan.
+            at_once = self._put_off and not plan.safe and (self._looks.under_way or not self._gives_way_late)
+            other, why = self._looked(now, fresh) if at_once else (None, "")
             if other is None:
                 return plan
             best = other
@@ -184,7 +191,20 @@ class Decision:
     def _takes_turns(self, now: Replan) -> bool:
         """Whether ways and dodges are looked at in turns: who gives way early is to find the best at all times."""
         evades = now.last is not None and now.last.outcome is Outcome.EVADING and now.last.safe
-        return evades and self._means.online.give_way is GiveWay.LATE
+        return evades and self._gives_way_late
+
+    @property
+    def _gives_way_late(self) -> bool:
+        return self._means.online.give_way is GiveWay.LATE
+
+    def _looks_now(self, now: Replan) -> bool:
+        """Whether ways are looked at in a replan without a trip to drive on by."""
+        is_safe = now.last is None or now.last.safe
+        if is_safe or not self._gives_way_late or self._without == WITHOUT_A_LOOK:
+            self._without = 0
+            return self._looks.is_due(now, None)
+        self._without += 1
+        return False
 
     @property
     def _improve_every(self) -> int:
@@ -195,48 +215,51 @@ class Decision:
     def _keep(self, now: Replan, kept: Vetted) -> OnlinePlan:
         """Drive on by the last plan, unless a look at other ways, where one is due, finds a better one."""
         if self._looks.is_due(now, kept):
-            loop = ScpLoop(self._means.problem(now), self._means.solver)
-            now.lap("problem")
-            other, _ = self._looks.look(now, loop, kept)
+            other, _ = self._looks.look(now, Renewal(self._means, now).loop, kept)
             if other is not None:
                 return self._means.plan_of(other, now, Outcome.IMPROVED, "another way round")
         return self._means.plan_of(kept, now, Outcome.KEPT, "it holds, and is improved at another replan")
 
-    def _improve(self, now: Replan, loop: ScpLoop, ahead: Trajectory | None) -> tuple[Vetted | Refusal, str]:
+    def _improve(self, now: Replan, fresh: Renewal, last: OnlinePlan | None) -> tuple[Vetted | Refusal, str]:
         """Continue the last plan, or look at other ways round: in turns, where both would be done in one replan.
 
         And what is found, in words.
         """
         refusal = Refusal("")
-        if ahead is not None:
-            found = self._continued(now, loop, ahead)
+        if last is not None and not (self._put_off and last.safe and self._gives_way_late):
+            found = self._continued(now, fresh)
             if isinstance(found, Vetted):
                 self._put_off = False
                 return found, "the last plan, continued"
             refusal, self._put_off = found, not self._put_off
             if self._put_off:
                 return refusal, ""
-        elif self._gone_on == GONE_ON and self._takes_turns(now):
+        elif last is None and self._gone_on == GONE_ON and self._takes_turns(now):
             self._put_off = True
             return Refusal("ways are looked at again at the next replan"), ""
-        best, why = self._looked(now, loop)
+        best, why = self._looked(now, fresh)
         return (Refusal(refusal.why or why, refusal.room), "") if best is None else (best, why)
 
-    def _looked(self, now: Replan, loop: ScpLoop) -> tuple[Vetted | None, str]:
+    def _looked(self, now: Replan, fresh: Renewal) -> tuple[Vetted | None, str]:
         """Look at other ways round, where that is due; and what that comes to, in words."""
         self._put_off = False
-        if not self._looks.is_due(now, None):
+        if not self._looks_now(now):
             return None, ""
-        best, said = self._looks.look(now, loop, None)
+        best, said = self._looks.look(now, fresh.loop, None)
         return best, said if best is None else "first plan" if now.last is None else "another way round"
 
-    def _continued(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
+    def _continued(self, now: Replan, fresh: Renewal) -> Vetted | Refusal:
         """Improve what is left of the last trip: with room, as long as that costs little, or else without.
 
         Where the last trip will do, the latter is left to the next replan: no replan takes as long as two. Nor is it
         done where what is left, and every stop from it, is far inside of a zone.
         """
-        assert now.last is not None, "there is a last trip"
+        assert now.last is not None and fresh.ahead is not None, "there is a last trip"
+        loop, ahead = fresh.loop, fresh.ahead
+        if self._unfinished is not None:
+            ahead = remaining_trip(loop.problem, self._unfinished, now.moment.state)
+            now.lap("problem")
+            return self._without_room(now, loop, ahead)
         roomy = None if self._plain else self._means.roomy(loop.problem, self._room)
         clearance = _clearance(loop.problem, ahead)
         if roomy is not None and clearance >= 0.0:
@@ -254,7 +277,7 @@ class Decision:
             if -math.inf < room < -HOPELESS * radius:
                 return Refusal("every stop from what is left of the last trip is far inside of a zone", room)
         arrival, without = now.last.arrival_time, self._without_room(now, loop, ahead)
-        if isinstance(without, Vetted):
+        if isinstance(without, Vetted) and without.trip is not now.last.trip:
             got_back = max(arrival - without.arrival, 0.0)
             self._spent = max(self._spent - got_back, 0.0) if got_back > LOST * self._spent else 0.0
         return without
@@ -282,20 +305,25 @@ class Decision:
     def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
         """Improve what is left of the last trip; once more where it is refused before it keeps its limits.
 
-        Not if all stops from it are inside of zones: steps that make it keep its limits hardly ever get one out.
+        That is left to the next replan, too, where the last trip will do. It is not done if all stops from it are in
+        zones: steps that make it keep its limits hardly ever get one out.
         """
-        steps = 0
-        for last_run in (False, True):
-            run = self._run(now, loop, ahead)
-            evaluation, steps = run.evaluation, steps + len(run.record)
-            ahead = evaluation.trajectory
-            found = self._means.vet(now, loop.problem, ahead, evaluation, steps)
-            finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
-            if last_run or finished or isinstance(found, Vetted):
-                break
-            if -math.inf < found.room < 0.0:
-                break
-        return found
+        assert now.last is not None, "there is a last trip"
+        found, run = self._run_and_vetted(now, loop, ahead)
+        finished = float(run.evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+        if finished or isinstance(found, Vetted) or -math.inf < found.room < 0.0:
+            return found
+        ahead = run.evaluation.trajectory
+        kept = None if self._unfinished is not None else self._still_on(now, now.last)
+        if kept is None:
+            return self._run_and_vetted(now, loop, ahead)[0]
+        self._unfinished = Trip(loop.problem.frame, ahead)
+        return kept
+
+    def _run_and_vetted(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> tuple[Vetted | Refusal, LoopRun]:
+        run = self._run(now, loop, ahead)
+        found = self._means.vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
+        return found, run
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         """Improve what is left of the last trip in the problem of a loop."""

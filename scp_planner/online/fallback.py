@@ -14,6 +14,7 @@ from scp_planner.online.evasion import Dodge, Evasion
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
 from scp_planner.online.remaining import eased
+from scp_planner.online.renewal import Renewal
 from scp_planner.online.stops import STANDING, fits
 from scp_planner.online.vetting import TINY_TIME, Refusal, Stop, Vetted
 from scp_planner.problem.problem import Problem
@@ -27,7 +28,7 @@ EASINGS = (0.6, 0.25, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 DEEP = 2.0
 """Radii of the vehicle by which every stop from a trip is inside of zones that is not driven slower..."""
-HOPELESS = 4.0
+HOPELESS = 1.0
 """...and from one that is driven slower, that is not driven still slower."""
 
 
@@ -48,19 +49,16 @@ class Fallback:
         """Say for how long the vehicle has come no nearer to its goal, s."""
         self._evasion.outlooks.be_patient(waited)
 
-    def fall_back(
-        self, now: Replan, problem: Problem, last: OnlinePlan | None, ahead: Trajectory | None, refusal: Refusal
-    ) -> OnlinePlan:
+    def fall_back(self, now: Replan, fresh: Renewal, last: OnlinePlan | None, refusal: Refusal) -> OnlinePlan:
         """Keep the last plan, or drive its path slower, or brake.
 
         Parameters
         ----------
         now : Replan
-        problem : Problem
+        fresh : Renewal
+            With what is left of the last trip, also of one that does not lead to the goal.
         last : OnlinePlan or None
             To drive on by.
-        ahead : Trajectory or None
-            What is left of it, or of one that does not lead to the goal.
         refusal : Refusal
             Of what is left of it, improved or as it is.
 
@@ -79,11 +77,11 @@ class Fallback:
                 if kept is not None:
                     return self._means.plan_of(kept, now, Outcome.KEPT, f"a stop from it still holds; {why}")
         deep = -np.inf < refusal.room < -DEEP * moment.scenario.vehicle.radius
-        if last is not None and ahead is not None and not deep:
-            repaired = self._repair(now, problem, ahead)
+        if last is not None and fresh.ahead is not None and not deep:
+            repaired = self._repair(now, fresh.problem, fresh.ahead)
             if repaired is not None:
                 return self._means.plan_of(repaired, now, Outcome.REPAIRED, why)
-        return self._give_way(now, problem, ahead, why)
+        return self._give_way(now, fresh, why)
 
     def go_on(self, now: Replan, why: str) -> OnlinePlan | None:
         """Go on with the dodge that was begun, without a look at any other; None if that is not certified."""
@@ -111,7 +109,7 @@ class Fallback:
         text = f"{self._does}: {why}{'' if dodge.moves else '; the vehicle stands'}"
         return self._means.plan_of(Vetted(dodge.trip, dodge.certificate, stop, 0.0), now, dodge.outcome, text)
 
-    def _give_way(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
+    def _give_way(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
         """Get out of the way, or stand where that is as safe; or else do what does least harm."""
         dodge = self._evasion.safest(now)
         if dodge is not None:
@@ -123,12 +121,12 @@ class Fallback:
         if promised is not None:
             text = f"{why}; the last plan's stop is gone on with"
             return self._means.plan_of(promised, now, Outcome.BRAKING, text)
-        return self._least_harmful(now, problem, ahead, why)
+        return self._least_harmful(now, fresh, why)
 
-    def _least_harmful(self, now: Replan, problem: Problem, ahead: Trajectory | None, why: str) -> OnlinePlan:
+    def _least_harmful(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
         """What does least harm where nothing stays clear: to go on, a stop, or a dodge."""
         begun, others = self._evasion.begun(now), self._goes_on(now)
-        for trip in () if now.moment.state.speed <= STANDING else self._stops(now, problem, ahead):
+        for trip in () if now.moment.state.speed <= STANDING else self._stops(now, fresh):
             stop = Stop(trip, trip.frame.time)
             if stop.stands > now.moment.state.time:
                 others.append(stop)
@@ -223,17 +221,17 @@ class Fallback:
                 return f"near to {whom} now, certified to keep clear from {dodge.leaves * unit:.3g} s from now on"
         return f"comes near to {whom}"
 
-    def _stops(self, now: Replan, problem: Problem, ahead: Trajectory | None) -> Iterator[Trip]:
+    def _stops(self, now: Replan, fresh: Renewal) -> Iterator[Trip]:
         moment = now.moment
         last = now.last
         if last is not None and last.stop is not None and self._means.vetting.is_on(moment, last.stop):
             # Where the jerk is limited, the stop must not have left the plan yet: else it brakes already.
             if moment.state.acceleration is None or moment.state.time <= last.branch_time + TINY_TIME:
                 yield last.stop
-        if ahead is not None:
-            along = self._means.braking.stop_now(ahead.path, moment.state)
+        if fresh.ahead is not None:
+            along = self._means.braking.stop_now(fresh.ahead.path, moment.state)
             if fits(along):
-                yield Trip(problem.frame, along)
+                yield Trip(fresh.problem.frame, along)
         yield straight_stop(moment.state, self._means.braking, self._means.settings, self._means.breakpoints)
 
 

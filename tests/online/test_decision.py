@@ -15,6 +15,7 @@ from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import OnlinePlan, Outcome
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
+from scp_planner.online.renewal import Renewal
 from scp_planner.online.vetting import Refusal, Vetted
 from scp_planner.planning.plan import PlanStatus
 from scp_planner.problem.build import build_problem
@@ -118,7 +119,7 @@ def test_what_was_given_for_room_is_lost_where_it_is_not_got_back(
     assert isinstance(certificate, Vetted)
     monkeypatch.setattr(decide, "_without_room", lambda *_: replace(certificate, trip=trip))
     decide._spent = 0.02
-    decide._continued(now, ScpLoop(means.problem(now), means.solver), last.trip.trajectory)
+    decide._continued(now, Renewal(means, now))
     assert decide._spent == pytest.approx(0.02 * left)
 
 
@@ -140,7 +141,10 @@ def test_no_room_is_looked_for_on_a_trip_that_does_not_keep_clear() -> None:
 
 @pytest.mark.parametrize(("radii", "runs"), [(-0.1, 1), (0.1, 2), (math.inf, 2), (-math.inf, 2)])
 def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A trip that exceeds limits yet is improved for once more, unless all stops from it are inside of zones."""
+    """A trip that exceeds limits yet is improved for once more, unless all stops from it are inside of zones.
+
+    Here the last one will not do.
+    """
     planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}))
     planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
     means, made, run = planner._means, [], ScpLoop.run
@@ -153,6 +157,7 @@ def test_what_no_stop_gets_out_of_is_not_gone_on_with(radii: float, runs: int, m
 
     monkeypatch.setattr(ScpLoop, "run", unfinished)
     monkeypatch.setattr(means, "vet", lambda *_: refusal)
+    monkeypatch.setattr(planner._decision, "_still_on", lambda *_: None)
     monkeypatch.setattr(decision, "FEASIBILITY", -1.0)
     loop = ScpLoop(means.problem(now), means.solver)
     space = loop.problem.space
@@ -183,15 +188,45 @@ def test_what_has_every_stop_far_inside_of_a_zone_is_not_improved(
     radius = now.moment.scenario.vehicle.radius
     monkeypatch.setattr(decision, "_clearance", lambda *_: -deep * radius)
     monkeypatch.setattr(means.vetting, "most_room", lambda *_: radii * radius)
-    loop = ScpLoop(means.problem(now), means.solver)
-    found = planner._decision._continued(now, loop, last.trip.trajectory)
+    found = planner._decision._continued(now, Renewal(means, now))
     assert isinstance(found, Vetted) is improved and (len(runs) > 0) is improved
 
 
-def refusing(monkeypatch: pytest.MonkeyPatch, safe: bool) -> list[str]:
+@pytest.mark.parametrize("runs", [2, 3])
+def test_what_does_not_keep_its_limits_yet_is_gone_on_with_at_the_next_replan(
+    runs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From what has come of it, while the last trip will do; and there it is improved twice, if need be."""
+    done, begun, run, vet = list[str](), list[Trajectory](), ScpLoop.run, Means.vet
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=OnlineSettings(improve_every=2))
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
+
+    def noted(self: ScpLoop, start: Trajectory, *given: Any, **choices: Any) -> Any:
+        done[-1] += "run "
+        begun.append(start)
+        return run(self, start, *given, **choices)
+
+    def vetted(self: Means, *given: Any, **choices: Any) -> Any:
+        return vet(self, *given, **choices) if len(begun) == runs else Refusal("unfinished", math.inf)
+
+    monkeypatch.setattr(ScpLoop, "run", noted)
+    monkeypatch.setattr(Means, "vet", vetted)
+    monkeypatch.setattr(decision, "FEASIBILITY", -1.0)
+    outcomes = []
+    for time in (0.1, 0.2, 0.3):
+        done.append("")
+        plan = planner.replan(time, plan.position(time), float(plan.heading(time)), float(plan.speed(time)))
+        outcomes.append(plan.outcome)
+    assert done == ["", "run ", "run " * (runs - 1)]
+    assert outcomes == [Outcome.KEPT, Outcome.KEPT, Outcome.IMPROVED]
+    assert begun[1].travel_time == pytest.approx(begun[0].travel_time - 0.1, abs=0.02)
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch, safe: bool, give_way: GiveWay) -> list[str]:
     """What is done in replans in which all that is left of the last trip is refused; all else is, or is not, safe."""
     done: list[str] = []
-    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=OnlineSettings(improve_every=1))
+    online = OnlineSettings(improve_every=1, give_way=give_way)
+    planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=online)
     plan = planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
     kept = planner._last
     assert kept is not None and kept.safe
@@ -215,27 +250,36 @@ def refusing(monkeypatch: pytest.MonkeyPatch, safe: bool) -> list[str]:
 
 
 def test_other_ways_are_looked_at_every_other_time_that_a_trip_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of another improvement, where the vehicle gives way late."""
     put_off = ["replan", "continue", "fall back"]
-    assert refusing(monkeypatch, safe=True) == 2 * [*put_off, *put_off[:2], "look", "fall back"]
+    assert refusing(monkeypatch, True, GiveWay.LATE) == 2 * [*put_off, "replan", "look", "fall back"]
+    monkeypatch.undo()
+    assert refusing(monkeypatch, True, GiveWay.EARLY) == 2 * [*put_off, *put_off[:2], "look", "fall back"]
 
 
 def test_other_ways_are_looked_at_at_once_where_nothing_else_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
-    done = refusing(monkeypatch, safe=False)
+    """Seldom where the vehicle gives way late."""
+    done = refusing(monkeypatch, False, GiveWay.EARLY)
     assert done.count("look") == done.count("replan") == 4
+    monkeypatch.undo()
+    monkeypatch.setattr(decision, "WITHOUT_A_LOOK", 1)
+    assert refusing(monkeypatch, False, GiveWay.LATE).count("look") == 1
 
 
 @pytest.mark.parametrize(
     ("give_way", "safe", "done"),
     [
         (GiveWay.LATE, True, [["look", "go on"], ["look", "go on"], ["fall back"], ["look", "go on"]]),
-        (GiveWay.LATE, False, 4 * [["look", "fall back"]]),
+        (GiveWay.LATE, False, [["fall back"], ["fall back"], ["look", "fall back"], ["fall back"]]),
+        (GiveWay.EARLY, False, 4 * [["look", "fall back"]]),
         (GiveWay.EARLY, True, 4 * [["look", "fall back"]]),
     ],
 )
 def test_ways_and_dodges_are_looked_at_in_turns_where_the_vehicle_gives_way_late(
     give_way: GiveWay, safe: bool, done: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """While the dodge that was begun is safe."""
+    """While the dodge that was begun is safe; where nothing is, ways are looked at seldom."""
+    monkeypatch.setattr(decision, "WITHOUT_A_LOOK", 2)
     planner = Planner(scene(disc("a", (10.0, 0.3)), start={"speed": 3.0}), online=OnlineSettings(give_way=give_way))
     planner.replan(0.0, (0.0, 0.0), 0.0, 3.0)
     last, decide, found = planner._last, planner._decision, list[list[str]]()

@@ -27,6 +27,7 @@ from scp_planner.online.fallback import Fallback
 from scp_planner.online.means import Replan
 from scp_planner.online.plan import AWAY
 from scp_planner.online.planner import Planner
+from scp_planner.online.renewal import Renewal
 from scp_planner.online.vetting import Moment
 from scp_planner.settings.online import OnlineSettings
 
@@ -141,7 +142,7 @@ def test_what_does_least_harm_is_safe_if_it_is_certified(monkeypatch: pytest.Mon
     planner.replan(0.0, np.zeros(2), 0.0, 0.0)
     moment, _ = seen_by(planner)
     now = Replan(moment, 0.0, math.inf, None, 1)
-    plan = Fallback(planner._means)._give_way(now, planner._means.problem(now), None, "nothing was found")
+    plan = Fallback(planner._means)._give_way(now, Renewal(planner._means, now), "nothing was found")
     assert plan.outcome in AWAY and plan.safe and plan.stop is not None and not plan.certified
     assert "nothing is safe" not in str(plan.reason)
 

@@ -1,0 +1,48 @@
+"""What a replan renews a trip from; a replan that goes on with a dodge, or begins one, does not ask for it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from scp_planner.online.means import Means, Replan
+from scp_planner.online.remaining import remaining_trip
+from scp_planner.problem.problem import Problem
+from scp_planner.scp.loop import ScpLoop
+from scp_planner.trips.trajectory import Trajectory
+
+
+class Renewal:
+    """The problem of a replan, and what is left of the last trip in it: made when they are asked for.
+
+    Parameters
+    ----------
+    means : Means
+    now : Replan
+    """
+
+    def __init__(self, means: Means, now: Replan) -> None:
+        self._means, self._now = means, now
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem from the present state to the goal."""
+        problem = self._means.problem(self._now)
+        self._now.lap("problem")
+        return problem
+
+    @cached_property
+    def loop(self) -> ScpLoop:
+        """The loop on it."""
+        loop = ScpLoop(self.problem, self._means.solver)
+        self._now.lap("problem")
+        return loop
+
+    @cached_property
+    def ahead(self) -> Trajectory | None:
+        """What is left of the last trip, also of one that does not lead to the goal; None where there was none."""
+        last = self._now.last
+        if last is None:
+            return None
+        ahead = remaining_trip(self.problem, last.trip, self._now.moment.state)
+        self._now.lap("problem")
+        return ahead
