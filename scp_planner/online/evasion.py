@@ -176,7 +176,7 @@ class Evasion:
         most = min(harms.min(initial=np.inf), of_dodges.min()) + EVEN
         even = [each for each, harm in zip(others, harms.tolist(), strict=True) if harm <= most]
         if even:
-            return max(even, key=lambda each: float(self.outlooks.of_stop(moment, each, times).worth[0]))
+            return even[0] if len(even) == 1 else max(even, key=lambda each: float(self._seen_of(now, each).worth[0]))
         good = of_dodges <= most
         if moment.state.speed <= STANDING:
             # Who stands goes on with that, too.
@@ -188,8 +188,14 @@ class Evasion:
 
     def as_dodge(self, now: Replan, stop: Stop) -> Dodge:
         """Return a stop that is being driven as a dodge."""
-        seen = self.outlooks.of_stop(now.moment, stop, self._looked(now).dodges.times)
-        return self._gone_on_with(now.moment, seen, stop)
+        return self._gone_on_with(now.moment, self._seen_of(now, stop), stop)
+
+    def _seen_of(self, now: Replan, stop: Stop) -> Outlook:
+        """What is seen of a stop, or of what is being driven, at which it has been looked already."""
+        view = self._looked(now)
+        if view.begun is not None and view.going_on is not None and stop.trip is view.begun.trip:
+            return view.going_on
+        return self.outlooks.of_stop(now.moment, stop, view.dodges.times)
 
     def going_on(self, now: Replan) -> Dodge | None:
         """Go on getting out of the way as before, where that is safe and no new dodge does better; None if not.

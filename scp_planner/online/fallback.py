@@ -24,7 +24,7 @@ from scp_planner.trips.trip import Trip
 PARTS = (1.0, 0.75, 0.5, 0.25)
 """Shares of the time in which samples of a dodge are clear, for which it is tried to certify it."""
 NO_TIME = "there is no time now to look for a way"
-EASINGS = (0.6, 0.25, 0.0)
+EASINGS = (0.4, 0.0)
 """Shares of the planned acceleration that are tried to repair a plan; the rest is braking."""
 DEEP = 2.0
 """Radii of the vehicle by which every stop from a trip is inside of zones that is not driven slower..."""
