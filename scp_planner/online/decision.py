@@ -15,7 +15,6 @@ from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
 from scp_planner.online.plan import AWAY, OnlinePlan, Outcome
-from scp_planner.online.remaining import remaining_trip
 from scp_planner.online.renewal import Renewal
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Refusal, Vetted
@@ -24,7 +23,6 @@ from scp_planner.scp.evaluation import among_smaller
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import FEASIBILITY, LoopRun
-from scp_planner.settings.online import GiveWay
 from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
@@ -115,7 +113,7 @@ class Decision:
         """Give the plan of one replan."""
         self._fallback.be_patient(self._waiting.waited(now))
         plan = self._answer(now)
-        if self._gives_way_late or plan.arrived or plan.outcome in AWAY:
+        if self._means.gives_way_late or plan.arrived or plan.outcome in AWAY:
             return plan
         return self._fallback.sooner(now, plan)
 
@@ -156,15 +154,12 @@ class Decision:
     def _anew(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by."""
         self._improved = now.cycle
-        fresh = Renewal(self._means, now)
-        unfinished = self._unfinished
+        fresh, self._unfinished = Renewal(self._means, now, self._unfinished), None
         best, why = self._improve(now, fresh, last)
-        if self._unfinished is unfinished:
-            self._unfinished = None
         if isinstance(best, Refusal):
             plan = self._going_on(now, best.why) or self._fallback.fall_back(now, fresh, last, best)
             # A look that only begins finds nothing before the next replan.
-            at_once = self._put_off and not plan.safe and (self._looks.under_way or not self._gives_way_late)
+            at_once = self._put_off and not plan.safe and (self._looks.under_way or not self._means.gives_way_late)
             other, why = self._looked(now, fresh) if at_once else (None, "")
             if other is None:
                 return plan
@@ -191,16 +186,12 @@ class Decision:
     def _takes_turns(self, now: Replan) -> bool:
         """Whether ways and dodges are looked at in turns: who gives way early is to find the best at all times."""
         evades = now.last is not None and now.last.outcome is Outcome.EVADING and now.last.safe
-        return evades and self._gives_way_late
-
-    @property
-    def _gives_way_late(self) -> bool:
-        return self._means.online.give_way is GiveWay.LATE
+        return evades and self._means.gives_way_late
 
     def _looks_now(self, now: Replan) -> bool:
         """Whether ways are looked at in a replan without a trip to drive on by."""
         is_safe = now.last is None or now.last.safe
-        if is_safe or not self._gives_way_late or self._without == WITHOUT_A_LOOK:
+        if is_safe or not self._means.gives_way_late or self._without == WITHOUT_A_LOOK:
             self._without = 0
             return self._looks.is_due(now, None)
         self._without += 1
@@ -226,7 +217,7 @@ class Decision:
         And what is found, in words.
         """
         refusal = Refusal("")
-        if last is not None and not (self._put_off and last.safe and self._gives_way_late):
+        if last is not None and not (self._put_off and last.safe and self._means.gives_way_late):
             found = self._continued(now, fresh)
             if isinstance(found, Vetted):
                 self._put_off = False
@@ -254,12 +245,11 @@ class Decision:
         Where the last trip will do, the latter is left to the next replan: no replan takes as long as two. Nor is it
         done where what is left, and every stop from it, is far inside of a zone.
         """
+        loop = fresh.loop
+        if fresh.unfinished is not None:
+            return self._without_room(now, loop, fresh.left_of(fresh.unfinished), begun=True)
         assert now.last is not None and fresh.ahead is not None, "there is a last trip"
-        loop, ahead = fresh.loop, fresh.ahead
-        if self._unfinished is not None:
-            ahead = remaining_trip(loop.problem, self._unfinished, now.moment.state)
-            now.lap("problem")
-            return self._without_room(now, loop, ahead)
+        ahead = fresh.ahead
         roomy = None if self._plain else self._means.roomy(loop.problem, self._room)
         clearance = _clearance(loop.problem, ahead)
         if roomy is not None and clearance >= 0.0:
@@ -302,28 +292,26 @@ class Decision:
             self._room = min(2.0 * self._room, 1.0)
         return found
 
-    def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> Vetted | Refusal:
+    def _without_room(self, now: Replan, loop: ScpLoop, ahead: Trajectory, begun: bool = False) -> Vetted | Refusal:
         """Improve what is left of the last trip; once more where it is refused before it keeps its limits.
 
-        That is left to the next replan, too, where the last trip will do. It is not done if all stops from it are in
-        zones: steps that make it keep its limits hardly ever get one out.
+        That is left to the next replan, where the last trip will do, unless it was begun at the last one. It is not
+        done if all stops from it are in zones: steps that make it keep its limits hardly ever get one out.
         """
         assert now.last is not None, "there is a last trip"
-        found, run = self._run_and_vetted(now, loop, ahead)
-        finished = float(run.evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+        run = self._run(now, loop, ahead)
+        evaluation, steps = run.evaluation, len(run.record)
+        found = self._means.vet(now, loop.problem, evaluation.trajectory, evaluation, steps)
+        finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
         if finished or isinstance(found, Vetted) or -math.inf < found.room < 0.0:
             return found
-        ahead = run.evaluation.trajectory
-        kept = None if self._unfinished is not None else self._still_on(now, now.last)
-        if kept is None:
-            return self._run_and_vetted(now, loop, ahead)[0]
-        self._unfinished = Trip(loop.problem.frame, ahead)
-        return kept
-
-    def _run_and_vetted(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> tuple[Vetted | Refusal, LoopRun]:
-        run = self._run(now, loop, ahead)
-        found = self._means.vet(now, loop.problem, run.evaluation.trajectory, run.evaluation, len(run.record))
-        return found, run
+        kept = None if begun else self._still_on(now, now.last)
+        if kept is not None:
+            self._unfinished = Trip(loop.problem.frame, evaluation.trajectory)
+            return kept
+        run = self._run(now, loop, evaluation.trajectory)
+        evaluation, steps = run.evaluation, steps + len(run.record)
+        return self._means.vet(now, loop.problem, evaluation.trajectory, evaluation, steps)
 
     def _run(self, now: Replan, loop: ScpLoop, ahead: Trajectory) -> LoopRun:
         """Improve what is left of the last trip in the problem of a loop."""

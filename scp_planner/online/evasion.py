@@ -28,7 +28,6 @@ from scp_planner.online.ramped_profiles import RampedProfiles
 from scp_planner.online.stops import STANDING
 from scp_planner.online.vetting import Moment, Stop
 from scp_planner.scenario.limits import Limits
-from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trip import Trip
 
 PACE_KEPT = 0.9
@@ -164,7 +163,7 @@ class Evasion:
         """
         view, moment, confidence = self._with_time_for(now, HARM_TAKES), now.moment, self._means.given.confidence
         times, standing = view.dodges.times, STANDING_HARM
-        if self._means.online.give_way is GiveWay.EARLY:
+        if not self._means.gives_way_late:
             standing = CREEPING_HARM
         harms = harms_of_trips(moment, [each.trip for each in others], times, confidence, standing)
         of_dodges = harms_of_dodges(moment, view.dodges, self.outlooks.box(moment), confidence, standing)

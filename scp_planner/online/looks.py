@@ -18,7 +18,6 @@ from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
 from scp_planner.search.grid import Fineness
 from scp_planner.search.ways import BRANCHES
-from scp_planner.settings.online import GiveWay
 from scp_planner.trips.trip import Trip
 
 VIOLATION_COST = 5.0
@@ -164,23 +163,21 @@ class Looks:
         # Only a trip that keeps clear takes the place of one that is certified to the goal.
         strict = first or (best is not None and best.certified)
         tolerance = FEASIBILITY if strict else NEARLY_CLEAR
-        steps = max(self._means.online.look_steps - self._spared(now, best), 1)
-        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None, steps)
+        found, said = self._try_ways(now, loop, look, cutoff, tolerance, best is None)
         if first or look.over or (found is not None and found.violation <= NEARLY_CLEAR):
             self._look = None
         if not first:
             self._look_time = max(LOOK_TIME_DECAY * self._look_time, perf_counter() - began)
         return found, said
 
-    def _spared(self, now: Replan, best: Vetted | None) -> int:
+    def _spared(self, now: Replan, any_will_do: bool) -> int:
         """How many steps fewer are taken in a replan in which there is something else to drive."""
-        if best is not None:
+        if not any_will_do:
             return SPARED
-        late = self._means.online.give_way is GiveWay.LATE
-        return SPARED_FALLING_BACK if late and now.last is not None and now.last.safe else 0
+        return SPARED_FALLING_BACK if self._means.gives_way_late and now.last is not None and now.last.safe else 0
 
     def _try_ways(
-        self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool, left: int
+        self, now: Replan, loop: ScpLoop, look: Look, cutoff: float, tolerance: float, any_will_do: bool
     ) -> tuple[Vetted | None, str]:
         """Go on with a look; return the first way that is clear and fast enough, or, if any will do, one that is safe.
 
@@ -188,8 +185,9 @@ class Looks:
         """
         problem, first = loop.problem, now.last is None
         most = self._means.settings.max_iterations if first else self._means.online.look_iterations
-        if first:
-            left = most * self._means.online.first_runs
+        left = most * self._means.online.first_runs
+        if not first:
+            left = max(self._means.online.look_steps - self._spared(now, any_will_do), 1)
         spare: Vetted | None = None
         said = "no way round was found"
         while left > 0 and perf_counter() <= now.deadline:

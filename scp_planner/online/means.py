@@ -122,6 +122,8 @@ class Means:
         For how long a stop must stay clear after the vehicle stands, s.
     braking : Braking
         How the vehicle brakes, with the margin of its limits.
+    gives_way_late : bool
+        Whether it drives on by a trip that will do, and gives way where there is none.
     """
 
     def __init__(
@@ -145,7 +147,8 @@ class Means:
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
         self.spare = settings.clearance_margin + following.room
-        if online.give_way is GiveWay.EARLY:
+        self.gives_way_late = online.give_way is GiveWay.LATE
+        if not self.gives_way_late:
             self.spare += SPARE_WIDTHS * 2.0 * given.vehicle.radius
         self._foresight = online.period + online.reaction_time + stopping + 0.5 * COMMITMENT
         if online.foresight is not None:

@@ -9,6 +9,7 @@ from scp_planner.online.remaining import remaining_trip
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.trips.trajectory import Trajectory
+from scp_planner.trips.trip import Trip
 
 
 class Renewal:
@@ -18,10 +19,12 @@ class Renewal:
     ----------
     means : Means
     now : Replan
+    unfinished : Trip, optional
+        What has come of an improvement of the last trip at the last replan, which is gone on with.
     """
 
-    def __init__(self, means: Means, now: Replan) -> None:
-        self._means, self._now = means, now
+    def __init__(self, means: Means, now: Replan, unfinished: Trip | None = None) -> None:
+        self._means, self._now, self.unfinished = means, now, unfinished
 
     @cached_property
     def problem(self) -> Problem:
@@ -40,9 +43,10 @@ class Renewal:
     @cached_property
     def ahead(self) -> Trajectory | None:
         """What is left of the last trip, also of one that does not lead to the goal; None where there was none."""
-        last = self._now.last
-        if last is None:
-            return None
-        ahead = remaining_trip(self.problem, last.trip, self._now.moment.state)
+        return None if self._now.last is None else self.left_of(self._now.last.trip)
+
+    def left_of(self, trip: Trip) -> Trajectory:
+        """Return what is left of a trip in the problem."""
+        left = remaining_trip(self.problem, trip, self._now.moment.state)
         self._now.lap("problem")
-        return ahead
+        return left

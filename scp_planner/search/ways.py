@@ -370,11 +370,8 @@ def ways_in_parts(search: WaySearch, most: int, within: Callable[[], float], par
 
     Parameters
     ----------
-    search : WaySearch
-    most : int
-        Ways that are searched for, at most.
-    within : callable
-        Gives how long the estimates of ways may be that are still looked for, s; asked before each.
+    search, most, within
+        As there.
     part : int
         How many branches of a way are looked for at a time.
 
