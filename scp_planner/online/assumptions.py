@@ -1,7 +1,7 @@
 """What the promise of a plan rests on, looked at while driving: `docs/explanation/out-of-the-way.md` states it.
 
 - Obstacles stay in the zones that were made of them: at each replan their centres are looked for there.
-- The vehicle is where its plan has it, to the tracking error.
+- The vehicle follows its plan, within the tracking error.
 - Replans come at least once in a period.
 
 What does not hold is told once when that begins; where it goes on, it is not told again.
@@ -9,14 +9,13 @@ What does not hold is told once when that begins; where it goes on, it is not to
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.online.following import NOTHING, Following
 from scp_planner.online.plan import OnlinePlan
-from scp_planner.online.vetting import NOTHING, TINY_TIME, Moment
+from scp_planner.online.vetting import TINY_TIME, Moment
 from scp_planner.scenario.units import NaturalUnits
 
 INSIDE = 1e-9
@@ -32,14 +31,14 @@ class Assumptions:
     ----------
     period : float
         Longest time between two replans, s.
-    tracking_error : float
-        m.
+    following : Following
+        Tolerances of the follower.
     units : NaturalUnits
         Of the scene: what is told is told in those of the user.
     """
 
-    def __init__(self, period: float, tracking_error: float, units: NaturalUnits) -> None:
-        self._period, self._tracking_error, self._units = period, tracking_error, units
+    def __init__(self, period: float, following: Following, units: NaturalUnits) -> None:
+        self._period, self._following, self._units = period, following, units
         self._before: Moment | None = None
         self._told: frozenset[str] = frozenset()
 
@@ -63,9 +62,11 @@ class Assumptions:
         late = now.state.time - before.state.time
         if late > self._period * (1.0 + LATE) + TINY_TIME:
             found["period"] = f"the last replan was {late * self._units.time:.3g} s ago, longer than the period"
-        off = math.dist(last.trip.place_at(now.state.time), now.state.position)
-        if off > self._tracking_error + NOTHING:
-            found["track"] = f"the vehicle is {off * self._units.length:.3g} m off its plan, beyond the tracking error"
+        off = now.deviation(last.trip)
+        if not self._following.allows(off):
+            length, speed = off.distance * self._units.length, off.speed * self._units.speed
+            by = f"{length:.3g} m off its plan, {speed:.3g} m/s in speed and {off.heading:.3g} rad in heading"
+            found["track"] = f"the vehicle is {by}: beyond the tracking error"
         new = tuple(text for key, text in found.items() if key not in self._told)
         self._told = frozenset(found)
         return new

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -41,30 +40,6 @@ def time_from_a_stand(vehicle: Vehicle, way: float) -> float:
     if 2.0 * acceleration * way <= speed**2:
         return math.sqrt(2.0 * way / acceleration)
     return way / speed + 0.5 * speed / acceleration
-
-
-class Braking(Protocol):
-    """How a vehicle brakes, as hard as it may."""
-
-    def time(self, speed: float) -> float:
-        """Time that a stop from a speed that is kept takes, s, the speed in m/s."""
-        ...
-
-    def spare_way(self, state: State) -> float:
-        """Length of a path that a stop fits into, and half of it again, m."""
-        ...
-
-    def stop_after(self, trajectory: Trajectory, spans: int) -> Trajectory | None:
-        """Return the stop that is the trip itself for some of its spans of acceleration; None if it cannot be made."""
-        ...
-
-    def room(self, trajectory: Trajectory, leads: Array, zones: ZoneBatch, since: float, wait: float) -> Array:
-        """Least clearance, sampled, of stops that leave a trip after different times; see `stops.room_to_stop`."""
-        ...
-
-    def stop_now(self, path: Path, state: State) -> Trajectory:
-        """Return the stop along a path from its start, where the vehicle is in a state; or stand there."""
-        ...
 
 
 def leaving(trip: Trip, braking: Braking, spans: int) -> tuple[Trip, float] | None:
@@ -188,6 +163,10 @@ class RampedBraking:
 
     def _ramps(self, speed: Array, acceleration: Array) -> Ramps:
         return Ramps.stopping(speed, acceleration, self.deceleration, self.jerk)
+
+
+Braking = EvenBraking | RampedBraking
+"""As hard as the vehicle may."""
 
 
 def braking_of(vehicle: Vehicle, margin: float = 0.0) -> Braking:

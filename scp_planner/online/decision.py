@@ -11,6 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
+from scp_planner.online.arrival import Arrival
 from scp_planner.online.fallback import Fallback
 from scp_planner.online.looks import Looks
 from scp_planner.online.means import Means, Replan
@@ -30,8 +31,6 @@ from scp_planner.trips.trip import Trip
 WARM_TRUST = TrustRegion(theta=0.5, beta=1.5, rho=0.1)
 NEAR_GOAL = 0.4
 """Units of time. With less of the trip left, the last plan is driven to its end if its certificate holds."""
-ARRIVED = 1e-3
-"""Units of length."""
 UNFINISHED_SOONER = 2
 """A plan that does not keep all limits or foreseen zones yet is improved so many times as often."""
 ROOM_PRICE = 7e-3
@@ -103,11 +102,7 @@ class Decision:
         self._gone_on = 0  # replans in a row in which a dodge was gone on with
         self._without = 0  # replans in a row without a look at ways
         self._waiting = Waiting(means.given.goal.position)
-
-    def is_there(self, place: tuple[float, float]) -> bool:
-        """Whether a position, (2,), is the goal: nearly there or within its radius, and the tracking error."""
-        goal = self._means.given.goal
-        return math.dist(place, goal.position) <= max(goal.radius, ARRIVED) + self._means.following.largest
+        self.arrival = Arrival(means.given.goal, means.following, means.online)
 
     def answer(self, now: Replan) -> OnlinePlan:
         """Give the plan of one replan."""
@@ -121,8 +116,9 @@ class Decision:
         last = now.last
         if last is not None and last.outcome in AWAY:
             last = None
-        if self.is_there(now.moment.state.position):
-            return self._at_the_goal(now, last)
+        arriving = self._arriving(now, last)
+        if arriving is not None:
+            return arriving
         if last is None:
             return self._anew(now, None)
         if last.arrival_time - now.moment.state.time < NEAR_GOAL:
@@ -142,14 +138,29 @@ class Decision:
         now.lap("certificate")
         return kept
 
-    def _at_the_goal(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
-        """Stand; within the goal's radius the vehicle may still come to rest, or be on its way to where it arrives."""
-        state, kept = now.moment.state, None
-        if last is not None and last.arrival_time > state.time and state.speed > STANDING:
-            kept = self._means.vetting.vet_kept(now.moment, last.trip)
-        if kept is not None:
-            return self._means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
-        return replace(self._means.standing(now, "arrived"), arrived=True)
+    def _arriving(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan | None:
+        """Drive on to the goal, or stop at it from the reported state; None where that is not due, or not certified."""
+        state, arrival, means = now.moment.state, self.arrival, self._means
+        there, moves = arrival.is_there(state.position, state.heading), state.speed > STANDING
+        if there and last is not None and last.arrival_time > state.time and moves:
+            kept = means.vetting.vet_kept(now.moment, last.trip)
+            if kept is not None:
+                return means.plan_of(kept, now, Outcome.KEPT, "the goal is near")
+        arrived, done = there and arrival.is_as_asked(state), arrival.is_done(state.position)
+        if arrived or done:
+            why = "arrived" if arrived else "at the goal, with another speed or heading than it asks for"
+            stop = means.stop_straight_on(now, means.braking, why)
+            if not stop.safe:
+                stop = self._fallback.leave(now, f"{why}, where no stop stays clear") or stop
+            if stop.safe or done or not moves:
+                return replace(stop, arrived=arrived and (stop.safe or not moves))
+        if not moves or not arrival.is_to_stand or (last is not None and means.vetting.is_on(now.moment, last.trip)):
+            return None
+        gentle = arrival.braking_to_it(state, means.braking)
+        stop = means.stop_straight_on(now, means.braking if there else gentle, "the goal is near")
+        x, y = stop.position(stop.arrival_time).tolist()
+        ends = there or arrival.is_there((x, y), state.heading)
+        return stop if ends and stop.safe else None
 
     def _anew(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
         """Improve what is left of the last trip; ``last`` is the plan of it, if that is one to drive on by."""

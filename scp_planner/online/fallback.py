@@ -96,6 +96,11 @@ class Fallback:
         text = f"{self._does}, as before: {why or NO_TIME}"
         return self._means.plan_of(Vetted(begun.trip, certificate, whole, 0.0), now, now.last.outcome, text)
 
+    def leave(self, now: Replan, why: str) -> OnlinePlan | None:
+        """Get out of the way along a certified manoeuvre; None if none is certified."""
+        dodge = self._evasion.safest(now) or self._evasion.going_on(now)
+        return None if dodge is None else self._dodging(now, dodge, why)
+
     def sooner(self, now: Replan, plan: OnlinePlan) -> OnlinePlan:
         """Get out of the way where that is clearly better than a plan that would do."""
         dodge = self._evasion.sooner(now, plan.trip)
@@ -111,12 +116,9 @@ class Fallback:
 
     def _give_way(self, now: Replan, fresh: Renewal, why: str) -> OnlinePlan:
         """Get out of the way, or stand where that is as safe; or else do what does least harm."""
-        dodge = self._evasion.safest(now)
-        if dodge is not None:
-            return self._dodging(now, dodge, why)
-        before = self._evasion.going_on(now)
-        if before is not None:
-            return self._dodging(now, before, why)
+        safe = self.leave(now, why)
+        if safe is not None:
+            return safe
         promised = self._as_promised(now)
         if promised is not None:
             text = f"{why}; the last plan's stop is gone on with"

@@ -3,14 +3,53 @@
 Of a tube (`scp_planner.estimation.tracking`) the part that there is even when the vehicle stands makes the vehicle
 larger. What speed and turns add, certificates add piece by piece: who drives slowly, stops or stands is not kept as far
 away as who drives fast. Trips are planned with room for the most that it can be, so that they are certified then.
+
+A vehicle follows its plan if, braking at once from the state that is reported, it stays within the tracking error of
+the plan's own stop: with T the time that a stop from top speed V takes, a distance of d, a difference of speed of dv
+and one of heading of dh make at most d + T dv + V T dh / 2. Tolerances of speed and heading that are given are asked
+for in place of their terms.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from scp_planner.certificate.ends import can_reverse
 from scp_planner.estimation.tracking import TrackingTube
+from scp_planner.online.braking import braking_of
+from scp_planner.online.remaining import State
 from scp_planner.scenario.models import Vehicle
+from scp_planner.scenario.scale import TOP_SPEED
+from scp_planner.settings.online import OnlineSettings
+from scp_planner.trips.trip import Trip
+
+NOTHING = 1e-6
+"""Units of length, speed and rad."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Distance, m, and differences of speed, m/s, and heading, rad, between a reported state and a trip."""
+
+    distance: float
+    speed: float
+    heading: float
+
+    @classmethod
+    def of(cls, state: State, trip: Trip, vehicle: Vehicle) -> Deviation:
+        """Compare a state with a trip at its time, clamped to the trip."""
+        points, _ = trip.at(np.array([state.time]))
+        (place,) = trip.frame.to_world(points.path.position).tolist()
+        heading = 0.0
+        if state.heading is not None:
+            (ahead,) = trip.frame.vectors_to_world(points.path.direction).tolist()
+            either = can_reverse(vehicle, max(state.speed, float(points.speed[0])))
+            turn = state.heading - math.atan2(ahead[1], ahead[0])
+            heading = abs(math.remainder(turn, math.pi if either else 2.0 * math.pi))
+        return cls(math.dist(place, state.position), abs(state.speed - float(points.speed[0])), heading)
 
 
 @dataclass(frozen=True)
@@ -23,28 +62,21 @@ class Following:
         Larger by what it may be off when it stands.
     largest : float
         The most that it may be off, m.
+    speed, heading : float or None
+        The most that its speed, m/s, and heading, rad, may be off; None: what leaves it within ``largest``.
     tube : TrackingTube or None
         What it may be off besides when it drives.
     """
 
     vehicle: Vehicle
     largest: float
+    speed: float | None = None
+    heading: float | None = None
     tube: TrackingTube | None = None
 
     @classmethod
-    def of(cls, vehicle: Vehicle, largest: float, tube: TrackingTube | None) -> Following:
-        """Return how a vehicle follows that is never farther off than so much, m, or stays in a tube.
-
-        Parameters
-        ----------
-        vehicle : Vehicle
-        largest : float
-            m; 0 if there is a tube.
-        tube : TrackingTube or None
-
-        Returns
-        -------
-        Following
+    def of(cls, vehicle: Vehicle, online: OnlineSettings, tube: TrackingTube | None) -> Following:
+        """Return how a vehicle follows by its settings, or in a tube in place of their tracking error.
 
         Raises
         ------
@@ -52,11 +84,26 @@ class Following:
             If the vehicle may drive or turn faster than the tube was recorded for.
         """
         if tube is None:
-            return cls(vehicle, largest)
+            return cls(vehicle, online.tracking_error, online.speed_error, online.heading_error)
         larger = vehicle.model_copy(update={"radius": vehicle.radius + tube.standing})
-        return cls(larger, tube.bound(vehicle), replace(tube, standing=0.0))
+        within = replace(tube, standing=0.0)
+        return cls(larger, tube.bound(vehicle), online.speed_error, online.heading_error, within)
 
     @property
     def room(self) -> float:
         """The most that it may be off besides when it drives, m."""
         return 0.0 if self.tube is None else self.tube.bound(self.vehicle)
+
+    def allows(self, off: Deviation) -> bool:
+        """True if the vehicle is within its tolerances."""
+        top, apart = min(self.vehicle.max_speed, TOP_SPEED), off.distance
+        stopping = braking_of(self.vehicle).time(top)
+        if self.speed is None:
+            apart += stopping * off.speed
+        elif off.speed > self.speed + NOTHING:
+            return False
+        if self.heading is None:
+            apart += 0.5 * stopping * top * off.heading
+        elif off.heading > self.heading + NOTHING:
+            return False
+        return apart <= self.largest + NOTHING

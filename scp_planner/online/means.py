@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from scp_planner.certificate.verdict import Ends
-from scp_planner.online.braking import braking_of, straight_stop, time_from_a_stand
+from scp_planner.online.braking import Braking, braking_of, straight_stop, time_from_a_stand
 from scp_planner.online.following import Following
 from scp_planner.online.foresight import foreseen
 from scp_planner.online.inbox import Inbox
@@ -142,7 +141,7 @@ class Means:
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
         period = online.period + (0.0 if given.vehicle.max_jerk is None else online.reaction_time)
-        self.vetting = Vetting(period, online.safety is Safety.STOP, following.largest, units, self.wait)
+        self.vetting = Vetting(period, online.safety is Safety.STOP, following, units, self.wait)
         self.breakpoints = _breakpoints(settings.acceleration_spans, given.vehicle.max_jerk is not None)
         self.braking = braking_of(given.vehicle, settings.limit_margin)
         stopping = braking_of(given.vehicle).time(given.vehicle.max_speed)
@@ -241,13 +240,12 @@ class Means:
             for bow in bows(problem):
                 yield Trip(problem.frame, bow)
 
-    def standing(self, now: Replan, why: str) -> OnlinePlan:
-        """Return the plan to stand where the vehicle is, or, without a jump, to come to a stop."""
-        moment = now.moment
-        state = replace(moment.state, speed=0.0) if moment.state.acceleration is None else moment.state
-        trip = straight_stop(state, self.braking, self.settings, self.breakpoints)
+    def stop_straight_on(self, now: Replan, braking: Braking, why: str) -> OnlinePlan:
+        """Return the plan to stop straight ahead from the reported state, or to stand there."""
+        moment, state = now.moment, now.moment.state
+        trip = straight_stop(state, braking, self.settings, self.breakpoints)
         stop, does = Stop(trip, trip.frame.time), "stands" if state.speed <= STANDING else "comes to a stop"
-        certificate = moment.certify(trip, since=moment.state.time, until=stop.stands, ends=Ends.START)
+        certificate = self.vetting.certify_stop(moment, stop, None)
         return self.plan_of(
             Vetted(trip, certificate, stop if certificate.holds else None),
             now,

@@ -123,7 +123,7 @@ class Planner:
             raise ValueError(f"tube, online.tracking_error: {online.tracking_error!r}; give one of them")
         self.tube = None if tube is None else replace(tube, standing=0.0)
         within = None if tube is None else tube.inside(units)
-        following = Following.of(scenario.vehicle, self._online.tracking_error, within)
+        following = Following.of(scenario.vehicle, self._online, within)
         scenario = scenario.model_copy(update={"vehicle": following.vehicle})
         self.plan: OnlinePlan | None = None
         self._last: OnlinePlan | None = None
@@ -142,7 +142,7 @@ class Planner:
         self.doubts = deque[str](maxlen=MOST_NOTES)
         chosen = solver or solver_named(settings.solver)
         self._means = Means(self.given, self.settings, self._online, self._inbox, following, units, chosen)
-        self._assumptions = Assumptions(self._means.vetting.period, following.largest, units)
+        self._assumptions = Assumptions(self._means.vetting.period, following, units)
         self._decision = Decision(self._means)
         self._state: State | None = None
         self._clock: float | None = None
@@ -450,5 +450,9 @@ class Planner:
         )
 
     def at_goal(self, position: ArrayLike) -> bool:
-        """Whether a position, (2,) m, is the goal: nearly there or within its radius, and the tracking error."""
-        return self._decision.is_there(self._units.place(_point("position", position)))
+        """True if a position, (2,) m, is within the goal's radius and the tolerance of arrival.
+
+        That is ``online.arrival_tolerance`` and the tracking error. ``plan.arrived`` says whether speed and heading are
+        those of the goal, too.
+        """
+        return self._decision.arrival.is_there(self._units.place(_point("position", position)))

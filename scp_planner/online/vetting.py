@@ -9,13 +9,12 @@ would have to be clear of zones that have grown for as long as it takes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.certificate.remembered import Motions
@@ -23,6 +22,7 @@ from scp_planner.certificate.verdict import Certificate, Ends
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.online.braking import Braking, braking_of, leaving, spans_between
+from scp_planner.online.following import Deviation, Following
 from scp_planner.online.foresight import foreseen, smaller
 from scp_planner.online.remaining import State, TripSamples
 from scp_planner.online.stops import standing_from, standing_trip, surely_clear
@@ -50,8 +50,6 @@ TRIP_SAMPLES = 48
 DEEP = 0.1
 """Units of length. A trip that enters foreseen zones, which come and go with each observation, by no more may be kept
 for a while."""
-NOTHING = 1e-6
-"""Units of length."""
 TINY_TIME = 1e-9
 """Units of time."""
 _SHARES = np.linspace(0.0, 1.0, TRIP_SAMPLES)
@@ -110,6 +108,17 @@ class Moment:
     def with_smaller_zones(self, share: float) -> Moment:
         """The same moment with the zones of a lower level: their ellipses are so much smaller, of all obstacles."""
         return replace(self, whole=self, share=share)
+
+    @cached_property
+    def _deviations(self) -> dict[int, tuple[Trip, Deviation]]:
+        return {}
+
+    def deviation(self, trip: Trip) -> Deviation:
+        """Compare the reported state with a trip."""
+        known = self._deviations.get(id(trip))
+        if known is None:
+            known = self._deviations[id(trip)] = trip, Deviation.of(self.state, trip, self.scenario.vehicle)
+        return known[1]
 
     @property
     def growing(self) -> bool:
@@ -264,8 +273,8 @@ class Vetting:
         Longest time to the next replan, s.
     stops_will_do : bool
         Whether a trip that can be stopped will do; else it must be certified to the goal.
-    tracking_error : float
-        m.
+    following : Following
+        Tolerances of the follower.
     units : NaturalUnits, optional
         Of the scene: what is told of it is told in those of the user.
     wait : float
@@ -276,7 +285,7 @@ class Vetting:
         self,
         period: float,
         stops_will_do: bool,
-        tracking_error: float,
+        following: Following,
         units: NaturalUnits | None = None,
         wait: float = 0.0,
     ) -> None:
@@ -284,7 +293,7 @@ class Vetting:
         self.wait = wait
         self.period = period
         self.stops_will_do = stops_will_do
-        self.tracking_error = tracking_error
+        self.following = following
         self.motions = Motions()
 
     def vet(
@@ -495,19 +504,14 @@ class Vetting:
 
     def _ahead(self, now: Moment, trip: Trip) -> TripSamples | None:
         """Samples of what is left of a trip, if the vehicle is on it."""
+        if not self.is_on(now, trip):
+            return None
         first = min(max((now.state.time - trip.frame.time) / trip.trajectory.travel_time, 0.0), 1.0)
-        ahead = TripSamples.of(trip, first + (1.0 - first) * _SHARES)
-        return ahead if self._is_at(now, trip.frame, ahead.position[0]) else None
-
-    def _is_at(self, now: Moment, frame: PlanningFrame, position: Array) -> bool:
-        return self._is_near(now, frame.to_world(position))
-
-    def _is_near(self, now: Moment, place: Sequence[float] | Array) -> bool:
-        return math.dist(now.state.position, place) <= self.tracking_error + NOTHING
+        return TripSamples.of(trip, first + (1.0 - first) * _SHARES)
 
     def is_on(self, now: Moment, trip: Trip) -> bool:
-        """Whether the vehicle is where a trip has it."""
-        return self._is_near(now, trip.place_at(now.state.time))
+        """True if the reported state is that of a trip, within the tolerances of the follower."""
+        return self.following.allows(now.deviation(trip))
 
 
 def _violations(certificate: Certificate) -> str:

@@ -141,6 +141,15 @@ class OnlineSettings(Knobs):
         Longest time between two replans. A plan is safe until the next one, so longer: more caution. None: 0.1 units.
     tracking_error : float
         Largest distance between the vehicle and where its plan has it. Zones are larger by this.
+    speed_error : float or None
+        Largest difference between the speed of the vehicle and that of its plan, with which it still keeps to
+        ``tracking_error``. None: what a stop from top speed that begins with it stays within that by.
+    heading_error : float or None
+        Largest difference between the heading of the vehicle and that of its plan; None: as ``speed_error``. A vehicle
+        that is reported farther off than these begins a new plan, from the state that is reported.
+    arrival_tolerance : float or None
+        Distance from a goal, beyond its radius and ``tracking_error``, at which a vehicle arrives that is not on its
+        plan any more. None: the way of one period at top speed where the goal has neither radius nor region, else 0.
     reaction_time : float
         Time between a replan and the moment from which the vehicle follows it. At its top speed the vehicle drives
         on by ``reaction_time * max_speed`` before it begins to brake, and zones are larger by that too. Where the jerk
@@ -200,6 +209,9 @@ class OnlineSettings(Knobs):
 
     period: Annotated[float | None, Above(0.0, LARGEST, "s")] = None
     tracking_error: Annotated[float, Range(0.0, LARGEST, "m")] = 0.0
+    speed_error: Annotated[float | None, Range(0.0, LARGEST, "m/s")] = None
+    heading_error: Annotated[float | None, Range(0.0, math.pi, "rad")] = None
+    arrival_tolerance: Annotated[float | None, Range(0.0, LARGEST, "m")] = None
     reaction_time: Annotated[float, Range(0.0, LARGEST, "s")] = 0.0
     safety: Annotated[Safety, Choice(_safeties)] = Safety.STOP
     stay_clear: Annotated[float | None, Range(0.0, LARGEST, "s")] = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import inf
 from typing import Any
 
@@ -90,20 +89,6 @@ class Trip:
             return self
         frame = PlanningFrame(units.world(self.frame.origin), self.frame.heading, units.absolute(self.frame.time))
         return Trip(frame, self.trajectory.in_units(units.length, units.time))
-
-    def place_at(self, time: float) -> tuple[float, float]:
-        """Where the vehicle is at an absolute time, s, clamped to the trip: (x, y) in the world, m."""
-        if (known := self._place.get(time)) is not None:
-            return known
-        ((x, y),) = self.frame.to_world(self.positions_at(np.array([time]))).tolist()
-        self._place.clear()
-        self._place[time] = x, y
-        return x, y
-
-    @cached_property
-    def _place(self) -> dict[float, tuple[float, float]]:
-        """The place that was asked for last: several ask for that of the present."""
-        return {}
 
     def positions_at(self, times: Array) -> Array:
         """Where the vehicle is at absolute times, (n,) s, clamped to the trip, in its frame: (n, 2) m, nothing else."""

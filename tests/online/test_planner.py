@@ -140,7 +140,7 @@ def test_planner_says_so_after_arrival() -> None:
     planner = Planner(scenario)
     plan = begin(planner, scenario)
     plan = planner.replan(plan.arrival_time, scenario.goal.position, 0.0, 2.0)
-    assert plan.reason == "arrived; the vehicle stands" and plan.outcome is Outcome.BRAKING
+    assert plan.reason == "arrived; the vehicle comes to a stop" and plan.outcome is Outcome.BRAKING
     assert plan.arrived and not begin(Planner(scenario), scenario).arrived
 
 

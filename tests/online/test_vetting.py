@@ -12,6 +12,7 @@ from scenes import disc, scene
 
 import scp_planner as sp
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.online.following import Following
 from scp_planner.online.means import Replan
 from scp_planner.online.planner import Planner
 from scp_planner.online.remaining import State
@@ -36,7 +37,9 @@ def vetted(*obstacles: dict[str, Any], stops_will_do: bool, acceleration: float 
     space = problem.space
     trajectory = Trajectory.of(space, np.zeros(space.path_size), np.full(space.acceleration_size, acceleration))
     state = State(0.0, (0.0, 0.0), 0.0, SPEED)
-    return Vetting(PERIOD, stops_will_do, 0.0).vet(Moment(state, scenario, zones), problem, trajectory)
+    return Vetting(PERIOD, stops_will_do, Following(scenario.vehicle, 0.0)).vet(
+        Moment(state, scenario, zones), problem, trajectory
+    )
 
 
 @pytest.mark.parametrize("stops_will_do", [False, True])
@@ -131,7 +134,7 @@ def test_a_stop_that_somebody_has_come_into_is_not_certified_again(
 
     monkeypatch.setattr(Vetting, "certify_stop", counted)
     now = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, sp.zones(scenario))
-    kept = Vetting(PERIOD, True, 0.0).vet_kept_stop(now, answer.trip, answer.stop)
+    kept = Vetting(PERIOD, True, Following(scenario.vehicle, 0.0)).vet_kept_stop(now, answer.trip, answer.stop)
     assert len(tried) == certified and (kept is not None) is bool(certified)
 
 
@@ -146,7 +149,7 @@ def test_the_most_room_of_the_stops_is_that_of_one_that_is_sampled_densely(side:
     moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
     ends = SPEED * np.arange(PERIOD, PERIOD + 3.01, 0.5) + 0.5 * SPEED**2 / scenario.vehicle.max_deceleration
     rooms = [np.hypot(np.linspace(0.0, end, 2001) - 4.0, side).min() - 0.8 for end in ends]
-    found = Vetting(PERIOD, True, 0.0).most_room(moment, trip)
+    found = Vetting(PERIOD, True, Following(scenario.vehicle, 0.0)).most_room(moment, trip)
     assert max(rooms) - 1e-9 <= found <= max(rooms) + 0.02
 
 
@@ -157,7 +160,7 @@ def test_there_is_no_room_where_the_trip_ends_before_a_stop() -> None:
     space = problem.space
     trip = Trip(problem.frame, Trajectory.of(space, np.zeros(space.path_size), np.zeros(space.acceleration_size)))
     moment = Moment(State(0.0, (0.0, 0.0), 0.0, SPEED), scenario, zones)
-    assert Vetting(20.0, True, 0.0).most_room(moment, trip) == -np.inf
+    assert Vetting(20.0, True, Following(scenario.vehicle, 0.0)).most_room(moment, trip) == -np.inf
 
 
 @pytest.mark.parametrize(("acceleration", "tried"), [(0.3, 1), (1.6, 0)])

@@ -14,19 +14,6 @@ from scp_planner.trips.trip import Trip
 pytestmark = pytest.mark.numerics
 
 
-@pytest.mark.parametrize("degree", [0, 1, 2])
-def test_the_place_at_a_time_is_that_of_its_points_and_the_ends_are_not_left(degree: int) -> None:
-    _, trajectory = problem_and_trip(degree, seed=1)
-    trip = Trip(PlanningFrame((3.0, -2.0), 0.7, 5.0), trajectory)
-    ends = 5.0, 5.0 + trajectory.travel_time
-    times = np.array([ends[0] - 1.0, *np.linspace(*ends, 7), ends[1] + 1.0])
-    points, _ = trip.at(times)
-    expected = trip.frame.to_world(points.path.position)
-    found = np.array([trip.place_at(float(time)) for time in times])
-    assert found == pytest.approx(expected, abs=1e-9)
-    assert found[[0, -1]] == pytest.approx(found[[1, -2]], abs=1e-9)
-
-
 def test_what_is_told_of_many_points_is_told_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of a million positions took 1.2 GB together; parts of every size tell the same, in its shape."""
     _, trajectory = problem_and_trip(1, seed=2)

@@ -1,0 +1,86 @@
+"""Arrival: where, how fast and in which heading the vehicle is at its goal.
+
+Between two replans a vehicle drives on, so a goal without a radius is reached if it is nearer than the way of one
+period. It has arrived if, besides, its speed and heading are those that the goal asks for, within what braking takes
+away in a period and what a follower meets; what it drives from there is a stop.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from scp_planner.certificate.verdict import GOAL_SPEED_TOLERANCE
+from scp_planner.online.braking import Braking
+from scp_planner.online.following import Following
+from scp_planner.online.remaining import State
+from scp_planner.scenario.goals import distance_outside
+from scp_planner.scenario.models import Goal
+from scp_planner.scenario.scale import TOP_SPEED
+from scp_planner.settings.online import SceneOnlineSettings
+
+ARRIVED = 1e-3
+"""Units of length: nearer than this there is no way left to plan."""
+HEADING = 0.05
+"""rad, of a goal's heading, where the follower states no tolerance that is larger."""
+GENTLE = 0.5
+"""Of the deceleration: a vehicle that may brake less to reach its goal is not arriving yet."""
+
+
+class Arrival:
+    """Conditions of arrival at a goal, in units of the scene."""
+
+    def __init__(self, goal: Goal, following: Following, online: SceneOnlineSettings) -> None:
+        self.goal, self._vehicle = goal, following.vehicle
+        given, top = online.arrival_tolerance, min(following.vehicle.max_speed, TOP_SPEED)
+        if given is None:
+            given = online.period * top if goal.radius == 0.0 and goal.region is None else 0.0
+        self.tolerance = max(goal.radius + given, ARRIVED) + following.largest
+        self._speed = GOAL_SPEED_TOLERANCE + max(
+            following.vehicle.max_deceleration * online.period, following.speed or 0.0
+        )
+        self._heading = max(HEADING, following.heading or 0.0)
+
+    def is_there(self, place: tuple[float, float], heading: float | None = None) -> bool:
+        """True if a position is within the tolerance of the goal; of a goal that is a region, that of the middle."""
+        if self.goal.region is None:
+            return math.dist(place, self.goal.position) <= self.tolerance
+        if heading is not None:
+            ahead = self._vehicle.centre
+            place = place[0] + ahead * math.cos(heading), place[1] + ahead * math.sin(heading)
+        return distance_outside(self.goal.region, place) <= self.tolerance
+
+    def is_as_asked(self, state: State) -> bool:
+        """True if speed and heading are those of the goal."""
+        goal, heading = self.goal, state.heading
+        low, high = goal.speed_range or (goal.speed, goal.speed)
+        if low is not None and high is not None and not low - self._speed <= state.speed <= high + self._speed:
+            return False
+        if heading is None:
+            return True
+        if goal.heading is not None:
+            return abs(math.remainder(heading - goal.heading, 2.0 * math.pi)) <= self._heading
+        if goal.heading_range is None:
+            return True
+        first, last = goal.heading_range
+        turned = abs(math.remainder(heading - 0.5 * (first + last), 2.0 * math.pi))
+        return turned <= 0.5 * (last - first) + self._heading
+
+    def is_done(self, place: tuple[float, float]) -> bool:
+        """True if there is no way left to plan from a position: it is in the goal."""
+        if self.goal.region is not None and distance_outside(self.goal.region, place) == 0.0:
+            return True
+        return math.dist(place, self.goal.position) <= max(ARRIVED, self.goal.radius)
+
+    @property
+    def is_to_stand(self) -> bool:
+        """True if the goal asks for a speed at which the vehicle stands."""
+        low, _ = self.goal.speed_range or (self.goal.speed, self.goal.speed)
+        return low is not None and low <= self._speed
+
+    def braking_to_it(self, state: State, braking: Braking) -> Braking:
+        """Return the braking that ends nearest to the goal straight ahead, between half and all of a braking."""
+        heading, (x, y) = state.heading or 0.0, self.goal.position
+        ahead = (x - state.position[0]) * math.cos(heading) + (y - state.position[1]) * math.sin(heading)
+        asked = state.speed**2 / (2.0 * ahead) if ahead > 0.0 else braking.deceleration
+        return replace(braking, deceleration=min(max(asked, GENTLE * braking.deceleration), braking.deceleration))
