@@ -76,13 +76,7 @@ class Following:
 
     @classmethod
     def of(cls, vehicle: Vehicle, online: OnlineSettings, tube: TrackingTube | None) -> Following:
-        """Return how a vehicle follows by its settings, or in a tube in place of their tracking error.
-
-        Raises
-        ------
-        EstimationError
-            If the vehicle may drive or turn faster than the tube was recorded for.
-        """
+        """Return how a vehicle follows by its settings, or in a tube in place of their tracking error."""
         if tube is None:
             return cls(vehicle, online.tracking_error, online.speed_error, online.heading_error)
         larger = vehicle.model_copy(update={"radius": vehicle.radius + tube.standing})
