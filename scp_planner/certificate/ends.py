@@ -8,6 +8,7 @@ from math import cos, dist, pi, remainder, sin
 
 from scp_planner.certificate.verdict import (
     ARRIVAL_TOLERANCE,
+    CLEARANCE_TOLERANCE,
     EARLIEST,
     END_TOLERANCE,
     GOAL_SPEED_TOLERANCE,
@@ -16,6 +17,8 @@ from scp_planner.certificate.verdict import (
     Violation,
     off_a_step,
 )
+from scp_planner.mathematics import corridor
+from scp_planner.mathematics.planar import distance_to_polygon
 from scp_planner.scenario.goals import distance_outside
 from scp_planner.scenario.models import Scenario, Steering, Vehicle
 from scp_planner.units import Point
@@ -79,6 +82,37 @@ def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]
             yield Violation(name, value, 0.0, first.time)
 
 
+def beside_corridor(scenario: Scenario, time: float, position: Point, heading: float) -> Violation | None:
+    """Tell how far beside the corridor a disc of the vehicle begins; None where all begin in it.
+
+    The outside of the corridor is made of walls of a thickness: a disc that begins in the corridor and touches no wall
+    stays in it, and only a disc that begins outside can be beyond the walls.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        In natural units, as all the rest.
+    time : float
+        Absolute, s.
+    position : (x, y)
+        Of the reference point, m.
+    heading : float
+        rad.
+
+    Returns
+    -------
+    Violation or None
+    """
+    if scenario.corridor is None:
+        return None
+    for offset in scenario.vehicle.discs:
+        centre = _ahead(position, heading, offset)
+        beside = min(distance_to_polygon(centre, polygon) for polygon in scenario.corridor)
+        if beside > CLEARANCE_TOLERANCE:
+            return Violation("clearance", -beside, 0.0, time, corridor.NAME)
+    return None
+
+
 def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterator[Violation]:
     """Tell how a trip ends otherwise than its scenario asks, both in natural units.
 
@@ -105,14 +139,18 @@ def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterato
     yield from (one for one in found if not one.value <= one.allowed + END_TOLERANCE)
 
 
+def _ahead(position: Point, heading: float, distance: float) -> Point:
+    """The point so far ahead of a position."""
+    return position[0] + distance * cos(heading), position[1] + distance * sin(heading)
+
+
 def _place(scenario: Scenario, last: EndState) -> Iterator[Violation]:
     """How far from the goal it ends, and what is allowed."""
     goal, ahead = scenario.goal, scenario.vehicle.centre
     if goal.region is None:
         yield Violation("distance from the goal", dist(last.position, goal.position), goal.radius, last.time)
         return
-    x, y = last.position
-    middle = x + ahead * cos(last.heading), y + ahead * sin(last.heading)
+    middle = _ahead(last.position, last.heading, ahead)
     yield Violation("distance from the goal region", distance_outside(goal.region, middle), 0.0, last.time)
 
 

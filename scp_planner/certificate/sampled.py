@@ -23,7 +23,7 @@ from math import inf
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
-from scp_planner.certificate.ends import EndState, goal_violations, start_violations
+from scp_planner.certificate.ends import EndState, beside_corridor, goal_violations, start_violations
 from scp_planner.certificate.sampled_pieces import Parts, PieceVelocities, first_parts
 from scp_planner.certificate.verdict import (
     BEYOND_ZONES,
@@ -136,6 +136,8 @@ class _SampledCheck:
             if missed <= STANDING_TURN:
                 first = EndState(first.time, first.position, wanted, first.speed, first.acceleration)
         self.violations += [*start_violations(self.scenario, first), *goal_violations(self.scenario, last, first.time)]
+        beside = beside_corridor(self.scenario, first.time, first.position, first.heading)
+        self.violations += [] if beside is None else [beside]
 
     def _directions(self) -> None:
         """Whether it moves backwards, or turns where it stands."""

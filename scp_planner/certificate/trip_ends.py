@@ -7,10 +7,8 @@ from math import atan2
 import numpy as np
 
 from scp_planner.certificate.checked_trip import CheckedTrip
-from scp_planner.certificate.ends import EndState, goal_violations, start_violations
+from scp_planner.certificate.ends import EndState, beside_corridor, goal_violations, start_violations
 from scp_planner.certificate.verdict import EARLIEST, END_TOLERANCE, Ends, Violation
-from scp_planner.mathematics import corridor
-from scp_planner.mathematics.planar import distance_to_polygon
 
 _BOTH_ENDS = np.array([0.0, 1.0])
 
@@ -49,30 +47,14 @@ def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
 
 
 def begins_beside(checked: CheckedTrip) -> Violation | None:
-    """Return where what is checked of a trip begins beside the corridor; None where it begins in it.
-
-    Its zones are walls of a thickness: what is in the corridor once and touches none of them stays in it, and only what
-    has left it already, along a trip that was not certified, can be beyond them.
-
-    Parameters
-    ----------
-    checked : CheckedTrip
-
-    Returns
-    -------
-    Violation or None
-    """
-    polygons = checked.scenario.corridor
-    if polygons is None:
+    """Return where what is checked of a trip begins beside the corridor; None where it begins in it."""
+    if checked.scenario.corridor is None:
         return None
     trajectory, frame = checked.trajectory, checked.trip.frame
     path, drive = trajectory.path, trajectory.drive_at(np.array([checked.first]))
     point = path.points(path.exact.parameter_at(drive.distance))
-    (place,), (ahead,) = frame.to_world(point.position), frame.vectors_to_world(point.direction)
-    for offset in checked.scenario.vehicle.discs:
-        x, y = (place + offset * ahead).tolist()
-        away = (distance_to_polygon((x, y), polygon) for polygon in polygons)
-        if not any(distance == 0.0 for distance in away):
-            beside = min(distance_to_polygon((x, y), polygon) for polygon in polygons)
-            return Violation("clearance", -beside, 0.0, checked.absolute(checked.first), corridor.NAME)
-    return None
+    ((x, y),), ((ahead, aside),) = (
+        frame.to_world(point.position).tolist(),
+        frame.vectors_to_world(point.direction).tolist(),
+    )
+    return beside_corridor(checked.scenario, checked.absolute(checked.first), (x, y), atan2(aside, ahead))

@@ -24,8 +24,9 @@ from scp_planner.mathematics.outlines import Outline
 NAME = "corridor"  # the id of its outside among obstacles
 WALLS = "walls"  # and that of the walls of a scenario
 WALL = 3.0  # units of length, least thickness
-FLAT = 1e-9  # relative to the extent: thinner pieces are none
-SAME = 1e-11  # relative to the extent: vertices nearer to each other are one, and an edge between them has no direction
+ROUNDING = 1e-12  # relative to the largest coordinate: what is thinner, or nearer to each other, is so by rounding
+NEAR = 3e-5  # relative to the same: what is farther from a line is on its side; shorter edges have no direction
+UNCOVERED = 1e-9  # of a line: shorter parts of it do not leave the corridor
 MOST_CORNERS = 100  # of a polygon; of 500 in each of three, what lies outside takes more than half a minute
 MOST_PIECES = 200  # after which pieces do not overlap any more
 
@@ -54,24 +55,24 @@ def outside(polygons: Sequence[Polygon], wall: float = WALL) -> list[Polygon]:
     rings = [planar.anticlockwise(polygon) for polygon in polygons]
     xs, ys = [x for ring in rings for x, _ in ring], [y for ring in rings for _, y in ring]
     left, right, low, high = min(xs) - wall, max(xs) + wall, min(ys) - wall, max(ys) + wall
-    flat = FLAT * max(right - left, high - low) ** 2
-    same = SAME * max(right - left, high - low)
+    largest = max(abs(side) for side in (left, right, low, high))
+    thin, near = ROUNDING * largest, NEAR * largest
     pieces = [_Piece.of(((left, low), (right, low), (right, high), (left, high)))]
     boxes = np.array([pieces[0].box])
     for polygon in rings:
-        apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, math.sqrt(flat))
+        apart, new, ring = np.ones(len(pieces), dtype=bool), [], _Ring(polygon, near)
         met = np.flatnonzero(_meet(boxes, _Piece.of(polygon).box)).tolist()
         for k, cut in zip(met, ring.cuts([pieces[k].polygon for k in met]), strict=True):
-            parts = None if cut is None else _beyond(pieces[k].polygon, cut, flat, len(pieces))
+            parts = None if cut is None else _beyond(pieces[k].polygon, cut, thin, len(pieces))
             if parts is not None:
                 apart[k] = False
                 new += parts
         left_over, boxes = [pieces[k] for k in np.flatnonzero(apart).tolist()], boxes[apart]
-        kept = _largest(left_over, boxes, new, flat)
+        kept = _largest(left_over, boxes, new, thin)
         pieces = left_over + kept
         boxes = np.concatenate([boxes, np.array([piece.box for piece in kept]).reshape(-1, 4)])
     pieces.sort(key=lambda piece: piece.area, reverse=True)
-    merged = (_merged(piece.polygon, same) for piece in pieces)
+    merged = (_merged(piece.polygon, thin) for piece in pieces)
     return [piece for piece in merged if len(piece) >= 3]
 
 
@@ -160,21 +161,21 @@ def _leaves(rings: Sequence[Polygon], start: planar.Point, goal: planar.Point) -
             parts.append((first, last))
     covered = 0.0
     for first, last in sorted(parts):
-        if first > covered + FLAT:
+        if first > covered + UNCOVERED:
             return True
         covered = max(covered, last)
-    return covered < 1.0 - FLAT
+    return covered < 1.0 - UNCOVERED
 
 
-def _beyond(piece: Polygon, cut: Sequence[Edge], flat: float, count: int) -> list[_Piece] | None:
+def _beyond(piece: Polygon, cut: Sequence[Edge], thin: float, count: int) -> list[_Piece] | None:
     """The parts of a convex polygon that lie beyond each edge of another which may cut it; None if they are apart."""
     left, parts = piece, []
     for a, b in cut:
         part = _clipped(left if count > MOST_PIECES else piece, b, a)
-        if len(part) >= 3 and (area := planar.area(part)) > flat:
-            parts.append(_Piece.of(part, area))
+        if len(part) >= 3 and not (one := _Piece.of(part)).is_thin(thin):
+            parts.append(one)
         left = _clipped(left, a, b)
-        if len(left) < 3 or planar.area(left) <= flat:
+        if len(left) < 3 or _Piece.of(left).is_thin(thin):
             return None
     return parts
 
@@ -272,6 +273,10 @@ class _Piece:
         """The sides, each positive outwards: that of a piece in another one is nowhere larger."""
         return (-self.left, self.right, -self.low, self.high)
 
+    def is_thin(self, width: float) -> bool:
+        """Whether it fits between two lines so far apart: it has half the area of a box along its diameter, or more."""
+        return 2.0 * self.area <= width * max(self.right - self.left, self.high - self.low)
+
     @classmethod
     def of(cls, polygon: Polygon, area: float | None = None) -> _Piece:
         xs, ys = [x for x, _ in polygon], [y for _, y in polygon]
@@ -290,7 +295,7 @@ def _meet(boxes: Array, box: Array | tuple[float, ...]) -> Mask:
     return met
 
 
-def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float) -> list[_Piece]:
+def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], thin: float) -> list[_Piece]:
     """Those of new pieces that lie in no other one, neither of these nor of others, whose boxes are (n, 4).
 
     They are parts of pieces that are no more, and in which none of the others lay: none of these lies in a new one.
@@ -298,15 +303,15 @@ def _largest(pieces: list[_Piece], boxes: Array, new: list[_Piece], flat: float)
     new = sorted(new, key=lambda one: one.area, reverse=True)
     own = np.array([piece.box for piece in new]).reshape(-1, 4)
     chosen: list[int] = []
-    near, step = math.sqrt(flat), max(1, AT_ONCE // (len(boxes) + len(new) + 1))
+    step = max(1, AT_ONCE // (len(boxes) + len(new) + 1))
     # Boxes first, of many at once: most pieces are elsewhere.
     for begin in range(0, len(new), step):
         some = own[begin : begin + step]
-        rows = zip(_within(some, own, near), _within(some, boxes, near), strict=True)
+        rows = zip(_within(some, own, thin), _within(some, boxes, thin), strict=True)
         for place, (inside_new, inside_old) in enumerate(rows, start=begin):
             others = [new[k] for k in chosen if inside_new[k]] if inside_new[:place].any() else []
             others += [pieces[k] for k in np.flatnonzero(inside_old).tolist()]
-            if not any(_lies_in(new[place].polygon, other.edges, flat) for other in others):
+            if not any(_lies_in(new[place].polygon, other.edges, thin) for other in others):
                 chosen.append(place)
     return [new[k] for k in chosen]
 
@@ -319,11 +324,11 @@ def _within(some: Array, boxes: Array, near: float) -> Mask:
     return held
 
 
-def _lies_in(piece: Polygon, edges: Sequence[Edge], flat: float) -> bool:
-    """Whether a convex polygon lies in another one, given the edges of that."""
-    tolerance = -math.sqrt(flat) * FLAT
+def _lies_in(piece: Polygon, edges: Sequence[Edge], thin: float) -> bool:
+    """Whether a convex polygon lies in another one to rounding, given the edges of that."""
     for (left, low), (right, high) in edges:
         along, up = right - left, high - low
+        tolerance = -thin * math.hypot(along, up)
         for x, y in piece:
             if along * (y - low) - up * (x - left) < tolerance:
                 return False

@@ -332,6 +332,22 @@ def test_corridors_and_walls_are_kept_between_samples() -> None:
         assert sp.certify(wide_open(samples, walls=wall), samples).holds is holds
 
 
+@pytest.mark.parametrize(("ahead", "holds"), [(1.5, True), (2.4, False), (30.0, False)])
+def test_a_disc_that_begins_beyond_the_corridor_is_refused(ahead: float, holds: bool) -> None:
+    """Walls outside of it have a thickness; a disc beyond them touches none of them."""
+    samples = straight([0.0, 6.0], [0.0, 3.0], [0.5, 0.5])
+    vehicle = {"radius": 0.3, "max_speed": 1.0, "max_acceleration": 1.0, "max_deceleration": 1.0}
+    scenario = sp.Scenario(
+        vehicle=vehicle | {"discs": [0.0, ahead]},
+        start={"time": 0.0, "position": [0.0, 0.0], "speed": 0.5},
+        goal={"position": [3.0, 0.0]},
+        corridor=[[[-1.0, -1.0], [5.0, -1.0], [5.0, 1.0], [-1.0, 1.0]]],
+    )
+    certificate = sp.certify(scenario, samples)
+    assert certificate.holds is holds
+    assert {violation.obstacle for violation in certificate.violations} == (set() if holds else {"corridor"})
+
+
 def test_speed_limits_by_place_hold_between_samples() -> None:
     """Fast only within 2 m in the middle of an interval."""
     faster = straight([0.0, 4.0, 6.0, 10.0], [0.0, 8.0, 12.5, 20.5], [2.0, 2.0, 2.0, 2.0])

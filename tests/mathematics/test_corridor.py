@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from scenes import disc, scene
-from shapely import contains_xy, distance, points, unary_union
+from shapely import contains, contains_xy, distance, points, unary_union
 from shapely.geometry import LineString, Point, Polygon, box
 
 import scp_planner as sp
+from scp_planner.arrays import Array
 from scp_planner.mathematics import corridor, planar
 from scp_planner.mathematics.outlines import Outline
 from verification.dense_check import check_trip
@@ -95,6 +96,84 @@ def test_edges_that_are_only_rounding_do_not_tell_polygons_apart() -> None:
     assert corridor._Ring(away, 1e-3).cuts([wall]) == [None]
 
 
+def any_convex(rng: np.random.Generator, size: float) -> Array:
+    """A convex polygon of three to seven corners, round or a sliver."""
+    angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 8)))
+    flat = np.array([1.0, 10.0 ** rng.uniform(-7.0, 0.0) if rng.random() < 0.4 else 1.0])
+    corners = flat * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return rng.uniform(-size, size, 2) + size * 10.0 ** rng.uniform(-1.5, 0.0) * corners @ turned(rng).T
+
+
+def turned(rng: np.random.Generator) -> Array:
+    """A rotation, or none."""
+    angle = rng.uniform(0.0, 2.0 * np.pi) if rng.random() < 0.6 else 0.0
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def round_a_hole(rng: np.random.Generator, size: float) -> tuple[list[Array], Array]:
+    """Four rectangles round a hole as small as a billionth of them, and points in it."""
+    wide, high = size * 10.0 ** rng.uniform(-9.0, -1.0) * np.array([1.0, 10.0 ** rng.uniform(-3.0, 1.0)])
+    turn, middle, out = turned(rng), rng.uniform(-0.5, 0.5, 2) * size, size * rng.uniform(0.05, 0.5)
+    sides = [(-out, -out, -wide, out), (wide, -out, out, out), (-out, high, out, out), (-out, -out, out, -high)]
+    inside = rng.uniform(-0.9, 0.9, (20, 2)) * [wide, high]
+    return [np.array(rectangle(*side)) @ turn.T + middle for side in sides], inside @ turn.T + middle
+
+
+def near_crossings(rng: np.random.Generator, polygons: Sequence[corridor.Polygon], size: float) -> Array:
+    """Points at all distances from where the lines of edges cross."""
+    ends = np.array([edge for polygon in polygons for edge in planar.edges(polygon)])
+    one, other = np.triu_indices(len(ends), 1)
+    begin, along, to, aside = (part for some in (one, other) for part in (ends[some, 0], ends[some, 1] - ends[some, 0]))
+    turn = along[:, 0] * aside[:, 1] - along[:, 1] * aside[:, 0]
+    crossing = turn != 0.0
+    share = (to - begin)[crossing, 0] * aside[crossing, 1] - (to - begin)[crossing, 1] * aside[crossing, 0]
+    share /= turn[crossing]
+    found = (begin[crossing] + share[:, None] * along[crossing])[np.abs(share - 0.5) < 0.6]
+    found = np.repeat(found, 6, axis=0)
+    return found + rng.normal(size=found.shape) * size * 10.0 ** rng.uniform(-10.0, -0.5, (len(found), 1))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_no_place_outside_a_union_is_called_inside_at_any_scale(seed: int) -> None:
+    """Nor is one inside called outside. By distances of points to each polygon, relative to the largest coordinate."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-3.0, 6.0)
+    polygons, probes = [any_convex(rng, size) for _ in range(rng.integers(1, 6))], []
+    for _ in range(rng.integers(0, 3)):
+        sides, inside = round_a_hole(rng, size)
+        polygons += sides
+        probes.append(inside)
+    away = rng.uniform(-1e6, 1e6, 2) if rng.random() < 0.3 else np.zeros(2)
+    rings = [tuple(map(tuple, (polygons[k] + away).tolist())) for k in rng.permutation(len(polygons))]
+    rings = [ring for ring in rings if planar.area(ring) and planar.is_convex(ring) and not planar.first_crossing(ring)]
+    walls = corridor.outside(rings, wall=0.3 * size)
+    corners = np.concatenate([np.array(ring) for ring in rings])
+    low, high = corners.min(axis=0) - 0.3 * size, corners.max(axis=0) + 0.3 * size
+    place = np.concatenate([*(probe + away for probe in probes), near_crossings(rng, rings, size)])
+    place = np.concatenate([place, rng.uniform(low, high, (200, 2))])
+    place = points(place[np.all((place > low) & (place < high), axis=1)])
+    rounding = 1e-11 * np.abs([low, high]).max()
+    beyond = np.min([distance(Polygon(ring), place) for ring in rings], axis=0)
+    to_wall = np.min([distance(Polygon(wall), place) for wall in walls], axis=0)
+    assert np.all(to_wall[beyond > rounding] <= rounding)
+    union = unary_union([Polygon(ring) for ring in rings])
+    depth = np.where(contains(union, place), distance(union.boundary, place), 0.0)
+    assert np.all(to_wall >= depth - 100.0 * rounding)
+
+
+@pytest.mark.parametrize("half", [1e-4, 1e-2, 0.1])
+def test_a_pillar_that_a_road_of_5_km_leaves_out_is_outside(half: float) -> None:
+    sides = [(-20, -4, 2500 - half, 4), (2500 + half, -4, 5020, 4)]
+    sides += [(2490, half, 2510, 4), (2490, -4, 2510, -half)]
+    scenario = scene(goal={"position": [5000.0, 0.0]}, corridor=[rectangle(*side) for side in sides])
+    (zone,) = sp.zones(scenario)
+    assert zone.signed_distance(0.0, np.array([[2500.0, 0.0]]))[0] < 0.0
+    straight = sp.SampledTrajectory([0.0, 5000.0], [[0.0, 0.0], [5000.0, 0.0]], [0.0, 0.0], [1.0, 1.0])
+    certificate = sp.certify(scenario, straight)
+    assert not certificate.holds
+    assert {one.obstacle for one in certificate.violations} == {"corridor"}
+
+
 def test_the_signed_distance_to_the_outside_is_the_room_in_the_corridor() -> None:
     polygons = [rectangle(-1, -1, 9, 1), [[7, -1], [9, -1], [10, 4], [8, 4]], rectangle(6, 3, 14, 8)]
     scenario = scene(goal={"position": [12.0, 6.0]}, corridor=polygons)
@@ -176,7 +255,7 @@ def test_walls_have_no_edge_that_is_only_rounding() -> None:
     xs, ys = zip(*(vertex for polygon in polygons for vertex in polygon), strict=True)
     extent = max(max(xs) - min(xs), max(ys) - min(ys))
     shortest = min(np.hypot(b[0] - a[0], b[1] - a[1]) for wall in walls for a, b in planar.edges(wall))
-    assert shortest > corridor.SAME * extent
+    assert shortest > corridor.ROUNDING * extent
     inside = unary_union([Polygon(polygon) for polygon in polygons])
     low_x, low_y, high_x, high_y = inside.bounds
     around = box(low_x - 3.0, low_y - 3.0, high_x + 3.0, high_y + 3.0)
