@@ -21,6 +21,7 @@ from scp_planner.errors import MISSING, Fault, PlanError
 from scp_planner.files import write_text
 from scp_planner.mathematics.splines import clamped_knots
 from scp_planner.planning.outputs import output_named, picture_or_text
+from scp_planner.planning.plan_samples import check_samples
 from scp_planner.trips.trajectory import TripPoints
 from scp_planner.trips.trip import Trip
 from scp_planner.trips.trip_file import KeyReader, trip_in
@@ -28,6 +29,7 @@ from scp_planner.trips.trip_file import KeyReader, trip_in
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from scp_planner.estimation.tracking import TrackingTube
     from scp_planner.scenario.models import Scenario
 
 _WORK = ("wall_time", "timings", "planned")
@@ -41,12 +43,18 @@ class PlanStatus(StrEnum):
 
     ``certified``: the continuous-time certificate holds. ``feasible``: all sampled constraints hold, the certificate
     does not. ``infeasible``: some constraint is violated. ``failed``: no trip came out but the start of the search.
+    ``unverified``: the plan was read from a file, and has not been certified since.
     """
 
     CERTIFIED = "certified"
     FEASIBLE = "feasible"
     INFEASIBLE = "infeasible"
     FAILED = "failed"
+    UNVERIFIED = "unverified"
+
+
+_STATED = tuple(str(status) for status in PlanStatus if status is not PlanStatus.UNVERIFIED)
+"""In files: a plan that is read and saved again states what it did before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +89,9 @@ class Plan:
         nothing of other ways round; ``relative_gap`` does. None: not known.
     planned : Scenario or None
         What ``relative_gap`` looks at; not saved.
+    stated_status : PlanStatus or None
+        Of an unverified plan: the status that its file states, as ``reason``, ``clearance`` and ``limits`` are those
+        that it states. Files can be edited: ``verified`` and :func:`scp_planner.certify` tell whether the plan holds.
     """
 
     scenario: str
@@ -97,6 +108,7 @@ class Plan:
     timings: dict[str, float] = field(default_factory=dict)
     converged: bool | None = None
     planned: Scenario | None = field(default=None, repr=False)
+    stated_status: PlanStatus | None = None
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self._identity == other._identity
@@ -223,7 +235,7 @@ class Plan:
         return {
             "schema": 1,
             "scenario": self.scenario,
-            "status": str(self.status),
+            "status": str(self.stated_status or self.status),
             "reason": self.reason,
             "start_time": self.start_time,
             "arrival_time": self.arrival_time,
@@ -345,7 +357,7 @@ class Plan:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
-        """Read a plan file.
+        """Read a plan file. The plan is ``unverified``, whatever the file states; see ``stated_status``.
 
         Parameters
         ----------
@@ -358,7 +370,8 @@ class Plan:
         Raises
         ------
         PlanError
-            Naming the file, the key and the value.
+            Naming the file, the key and the value; also if the file's samples are not those of its path and
+            acceleration, to 1e-6 of the path's length, the travel time and the largest value of each quantity.
         """
         name = str(path)
         try:
@@ -394,13 +407,12 @@ class Plan:
         trip = trip_in(reader)
         clearance = reader.part("clearance")
         limits = reader.part("limits")
-        try:
-            status = PlanStatus(reader.get("status"))
-        except ValueError:
-            raise reader.fault("status", reader.get("status"), "one of " + ", ".join(PlanStatus)) from None
-        return cls(
+        stated = reader.get("status")
+        if stated not in _STATED:
+            raise reader.fault("status", stated, "one of " + ", ".join(_STATED))
+        plan = cls(
             scenario=str(reader.get("scenario")),
-            status=status,
+            status=PlanStatus.UNVERIFIED,
             reason=reader.get("reason"),
             trip=trip,
             method=str(reader.get("method")),
@@ -415,11 +427,41 @@ class Plan:
             },
             lower_bound=reader.number("lower_bound") if "lower_bound" in data else 0.0,
             converged=reader.flag("converged") if data.get("converged") is not None else None,
+            stated_status=PlanStatus(stated),
         )
+        if "samples" in data:
+            check_samples(reader.part("samples"), trip, lambda name, times: getattr(plan, name)(times))
+        return plan
 
     def with_status(self, status: PlanStatus, reason: str | None) -> Plan:
         """Return the same plan with another verdict."""
-        return replace(self, status=status, reason=reason)
+        return replace(self, status=status, reason=reason, stated_status=None)
+
+    def verified(self, scenario: Scenario, *, tube: TrackingTube | None = None) -> Self:
+        """Return the same plan with what :func:`scp_planner.certify` says of it, whatever was said before.
+
+        Parameters
+        ----------
+        scenario : Scenario
+        tube : TrackingTube, optional
+            As for :func:`scp_planner.certify`.
+
+        Returns
+        -------
+        Plan
+            ``certified``, or ``infeasible`` with the violations as its reason; clearance and limits are those found.
+        """
+        from scp_planner.certificate.check import certify
+
+        found = certify(scenario, self, tube=tube)
+        return replace(
+            self,
+            status=PlanStatus.CERTIFIED if found.holds else PlanStatus.INFEASIBLE,
+            reason=None if found.holds else "; ".join(map(str, found.violations)),
+            clearance=found.clearance,
+            limits=found.limits,
+            stated_status=None,
+        )
 
     @cached_property
     def knot_times(self) -> Array:

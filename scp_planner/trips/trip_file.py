@@ -18,6 +18,12 @@ from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
+PATH_DEGREES = 3, 5
+"""Of offsets that are certified. Knots are single, so the curvature of the path is continuous from 3 on: its bounds
+on pieces say nothing of a heading that jumps between them (degree 1), or of a curvature that does (2)."""
+DRIVE_DEGREES = 0, 2
+"""Of accelerations that are certified. Those of degree 0 jump, which the limit of the jerk finds."""
+
 
 class KeyReader:
     """Reads keys of a plan file with errors that name the file, the key and the value."""
@@ -93,6 +99,16 @@ class KeyReader:
             raise self.fault(key, value, wanted if size is None else f"{size} {wanted}")
         return np.array(value, dtype=float)
 
+    def vectors(self, key: str, count: int) -> Array:
+        """Return a list of so many pairs of numbers, (count, 2)."""
+        value = self.get(key)
+        pairs = value if isinstance(value, list) else []
+        good = len(pairs) == count and all(isinstance(pair, list) and len(pair) == 2 for pair in pairs)
+        if not good or not all(_is_number(each, LARGEST_COORDINATE) for pair in pairs for each in pair):
+            wanted = f"{count} pairs of numbers from {-LARGEST_COORDINATE:g} to {LARGEST_COORDINATE:g}"
+            raise self.fault(key, value, wanted)
+        return np.array(value, dtype=float).reshape(-1, 2)
+
     def breakpoints(self, key: str, degree: int) -> Array:
         """Return the breakpoints of clamped knots."""
         knots = self.vector(key, None)
@@ -145,7 +161,7 @@ def _space_in(reader: KeyReader) -> TripSpace:
     """Return the guide and the splines of a plan file."""
     path, drive = reader.part("path"), reader.part("acceleration")
     guide = _guide_in(path)
-    path_degree, drive_degree = path.integer("degree", 1, 5), drive.integer("degree", 0, 2)
+    path_degree, drive_degree = path.integer("degree", *PATH_DEGREES), drive.integer("degree", *DRIVE_DEGREES)
     path_breaks = path.breakpoints("knots", path_degree)
     drive_breaks = drive.breakpoints("knots", drive_degree)
     if abs(path_breaks[-1] - guide.length) > 1e-9 * guide.length or path_breaks[0] != 0.0:

@@ -163,8 +163,8 @@ def test_no_place_outside_a_union_is_called_inside_at_any_scale(seed: int) -> No
 
 @pytest.mark.parametrize("half", [1e-4, 1e-2, 0.1])
 def test_a_pillar_that_a_road_of_5_km_leaves_out_is_outside(half: float) -> None:
-    sides = [(-20, -4, 2500 - half, 4), (2500 + half, -4, 5020, 4)]
-    sides += [(2490, half, 2510, 4), (2490, -4, 2510, -half)]
+    sides = [(-20.0, -4.0, 2500.0 - half, 4.0), (2500.0 + half, -4.0, 5020.0, 4.0)]
+    sides += [(2490.0, half, 2510.0, 4.0), (2490.0, -4.0, 2510.0, -half)]
     scenario = scene(goal={"position": [5000.0, 0.0]}, corridor=[rectangle(*side) for side in sides])
     (zone,) = sp.zones(scenario)
     assert zone.signed_distance(0.0, np.array([[2500.0, 0.0]]))[0] < 0.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CROSSERS, scene
+from scenes import CROSSERS, disc, scene
 
 import scp_planner as sp
 from scp_planner.certificate.verdict import Clearance
@@ -86,7 +86,9 @@ def test_a_saved_plan_is_loaded_to_the_bit(plan: sp.Plan, tmp_path: Path) -> Non
     t = np.linspace(plan.start_time, plan.arrival_time, 501)
     for name in ("position", "velocity", "speed", "acceleration", "heading", "curvature"):
         assert getattr(again, name)(t).tobytes() == getattr(plan, name)(t).tobytes(), name
-    for name in ("status", "reason", "travel_time", "method", "solver", "iterations", "clearance", "limits"):
+    assert again.status is PlanStatus.UNVERIFIED and not again.certified
+    assert again.stated_status is plan.status
+    for name in ("reason", "travel_time", "method", "solver", "iterations", "clearance", "limits"):
         assert getattr(again, name) == getattr(plan, name), name
     data = json.loads((tmp_path / "plan.json").read_text())
     assert data["schema"] == 1
@@ -138,6 +140,22 @@ BAD = {
     "no path": (_set("path", value=KeyError), "path"),
     "path is a list": (_set("path", value=[1]), "path"),
     "degree": (_set("path", "degree", value=9), "path.degree = 9"),
+    "a path with corners": (_set("path", "degree", value=1), "path.degree = 1: expected an integer from 3 to 5"),
+    "a path whose curvature jumps": (_set("path", "degree", value=2), "path.degree = 2: expected an integer from 3"),
+    "degree of the acceleration": (_set("acceleration", "degree", value=3), "acceleration.degree = 3"),
+    "a knot twice": (_set("path", "knots", 5, value=0.0), "path.knots"),
+    "status that only a plan that was read has": (_set("status", value="unverified"), "status = 'unverified'"),
+    "samples": (_set("samples", value=[]), "samples"),
+    "samples without times": (_set("samples", "time", value=KeyError), "samples.time"),
+    "samples backwards": (_set("samples", "time", value=[1.0, 0.0]), "samples.time"),
+    "samples before the start": (_set("samples", "time", 0, value=-1.0), "samples.time"),
+    "samples of fewer positions": (_set("samples", "position", value=[[0.0, 0.0]]), "samples.position"),
+    "samples elsewhere": (_set("samples", "position", 1, 1, value=3e-5), "samples.position[1]"),
+    "samples that are faster": (_set("samples", "velocity", 0, 0, value=1.1), "samples.velocity[0] = [1.1,"),
+    "samples that turn": (_set("samples", "heading", 1, value=0.1), "samples.heading[1] = 0.1"),
+    "samples of another speed": (_set("samples", "speed", 0, value=1.1), "samples.speed[0] = 1.1"),
+    "samples that brake": (_set("samples", "acceleration", 0, value=-1.0), "samples.acceleration[0] = -1.0"),
+    "samples that bend": (_set("samples", "curvature", 0, value=0.5), "samples.curvature[0] = 0.5"),
     "degree as text": (_set("path", "degree", value="3"), "path.degree"),
     "knots": (_set("path", "knots", value=[0.0, 1.0]), "path.knots"),
     "knots of nothing": (_set("path", "knots", value=None), "path.knots"),
@@ -213,3 +231,47 @@ def test_there_is_no_trip_that_never_arrives(plan: sp.Plan, travel_time: float) 
     trajectory = plan.trip.trajectory
     with pytest.raises(ValueError, match="never arrives"):
         Trip(plan.trip.frame, Trajectory(trajectory.path, trajectory.beta, travel_time))
+
+
+def test_samples_of_seven_digits_are_read(plan: sp.Plan) -> None:
+    data = plan.to_dict(samples=201)
+    samples = {name: np.array(values) for name, values in data["samples"].items()}
+    data["samples"] = {
+        name: np.vectorize(lambda value: float(f"{value:.7g}"))(values).tolist() for name, values in samples.items()
+    }
+    data["samples"]["time"] = np.clip(data["samples"]["time"], plan.start_time, plan.arrival_time).tolist()
+    assert sp.Plan.from_dict(data, "rounded").travel_time == plan.travel_time
+    del data["samples"]
+    assert sp.Plan.from_dict(data, "none").travel_time == plan.travel_time
+
+
+@pytest.mark.parametrize("clock", [0.0, 1.7e9])
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e5])
+@pytest.mark.parametrize("vehicle", [{}, {"max_jerk": 2.0}])
+def test_plans_of_all_sizes_are_read_with_their_samples(size: float, clock: float, vehicle: dict[str, float]) -> None:
+    sizes = {"radius": 0.3 * size, "max_speed": 3.0 * size, "max_acceleration": 1.5 * size}
+    sizes |= {"max_deceleration": 2.0 * size} | {name: value * size for name, value in vehicle.items()}
+    made = sp.plan(
+        sp.Scenario(
+            vehicle=sizes,
+            start={"time": clock, "position": [7.0 * size, 0.0], "heading": 0.0, "speed": size},
+            goal={"position": [27.0 * size, 3.0 * size]},
+        )
+    )
+    assert made.certified
+    assert sp.Plan.from_dict(made.to_dict(500), "plan.json").travel_time == made.travel_time
+
+
+def test_what_a_plan_file_states_is_not_believed(tmp_path: Path) -> None:
+    scenario = scene(disc("o", (10.0, 0.0)))
+    made = sp.plan(scenario)
+    made.save(tmp_path / "plan.json")
+    loaded = sp.Plan.load(tmp_path / "plan.json")
+    again = loaded.verified(scenario)
+    assert again.certified and again.reason is None and again.stated_status is None
+    assert again.clearance == sp.certify(scenario, made).clearance
+    nearer = scene(disc("o", (10.0, 0.0), radius=1.0))
+    worse = loaded.verified(nearer)
+    assert worse.status is PlanStatus.INFEASIBLE and not worse.certified
+    assert worse.reason is not None and "clearance to o" in worse.reason
+    assert worse.clearance.minimum < 0.0

@@ -180,4 +180,4 @@ def test_command_plans_a_file(recorded_data: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["plan", str(file), "-o", str(tmp_path / "plan.json"), "--json"])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["scenario"] == "DEU_Ffb-1_1_T-1"
-    assert sp.Plan.load(tmp_path / "plan.json").certified
+    assert sp.Plan.load(tmp_path / "plan.json").stated_status == "certified"

@@ -143,7 +143,7 @@ def test_demo_writes_scenario_plan_and_figure(
     assert Run.load(tmp_path / "demo" / "run.json").arrived
     scenario = Scenario.load(tmp_path / "demo" / "scenario.yaml")
     assert scenario == builtin.load(scenario.name)
-    assert Plan.load(tmp_path / "demo" / "plan.json").certified
+    assert Plan.load(tmp_path / "demo" / "plan.json").verified(scenario).certified
 
 
 @pytest.mark.slow

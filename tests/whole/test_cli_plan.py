@@ -109,7 +109,7 @@ def test_plan_without_obstacles_has_a_summary_in_json(easy: Path) -> None:
 def test_quiet_prints_nothing(easy: Path, tmp_path: Path) -> None:
     result = run("plan", easy, "-o", tmp_path / "plan.json", "--quiet")
     assert (result.exit_code, result.output) == (0, "")
-    assert Plan.load(tmp_path / "plan.json").certified
+    assert Plan.load(tmp_path / "plan.json").stated_status == "certified"
 
 
 @pytest.mark.parametrize("solver", ["daqp", "clarabel", "osqp", "cvxpy"])

@@ -129,6 +129,6 @@ def test_the_readme_shows_code_that_runs(tmp_path: Path, monkeypatch: pytest.Mon
     names: dict[str, Any] = {}
     exec(code, names)
     assert names["plan"].certified
-    assert scp_planner.Plan.load("plan.json").certified
+    assert scp_planner.Plan.load("plan.json").verified(names["scenario"]).certified
     Path("readme.yaml").write_text(text)
     assert scp_planner.Scenario.load("readme.yaml").obstacles == names["scenario"].obstacles

@@ -79,7 +79,9 @@ def test_plans_compare_and_hash_by_what_they_are(plan: sp.Plan, tmp_path: Path) 
     assert same == plan and hash(same) == hash(plan) and len({same, plan}) == 1
     plan.save(tmp_path / "plan.json")
     loaded = sp.Plan.load(tmp_path / "plan.json")
-    assert loaded == plan and hash(loaded) == hash(plan)
+    again = sp.Plan.load(tmp_path / "plan.json")
+    assert loaded == again and hash(loaded) == hash(again)
+    assert loaded != plan and replace(loaded, status=plan.status, stated_status=None) == plan
     assert replace(plan, wall_time=7.0) == plan
     assert replace(plan, lower_bound=7.0) != plan
     other = sp.plan(scene(*CROSSERS[:2]))

@@ -1,0 +1,73 @@
+"""Samples in a plan file, which must be those of its path and acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import pi
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.trips.trip import Trip
+from scp_planner.trips.trip_file import KeyReader
+
+SAMPLES_TOLERANCE = 1e-6
+"""Of samples: relative to the path's length, the travel time, and the largest value of each quantity; rad."""
+ROUNDING = 1e-15  # relative to the largest number of a list
+
+
+def check_samples(part: KeyReader, trip: Trip, told: Callable[[str, Array], Array]) -> None:
+    """Refuse samples of a plan file that its path and acceleration do not give.
+
+    Parameters
+    ----------
+    part : KeyReader
+        Of ``samples``.
+    trip : Trip
+        Of the same file.
+    told : callable
+        Of a quantity's name and (n,) absolute times: its values then.
+
+    Raises
+    ------
+    PlanError
+        Naming the first list that disagrees, and where it does so most.
+    """
+    times, first, lasts = part.vector("time", None), trip.frame.time, trip.trajectory.travel_time
+    last = first + lasts
+    slack = SAMPLES_TOLERANCE * lasts + ROUNDING * max(abs(first), abs(last))
+    if len(times) < 2 or np.any(np.diff(times) < 0.0) or times[0] < first - slack or times[-1] > last + slack:
+        raise part.fault("time", times.tolist(), f"at least two times in order, from {first!r} to {last!r}")
+    length = trip.trajectory.path.arc_length
+    fastest = max(length / lasts, float(told("speed", times).max()))
+    # A trip without curvature has values of rounding alone: there is a least scale
+    scales = {
+        "position": length,
+        "velocity": fastest,
+        "heading": 1.0,
+        "speed": fastest,
+        "acceleration": max(fastest / lasts, float(np.abs(told("acceleration", times)).max())),
+        "curvature": max(1.0 / length, float(np.abs(told("curvature", times)).max())),
+    }
+    for name, scale in scales.items():
+        if name not in part.data:
+            continue
+        vectors = name in ("position", "velocity")
+        given = part.vectors(name, len(times)) if vectors else part.vector(name, len(times))
+        # Where an acceleration jumps it has two values
+        moved = (-slack, 0.0, slack) if name == "acceleration" else (0.0,)
+        off = np.min([_apart(name, given, told(name, times + later)) for later in moved], axis=0)
+        allowed, worst = SAMPLES_TOLERANCE * scale + ROUNDING * float(np.abs(given).max()), int(np.argmax(off))
+        if not off[worst] <= allowed:
+            found = told(name, times)[worst].tolist()
+            wanted = f"{found!r} to {allowed:.2g}, which is what path and acceleration give"
+            raise part.fault(f"{name}[{worst}]", given[worst].tolist(), wanted)
+
+
+def _apart(name: str, given: Array, found: Array) -> Array:
+    """How far values are apart, (n,): vectors by their length, headings by the shorter way round."""
+    difference = given - found
+    if name == "heading":
+        difference = np.remainder(difference + pi, 2.0 * pi) - pi
+    apart: Array = np.abs(difference) if difference.ndim == 1 else np.hypot(*difference.T)
+    return apart
