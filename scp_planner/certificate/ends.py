@@ -128,15 +128,23 @@ def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterato
     Violation
     """
     goal, time = scenario.goal, last.time
-    if goal.earliest_arrival is not None and not time >= goal.earliest_arrival - ARRIVAL_TOLERANCE:
-        yield Violation(EARLIEST, time, goal.earliest_arrival, time)
+    yield from _window(scenario, time, began)
     found = [*_place(scenario, last), *_heading_and_speed(scenario, last)]
     if goal.arrival_step is not None:
         missed = abs(remainder(time - began, goal.arrival_step))
         found.append(Violation(OFF_STEP, missed, off_a_step(goal.arrival_step), time))
-    if goal.latest_arrival is not None:
-        found.append(Violation(LATEST, time, goal.latest_arrival + ARRIVAL_TOLERANCE, time))
     yield from (one for one in found if not one.value <= one.allowed + END_TOLERANCE)
+
+
+def _window(scenario: Scenario, time: float, began: float) -> Iterator[Violation]:
+    """Tell whether it arrives too early or too late; on a step, which is nearly met, it arrives at that."""
+    goal, slack = scenario.goal, ARRIVAL_TOLERANCE * (time - began)
+    step = goal.arrival_step
+    counted = time if step is None else began + step * round((time - began) / step)
+    if goal.earliest_arrival is not None and not counted >= goal.earliest_arrival - slack:
+        yield Violation(EARLIEST, time, goal.earliest_arrival, time)
+    if goal.latest_arrival is not None and not counted <= goal.latest_arrival + slack:
+        yield Violation(LATEST, time, goal.latest_arrival, time)
 
 
 def _ahead(position: Point, heading: float, distance: float) -> Point:

@@ -14,7 +14,7 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.certificate.cell_grid import CellGrid, Window
 from scp_planner.certificate.fastest_drive import LONGEST_STEP, ROUNDING, Speeds
 from scp_planner.certificate.inscribed import polygons_inside
-from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE
+from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.scenario.limits import Box
 from scp_planner.scenario.models import Scenario
@@ -214,7 +214,11 @@ class Relaxation:
         """Whether a trip that takes no longer than a duration, s, cannot be excluded."""
         scenario, grid, times = self.scenario, self.grid, self.times
         earliest = scenario.goal.earliest_arrival
-        waits_until = -np.inf if earliest is None else earliest - ARRIVAL_TOLERANCE - scenario.start.time
+        waits_until = -np.inf
+        if earliest is not None:
+            step = scenario.goal.arrival_step
+            off = ARRIVAL_TOLERANCE * duration + (0.0 if step is None else off_a_step(step))
+            waits_until = earliest - off - scenario.start.time
         speeds = Speeds(scenario, duration)
         goal = (self.distance, 0.0)
         instants = np.append(times[times < duration], duration)

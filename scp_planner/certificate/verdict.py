@@ -69,8 +69,9 @@ END_TOLERANCE = 1e-6  # of lengths, speeds and angles at the ends of the trip, i
 GOAL_SPEED_TOLERANCE = 1e-3  # units of speed, of which the highest has three
 CLEARANCE_TOLERANCE = 1e-9  # units of length
 POSITION_TOLERANCE = 1e-9  # units of length, by which positions may be off the trip that is certified
-ARRIVAL_TOLERANCE = 1e-3  # units of time, around the earliest and latest arrival
-STEP_TOLERANCE = 0.01  # of the step that the arrival is on, and no more than that of all arrivals
+ARRIVAL_TOLERANCE = 1e-7  # of the travel time, around the earliest and latest arrival
+STEP_TOLERANCE = 0.01  # of the step that the arrival is on
+LARGEST_OFF_STEP = 1e-3  # units of time
 LATEST = "latest arrival"
 EARLIEST = "earliest arrival"
 OFF_STEP = "arrival off the step"
@@ -168,7 +169,7 @@ class Violation:
 
 def off_a_step(step: float) -> float:
     """By how much an arrival may miss a step of time, of the same unit."""
-    return min(ARRIVAL_TOLERANCE, STEP_TOLERANCE * step)
+    return min(LARGEST_OFF_STEP, STEP_TOLERANCE * step)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.attempts import HARDLY
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
 from scp_planner.problem.guides import may_want_another_guide
-from scp_planner.problem.limits.arrival import EARLIEST_MARGIN
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
@@ -241,11 +240,11 @@ def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> Scp
     first = ceil((trajectory.travel_time - off_a_step(step)) / step)
     for steps in range(first, first + LATER_STEPS):
         arrival = scenario.start.time + steps * step
-        too_late = goal.latest_arrival is not None and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE
+        too_late = goal.latest_arrival is not None and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE * steps * step
         if (best.holds and smooth) or too_late or task.out_of_time:
             break
-        # The step itself is planned for, not the margin later: it may be missed to both sides.
-        timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival - EARLIEST_MARGIN))
+        # Planned for without a margin: the step may be missed to both sides.
+        timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival, latest_arrival=arrival))
         breakpoints = _in_step(trajectory, steps, task.settings)
         spans = len(trajectory.space.path.widths)
         again = CheckedRuns(

@@ -136,10 +136,12 @@ class Goal(Part):
         description="arrival a multiple of so many s after start.time, to a hundredth of that; null: any time",
     )
     earliest_arrival: Number | None = Field(
-        default=None, description="not before this time, to a millisecond, s on the clock of start.time; null: any"
+        default=None,
+        description="not before this time, to 1e-7 of the travel time, s on the clock of start.time; null: any",
     )
     latest_arrival: Number | None = Field(
-        default=None, description="not after this time, to a millisecond, s on the clock of start.time; null: any"
+        default=None,
+        description="not after this time, to 1e-7 of the travel time, s on the clock of start.time; null: any",
     )
 
 

@@ -307,6 +307,26 @@ def test_ends_that_differ_from_the_scenario_are_refused() -> None:
         assert [violation.what for violation in certificate.violations] == [what], what
 
 
+@pytest.mark.parametrize(("speed", "length"), [(3.0, 20.0), (0.001, 20.0), (3.0, 2e4), (1.0, 1e6)])
+@pytest.mark.parametrize("share", [1e-4, 1e-6, 1e-8])
+def test_windows_of_arrival_are_kept_to_a_share_of_the_travel_time(speed: float, length: float, share: float) -> None:
+    """Slow vehicles and long ways have no longer grace."""
+    time = length / speed
+    limits = {"max_speed": speed, "max_acceleration": speed**2 / length, "max_deceleration": speed**2 / length}
+    samples = sp.SampledTrajectory([0.0, time], [[0.0, 0.0], [length, 0.0]], [0.0, 0.0], [speed, speed])
+    for key, missed in (("earliest_arrival", 1.0), ("latest_arrival", -1.0)):
+        for miss in (missed * share, 0.0, -missed * share):
+            scenario = sp.Scenario(
+                vehicle={"radius": 0.01, **limits},
+                start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": speed},
+                goal={"position": [length, 0.0], key: time * (1.0 + miss)},
+            )
+            certificate = sp.certify(scenario, samples)
+            assert certificate.holds is (miss != missed * share or share < 1e-7)
+            names = {violation.what for violation in certificate.violations}
+            assert names <= {key.replace("_", " ")}
+
+
 def test_leaving_the_workspace_between_samples_is_refused() -> None:
     """A swing of the way to the left and back, between samples on the line."""
     time, position = [0.0, 4.0, 8.0], [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]

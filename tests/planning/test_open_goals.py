@@ -198,3 +198,21 @@ def test_courses_head_where_they_say() -> None:
 def test_faulty_goals_are_refused(goal: dict[str, Any], message: str) -> None:
     with pytest.raises(sp.ScenarioError, match=message):
         scene(goal=goal)
+
+
+@pytest.mark.parametrize("window", [0.0, 1e-6, 1e-3])
+@pytest.mark.parametrize(("size", "duration"), [(1.0, 1.0), (1e3, 1.0), (1.0, 1e3)])
+def test_a_trip_arrives_in_a_window_of_any_width(window: float, size: float, duration: float) -> None:
+    vehicle = {"radius": 0.3 * size, "max_speed": 3.0 * size / duration}
+    vehicle |= {"max_acceleration": 1.5 * size / duration**2, "max_deceleration": 2.0 * size / duration**2}
+    motion = {"position": [10.0 * size, -4.0 * size], "velocity": [0.0, 1.2 * size / duration]}
+    earliest, latest = 10.0 * duration, (10.0 + window) * duration
+    scenario = sp.Scenario(
+        vehicle=vehicle,
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": size / duration},
+        goal={"position": [20.0 * size, 0.0], "earliest_arrival": earliest, "latest_arrival": latest},
+        obstacles=[{"id": "crosser", "shape": {"disc": 0.5 * size}, "motion": motion}],
+    )
+    plan = sp.plan(scenario)
+    assert plan.certified, plan.reason
+    assert earliest * (1.0 - 1e-7) <= plan.arrival_time <= latest * (1.0 + 1e-7)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +14,7 @@ from scp_planner.problem.limits.inputs import LimitInputs
 from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.trips.trajectory import Trajectory
 
-EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to
+EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to, if it may
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class EarliestArrival(OptionalLimit):
 
 def earliest_arrival(inputs: LimitInputs) -> Iterator[OptionalLimit]:
     """Make the limit of a goal that is not to be reached too early."""
-    earliest, start = inputs.scenario.goal.earliest_arrival, inputs.scenario.start.time
-    if earliest is not None and earliest > start:
-        yield EarliestArrival(earliest - start + EARLIEST_MARGIN, inputs.step_size)
+    goal, start = inputs.scenario.goal, inputs.scenario.start.time
+    if goal.earliest_arrival is not None and goal.earliest_arrival > start:
+        latest = inf if goal.latest_arrival is None else goal.latest_arrival
+        margin = min(EARLIEST_MARGIN, 0.5 * (latest - goal.earliest_arrival))
+        yield EarliestArrival(goal.earliest_arrival - start + margin, inputs.step_size)
