@@ -18,7 +18,13 @@ SLOW = 0.05
 ON_ITS_WAY = 0.1
 """Of its length. What has not come so far, or will not, in the time that it takes at the speed above, jitters."""
 EACH_PIECE = 16
-"""In each piece of a course."""
+"""Looks at how far it has come, where it stands, in each piece of a course."""
+SHORTEST = 1e-9
+"""Of a course, for which it is on its way or stands."""
+NO_LEAD = 1e-14
+"""Of the largest coefficient of a polynomial, as its last one, which is nothing then."""
+NEARLY_REAL = 1e-3
+"""Imaginary part of a root, of half an interval."""
 
 
 def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePolynomials | None:
@@ -36,27 +42,25 @@ def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePoly
     PiecewisePolynomials or None
         The course itself where it is nowhere slow; None if it is on its way nowhere: then no heading is known.
     """
-    times, moving = _looks(course, length)
-    if moving.all():
-        return course
-    runs = _runs(moving)
+    first, last = course.breakpoints[0, [1, -2]].tolist()
+    runs = _runs(course, length)
     if not runs:
         return None
+    if runs == [(first, last)]:
+        return course
     pieces: list[tuple[float, Array]] = []
-    for number, (first, last) in enumerate(runs):
-        start, end = _unit(course, times[first]), _unit(course, times[last])
-        if first > 0 and number == 0:
-            pieces.append((times[0] - 1.0, _turning(start, start, 1.0)))
-        begins = -np.inf if first == 0 else times[first]
-        ends = np.inf if last == len(times) - 1 else times[last]
-        pieces += _along(course, begins, ends)
-        if last == len(times) - 1:
+    for number, (begin, end) in enumerate(runs):
+        start, stop = _unit(course, begin), _unit(course, end)
+        if begin > first and number == 0:
+            pieces.append((first - 1.0, _turning(start, start, 1.0)))
+        pieces += _along(course, -np.inf if begin == first else begin, np.inf if end == last else end)
+        if end == last:
             break
         if number + 1 == len(runs):
-            pieces.append((times[last], _turning(end, end, 1.0)))
+            pieces.append((end, _turning(stop, stop, 1.0)))
         else:
             then = runs[number + 1][0]
-            pieces += _turned(course, times[last : then + 1], end, _unit(course, times[then]))
+            pieces += _turned(course, _looks(course, end, then), stop, _unit(course, then))
     begins_at = np.array([begin for begin, _ in pieces])
     powers = max(len(one) for _, one in pieces)
     coefficients = np.zeros((len(pieces), powers, 2))
@@ -65,40 +69,104 @@ def course_heading(course: PiecewisePolynomials, length: float) -> PiecewisePoly
     return PiecewisePolynomials(np.append(begins_at, np.inf)[None], coefficients[None])
 
 
-def _looks(course: PiecewisePolynomials, length: float) -> tuple[Array, Mask]:
-    """Times from the first of the course to its last, and whether it is on its way then."""
+def _runs(course: PiecewisePolynomials, length: float) -> list[tuple[float, float]]:
+    """Times from and to which a course is on its way, s, in order.
+
+    Each condition says that a polynomial is not negative on each piece; between its roots it does not change its sign.
+    """
     breaks = course.breakpoints[0, 1:-1]
-    share = np.arange(EACH_PIECE) / EACH_PIECE
-    times = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel(), breaks[-1])
-    velocity = _at(course.derivative, times)
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    slow = SLOW * float(speed.max())
+    first, last = breaks[[0, -1]].tolist()
+    slow = SLOW * _fastest(course, breaks)
     if slow == 0.0:
-        return times, np.zeros(len(times), dtype=bool)
+        return []
     far = ON_ITS_WAY * length
     reach = far / slow
-    place, ahead, behind = (_at(course, np.clip(times + d, times[0], times[-1])) for d in (0.0, reach, -reach))
+    knots = np.unique(np.clip(np.concatenate([breaks, breaks - reach, breaks + reach]), first, last))
+    middle, half = 0.5 * (knots[1:] + knots[:-1]), 0.5 * np.diff(knots)
+    place, ahead, behind = (_local(course, middle + away, half) for away in (0.0, reach, -reach))
+    velocity = _local(course.derivative, middle, half)
+    conditions = [_square(velocity, slow)]
+    conditions += [_square(way, far) for way in (place - behind, ahead - place, ahead - behind)]
+    roots = np.concatenate([(middle[:, None] + half[:, None] * _roots(one)).ravel() for one in conditions])
+    edges = np.unique(np.concatenate([knots, roots[np.isfinite(roots)]]))
+    edges = edges[np.append(np.diff(edges) > SHORTEST * (last - first), True)]
+    edges[0] = first
+    moving = _moves(course, 0.5 * (edges[1:] + edges[:-1]), slow, far)
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(np.int8)))
+    return [(begin, end) for begin, end in edges[turns].reshape(-1, 2).tolist()]
+
+
+def _fastest(course: PiecewisePolynomials, breaks: Array) -> float:
+    """The highest speed between the first time of a course and the last, m/s."""
+    middle, half = 0.5 * (breaks[1:] + breaks[:-1]), 0.5 * np.diff(breaks)
+    square = _square(_local(course.derivative, middle, half), 0.0)
+    summits = middle[:, None] + half[:, None] * _roots(square[:, 1:] * np.arange(1, square.shape[1]))
+    times = np.concatenate([breaks, summits[np.isfinite(summits)]])
+    return float(np.hypot(*_at(course.derivative, times).T).max())
+
+
+def _moves(course: PiecewisePolynomials, times: Array, slow: float, far: float) -> Mask:
+    """Whether a course is on its way at times (n,) s: not slow, and far from where it was and will be."""
+    first, last = course.breakpoints[0, [1, -2]].tolist()
+    reach = far / slow
+    place, ahead, behind = (_at(course, np.clip(times + d, first, last)) for d in (0.0, reach, -reach))
     came, goes, passes = (np.hypot(*way.T) >= far for way in (place - behind, ahead - place, ahead - behind))
     # Where the course ends before that time, what is known of the other side has to do
-    came |= (times - reach < times[0]) & passes
-    goes |= (times + reach > times[-1]) & passes
-    moving = (speed >= slow) & came & goes
-    # Between two looks it may turn round: then its speed falls from what it is in the middle by no more than that
-    half = 0.5 * np.diff(times)
-    middle = _at(course.derivative, times[:-1] + half)
-    bend = np.hypot(*_at(course.derivative.derivative, times).T)
-    # to the left of a look its piece may be another one, but second derivatives of courses are continuous
-    least = np.hypot(*middle.T) - half * np.maximum(bend[:-1], bend[1:])
-    jerks = least < 0.5 * slow
-    moving[:-1] &= ~jerks
-    moving[1:] &= ~jerks
-    return times, moving
+    came |= (times - reach < first) & passes
+    goes |= (times + reach > last) & passes
+    moves: Mask = (np.hypot(*_at(course.derivative, times).T) >= slow) & came & goes
+    return moves
 
 
-def _runs(moving: Mask) -> list[tuple[int, int]]:
-    """First and last of looks in a row that are on the way, at least two of them."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2) if b - a >= 2]
+def _local(course: PiecewisePolynomials, middle: Array, half: Array) -> Array:
+    """Coefficients (n, P, 2) of powers of u in [-1, 1] on intervals (n,) by their middles and half widths, s.
+
+    Beyond the ends of the course it is where it ends.
+    """
+    first, last = course.breakpoints[0, [1, -2]]
+    found = course.taylor(np.zeros(len(middle), dtype=np.intp), np.clip(middle, first, last))
+    found = found * half[:, None, None] ** np.arange(found.shape[1])[:, None]
+    found[(middle < first) | (middle > last), 1:] = 0.0
+    return found
+
+
+def _square(way: Array, least: float) -> Array:
+    """The square of the length of vectors that are polynomials, (n, P, 2), less that of a length: (n, 2 P - 1)."""
+    powers = way.shape[1]
+    found = np.zeros((len(way), 2 * powers - 1))
+    for k in range(powers):
+        found[:, k : k + powers] += (way[:, k, None] * way).sum(axis=2)
+    found[:, 0] -= least * least
+    return found
+
+
+def _roots(coefficients: Array) -> Array:
+    """Real roots in [-1, 1] of polynomials, (n, P) ascending coefficients to (n, P - 1); nan in place of others.
+
+    What is nearly real counts: a time that is no root cuts an interval in two, and does no harm.
+    """
+    degree = coefficients.shape[1] - 1
+    found = np.full((len(coefficients), degree), np.nan)
+    size = np.abs(coefficients).max(axis=1)
+    may = np.flatnonzero(np.abs(coefficients[:, 0]) <= np.abs(coefficients[:, 1:]).sum(axis=1))
+    may = may[size[may] > 0.0]
+    monic = coefficients[may] / size[may, None]
+    monic[np.abs(monic[:, -1]) < NO_LEAD, -1] = NO_LEAD  # then there are roots far away
+    companion = np.zeros((len(may), degree, degree))
+    companion[:, 1:, :-1] = np.eye(degree - 1)
+    companion[:, :, -1] = -monic[:, :-1] / monic[:, -1:]
+    values = np.linalg.eigvals(companion)
+    real = (np.abs(values.imag) <= NEARLY_REAL) & (np.abs(values.real) <= 1.0)
+    found[may] = np.where(real, values.real, np.nan)
+    return found
+
+
+def _looks(course: PiecewisePolynomials, begin: float, end: float) -> Array:
+    """Times in each piece of a course between two, and these, s."""
+    breaks = course.breakpoints[0, 1:-1]
+    share = np.arange(EACH_PIECE) / EACH_PIECE
+    times = (breaks[:-1, None] + np.diff(breaks)[:, None] * share).ravel()
+    return np.concatenate([[begin], times[(times > begin) & (times < end)], [end]])
 
 
 def _along(course: PiecewisePolynomials, first: float, last: float) -> list[tuple[float, Array]]:

@@ -196,6 +196,34 @@ def test_random_trips_among_obstacles_are_judged_as_by_dense_samples(seed: int) 
     assert len(set(verdicts)) == 2
 
 
+@pytest.mark.parametrize(
+    ("begin", "first", "last"),
+    [
+        (7.734338625782538, (104.27179467491568, 3.229485931355296), (82.13106288065389, 5.239750768722935)),
+        (7.500202917969993, (84.1557870357143, 3.1419336688254322), (99.04247229215792, 4.429459869935247)),
+        (7.775930093759994, (79.04660266489049, 2.7267855133360546), (101.87247678930521, 4.630288597849843)),
+        (8.246091240674456, (81.82522533882252, 3.1464042382173085), (102.00360998062885, 3.7709747252215667)),
+    ],
+)
+def test_a_rectangle_in_a_slow_turn_heads_along_its_velocity(
+    begin: float, first: tuple[float, float], last: tuple[float, float]
+) -> None:
+    """These trips are up to a metre inside of it, for a tenth of a second, at 5.2 % of its top speed."""
+    points = [[0.0, 0.0], [80.0, 0.0], [80.0, 4.0], [0.0, 4.0]]
+    course = {"time": [0.0, 8.0, 16.0, 24.0], "position": points}
+    (x, y), lasts = np.subtract(last, first).tolist(), 8.0
+    heading, speed = float(np.arctan2(y, x)), float(np.hypot(x, y)) / lasts
+    scenario = sp.Scenario(
+        vehicle={"radius": 0.3, "max_speed": 3.01, "max_acceleration": 1.5, "max_deceleration": 2.0},
+        start={"time": begin, "position": list(first), "heading": heading, "speed": speed},
+        goal={"position": list(last)},
+        obstacles=[{"id": "car", "shape": {"rectangle": [4.5, 1.8]}, "motion": course}],
+    )
+    samples = sp.SampledTrajectory([begin, begin + lasts], [list(first), list(last)], [heading] * 2, [speed] * 2)
+    certificate = sp.certify(scenario, samples)
+    assert {violation.what for violation in certificate.violations} == {"clearance"}
+
+
 def test_our_own_plan_is_certified_from_its_samples_but_for_what_they_lose() -> None:
     """With the times at which its acceleration jumps, and a limit that is a little wider, for the rest."""
     scenario = scene(*CROSSERS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from scp_planner.arrays import Array
 from scp_planner.mathematics.courses import course_polynomials
@@ -103,3 +104,33 @@ def test_headings_do_not_jump() -> None:
         assert pointing is not None
         knots = pointing.breakpoints[0, 1:-1]
         assert np.all(apart(angles(pointing, knots - 1e-9), angles(pointing, knots + 1e-9)) < 1e-6)
+
+
+def winding(seed: int) -> tuple[Array, Array]:
+    """Drives, turns slowly and stands, at random."""
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.3, 8.0, 14))
+    legs = rng.uniform(-1.0, 1.0, (14, 2)) * 10.0 ** rng.uniform(-1.0, 1.5, (14, 1)) * (rng.random((14, 1)) < 0.8)
+    return times, np.cumsum(legs, axis=0)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_it_heads_along_its_velocity_at_all_times_at_which_it_moves(seed: int) -> None:
+    """By the rule as it is documented, of a spline of SciPy, with a thousandth to spare."""
+    times, places = winding(seed)
+    pointing = course_heading(course_polynomials(times, places), LENGTH)
+    spline = CubicSpline(times, places, bc_type="natural")
+    dense = np.linspace(times[0], times[-1], 100_001)
+    dense = np.sort(np.concatenate([dense, *(at + np.geomspace(1e-9, 0.1, 50) for at in times[:-1])]))
+    velocity = spline(dense, 1)
+    speed = np.hypot(*velocity.T)
+    slow, far = 0.05 * 1.001 * speed.max(), 0.1 * 1.001 * LENGTH
+    reach = 0.1 * LENGTH / (0.05 * speed.max())
+    inside = (dense - reach >= times[0]) & (dense + reach <= times[-1])
+    ways = [np.hypot(*(spline(dense + away) - spline(dense)).T) for away in (reach, -reach)]
+    moves = inside & (speed >= slow) & (ways[0] >= far) & (ways[1] >= far)
+    if not moves.any():
+        return
+    assert pointing is not None
+    expected = np.arctan2(velocity[moves, 1], velocity[moves, 0])
+    assert np.all(apart(angles(pointing, dense[moves]), expected) < 1e-6)
