@@ -54,6 +54,12 @@ def can_reverse(vehicle: Vehicle, speed: float) -> bool:
     return vehicle.steering is Steering.BOTH_WAYS and speed <= END_TOLERANCE
 
 
+def sets_out_backwards(scenario: Scenario, first: EndState) -> bool:
+    """Whether a trip that begins so sets out from a stand against the heading of the start: the front is behind."""
+    wanted = scenario.start.heading
+    return wanted is not None and can_reverse(scenario.vehicle, first.speed) and cos(first.heading - wanted) < 0.0
+
+
 def start_violations(scenario: Scenario, first: EndState) -> Iterator[Violation]:
     """Tell how a trip begins otherwise than its scenario asks, both in natural units.
 
@@ -113,7 +119,7 @@ def beside_corridor(scenario: Scenario, time: float, position: Point, heading: f
     return None
 
 
-def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterator[Violation]:
+def goal_violations(scenario: Scenario, last: EndState, began: float, backwards: bool) -> Iterator[Violation]:
     """Tell how a trip ends otherwise than its scenario asks, both in natural units.
 
     Parameters
@@ -122,6 +128,8 @@ def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterato
     last : EndState
     began : float
         When the trip began, s.
+    backwards : bool
+        Whether it sets out against the heading of its start.
 
     Yields
     ------
@@ -129,7 +137,7 @@ def goal_violations(scenario: Scenario, last: EndState, began: float) -> Iterato
     """
     goal, time = scenario.goal, last.time
     yield from _window(scenario, time, began)
-    found = [*_place(scenario, last), *_heading_and_speed(scenario, last)]
+    found = [*_place(scenario, last, backwards), *_heading_and_speed(scenario, last)]
     if goal.arrival_step is not None:
         missed = abs(remainder(time - began, goal.arrival_step))
         found.append(Violation(OFF_STEP, missed, off_a_step(goal.arrival_step), time))
@@ -152,9 +160,9 @@ def _ahead(position: Point, heading: float, distance: float) -> Point:
     return position[0] + distance * cos(heading), position[1] + distance * sin(heading)
 
 
-def _place(scenario: Scenario, last: EndState) -> Iterator[Violation]:
+def _place(scenario: Scenario, last: EndState, backwards: bool) -> Iterator[Violation]:
     """How far from the goal it ends, and what is allowed."""
-    goal, ahead = scenario.goal, scenario.vehicle.centre
+    goal, ahead = scenario.goal, -scenario.vehicle.centre if backwards else scenario.vehicle.centre
     if goal.region is None:
         yield Violation("distance from the goal", dist(last.position, goal.position), goal.radius, last.time)
         return

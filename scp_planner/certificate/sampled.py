@@ -23,7 +23,13 @@ from math import inf
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
-from scp_planner.certificate.ends import EndState, beside_corridor, goal_violations, start_violations
+from scp_planner.certificate.ends import (
+    EndState,
+    beside_corridor,
+    goal_violations,
+    sets_out_backwards,
+    start_violations,
+)
 from scp_planner.certificate.sampled_pieces import Parts, PieceVelocities, first_parts
 from scp_planner.certificate.verdict import (
     BEYOND_ZONES,
@@ -135,7 +141,9 @@ class _SampledCheck:
             missed = abs(np.remainder(first.heading - wanted + np.pi, 2.0 * np.pi) - np.pi)
             if missed <= STANDING_TURN:
                 first = EndState(first.time, first.position, wanted, first.speed, first.acceleration)
-        self.violations += [*start_violations(self.scenario, first), *goal_violations(self.scenario, last, first.time)]
+        backwards = sets_out_backwards(self.scenario, first)
+        self.violations += start_violations(self.scenario, first)
+        self.violations += goal_violations(self.scenario, last, first.time, backwards)
         beside = beside_corridor(self.scenario, first.time, first.position, first.heading)
         self.violations += [] if beside is None else [beside]
 

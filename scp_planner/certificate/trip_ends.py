@@ -7,7 +7,13 @@ from math import atan2
 import numpy as np
 
 from scp_planner.certificate.checked_trip import CheckedTrip
-from scp_planner.certificate.ends import EndState, beside_corridor, goal_violations, start_violations
+from scp_planner.certificate.ends import (
+    EndState,
+    beside_corridor,
+    goal_violations,
+    sets_out_backwards,
+    start_violations,
+)
 from scp_planner.certificate.verdict import EARLIEST, END_TOLERANCE, Ends, Violation
 
 _BOTH_ENDS = np.array([0.0, 1.0])
@@ -39,10 +45,15 @@ def ends_broken(checked: CheckedTrip, ends: Ends) -> tuple[Violation, ...]:
     # One by one: stops are asked for their start alone, and to find one station takes no NUMPY-CALLS
     points = path.points(np.concatenate([path.exact.parameter_at(drive.distance[k : k + 1]) for k in wanted]))
     position, direction = frame.to_world(points.position).tolist(), frame.vectors_to_world(points.direction).tolist()
+    backwards = False  # what goes on with a trip heads as it drives
     for k, (x, y), (ahead, aside) in zip(wanted, position, direction, strict=True):
         sigma, speed, acceleration = float(_BOTH_ENDS[k]), float(drive.speed[k]), float(drive.acceleration[k])
         state = EndState(checked.absolute(sigma), (x, y), atan2(aside, ahead), speed, acceleration)
-        found += goal_violations(scenario, state, checked.absolute(0.0)) if k else start_violations(scenario, state)
+        if k:
+            found += goal_violations(scenario, state, checked.absolute(0.0), backwards)
+        else:
+            backwards = sets_out_backwards(scenario, state)
+            found += start_violations(scenario, state)
     return tuple(sorted(found, key=lambda one: one.what != EARLIEST))
 
 

@@ -137,6 +137,8 @@ class Means:
     ) -> None:
         self.given, self.settings, self.online, self.inbox, self.units = given, settings, online, inbox, units
         self.solver, self.obstacles, self.following = solver, inbox.obstacles, following
+        # Headings are those of driving: the middle is on the other side while the front is behind
+        self._reversed = given.vehicle.model_copy(update={"centre": -given.vehicle.centre})
         getting_away = time_from_a_stand(given.vehicle, CLEAR_WIDTHS * 2.0 * given.vehicle.radius)
         self.wait = getting_away if online.stay_clear is None else online.stay_clear
         # A plan without jumps begins a reaction time later, and the first one is followed for so much longer.
@@ -169,7 +171,8 @@ class Means:
             speed=state.speed,
             acceleration=state.acceleration,
         )
-        changes: dict[str, Any] = {"start": start, "obstacles": ()}
+        vehicle = self._reversed if state.backwards else self.given.vehicle
+        changes: dict[str, Any] = {"start": start, "obstacles": (), "vehicle": vehicle}
         if self.given.guide is not None:
             changes["guide"] = _guide_from(self.given.guide, state.position)
         return self.given.model_copy(update=changes)

@@ -43,7 +43,7 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
 from scp_planner.online.updates import Forecast, Update
-from scp_planner.scenario.models import Model, Obstacle, Scenario
+from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
 from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
@@ -414,8 +414,21 @@ class Planner:
         # The sensor of a vehicle that stands may show a speed below nothing.
         units, given = self._units, self.given
         pace, there, instant = max(float(speed), 0.0) / units.speed, units.place(place), units.instant(float(time))
-        heading = direction(given.vehicle, there, heading, pace, given.goal.position)
-        return State(instant, there, heading, pace, self._present_acceleration(instant, acceleration))
+        ahead = direction(given.vehicle, there, heading, pace, given.goal.position)
+        front = self._front(instant, heading) if given.vehicle.steering is Steering.BOTH_WAYS else None
+        return State(instant, there, ahead, pace, self._present_acceleration(instant, acceleration), front)
+
+    def _front(self, time: float, heading: float | None) -> float | None:
+        """Where the front heads of a vehicle that was told to head so: that way, or the other if it did so before.
+
+        Since the last replan it has turned as the last plan does.
+        """
+        before, last = self._state, self._last
+        if heading is None or before is None or before.front is None or last is None:
+            return heading
+        points, _ = last.trip.at(np.array([before.time, time]))
+        was, now = np.arctan2(points.path.direction[:, 1], points.path.direction[:, 0]).tolist()
+        return heading if math.cos(heading - before.front - (now - was)) >= 0.0 else heading + math.pi
 
     def _present_acceleration(self, time: float, given: float | None) -> float | None:
         """The acceleration that a plan begins with, in units of the scene; None where it may jump."""
@@ -447,6 +460,7 @@ class Planner:
             None if state.heading is None else state.heading + float(turned[1] - turned[0]),
             max(state.speed + float(points.speed[1] - points.speed[0]), 0.0),
             state.acceleration + float(points.acceleration[1] - points.acceleration[0]) if left else 0.0,
+            None if state.front is None else state.front + float(turned[1] - turned[0]),
         )
 
     def at_goal(self, position: ArrayLike) -> bool:

@@ -85,6 +85,8 @@ class State:
         m/s.
     acceleration : float or None
         Along the path, m/s^2; None: it may jump.
+    front : float or None
+        Where its front heads, rad, which is the other way while it drives backwards; None: as it drives.
     """
 
     time: float
@@ -92,6 +94,12 @@ class State:
     heading: float | None
     speed: float
     acceleration: float | None = None
+    front: float | None = None
+
+    @property
+    def backwards(self) -> bool:
+        """Whether it drives with its front behind."""
+        return self.heading is not None and self.front is not None and math.cos(self.heading - self.front) < 0.0
 
 
 def remaining_trip(problem: Problem, old: Trip, state: State) -> Trajectory:

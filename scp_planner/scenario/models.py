@@ -81,7 +81,8 @@ class Vehicle(Part):
     )
     centre: Number = Field(
         default=0.0,
-        description="how far the middle of the vehicle is ahead of the reference point, m; goal.region holds it",
+        description="how far the middle of the vehicle is ahead of the reference point, towards its front also while it"
+        " drives backwards, m; goal.region holds it",
     )
     discs: Annotated[Row[Number], Field(min_length=1)] = Field(
         default=(0.0,),

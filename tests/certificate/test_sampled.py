@@ -306,6 +306,29 @@ def test_moving_off_in_another_direction_than_the_start_asks_is_refused() -> Non
         assert holds or certificate.violations[0].what == "start heading"
 
 
+@pytest.mark.parametrize("centre", [1.0, -1.0])
+@pytest.mark.parametrize(("way", "heading"), [(-4.5, np.pi), (4.5, 0.0)], ids=["backwards", "ahead"])
+def test_the_middle_of_a_vehicle_is_towards_its_front_whichever_way_it_drives(
+    centre: float, way: float, heading: float
+) -> None:
+    """The front heads along x all the time."""
+    samples = sp.SampledTrajectory(
+        [0.0, 1.0, 5.0], [[0.0, 0.0], [way / 9.0, 0.0], [way, 0.0]], [heading] * 3, [0.0, 1.0, 1.0]
+    )
+    for middle, holds in ((way + centre, True), (way - centre, False)):
+        region = [[middle + x, y] for x, y in ((-0.4, -0.4), (0.4, -0.4), (0.4, 0.4), (-0.4, 0.4))]
+        scenario = sp.Scenario(
+            vehicle={"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0}
+            | {"steering": "both_ways", "centre": centre},
+            start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0},
+            goal={"region": region, "position": [way, 0.0]},
+        )
+        certificate = sp.certify(scenario, samples)
+        assert certificate.holds is holds
+        names = {violation.what for violation in certificate.violations}
+        assert names == (set() if holds else {"distance from the goal region"})
+
+
 def test_ends_that_differ_from_the_scenario_are_refused() -> None:
     samples = straight([0.0, 10.0], [0.0, 20.0], [2.0, 2.0])
     assert sp.certify(scene(start={"speed": 2.0}), samples).holds

@@ -331,3 +331,31 @@ def test_what_is_driven_where_nothing_is_safe_is_less_likely_touched_than_brakin
         gains.append(harms[1] - harms[0])
     assert len(gains) > 2 and min(gains) > -0.05 and max(gains) > 0.1
     assert planner.obstacles.tracks["a"].alarmed
+
+
+@pytest.mark.parametrize(("low", "high", "holds"), [(-4.0, -3.0, True), (-6.0, -5.0, False)])
+@pytest.mark.parametrize("told", ["front", "driving"])
+def test_the_middle_of_a_vehicle_that_backs_up_is_towards_its_front(
+    low: float, high: float, holds: bool, told: str
+) -> None:
+    """At a stand on its way it may be told to head as its front does, or as it last drove."""
+    region = [[low, -0.4], [high, -0.4], [high, 0.4], [low, 0.4]]
+    scenario = sp.Scenario(
+        vehicle={"radius": 0.3, "max_speed": 3.0, "max_acceleration": 1.5, "max_deceleration": 2.0}
+        | {"steering": "both_ways", "centre": 1.0},
+        start={"time": 0.0, "position": [0.0, 0.0], "heading": 0.0, "speed": 0.0},
+        goal={"region": region, "position": [-4.5, 0.0]},
+    )
+    planner = sp.Planner(scenario)
+    plan = planner.replan(0.0, (0.0, 0.0), 0.0, 0.0)
+    assert plan.certified is holds
+    assert sp.certify(planner.scenario, plan).holds is holds
+    if not holds:
+        return
+    plan = planner.replan(1.0, plan.position(1.0), float(plan.heading(1.0)), float(plan.speed(1.0)))
+    assert plan.certified and planner.scenario.vehicle.centre == -1.0
+    at = plan.position(2.0)
+    plan = planner.replan(2.0, at, 0.0 if told == "front" else np.pi, 0.0)
+    assert plan.certified
+    assert abs(abs(float(plan.heading(2.0))) - np.pi) < 1e-6
+    assert low <= plan.position(plan.arrival_time)[0] + 1.0 <= high
