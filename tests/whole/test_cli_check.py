@@ -117,3 +117,22 @@ def test_planning_for_a_moment_is_not_told(monkeypatch: pytest.MonkeyPatch) -> N
     with waiting("planning", False, patience=3600.0):
         pass
     assert stream.getvalue() == ""
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "value"), [("samples", "position", [[0.0, 0.0], [9.0, 9.0]]), ("path", "degree", 1)]
+)
+def test_check_refuses_plan_files_whose_trip_nobody_could_certify(
+    easy: Path, tmp_path: Path, part: str, key: str, value: object
+) -> None:
+    file = tmp_path / "plan.json"
+    run("plan", easy, "-o", file, "--samples", "2", "--quiet")
+    data = json.loads(file.read_text())
+    assert run("check", easy, file).exit_code == 0
+    file.write_text(json.dumps(data | {"status": "failed"}))
+    assert run("check", easy, file).exit_code == 0
+    data[part][key] = value
+    file.write_text(json.dumps(data))
+    result = run("check", easy, file)
+    assert result.exit_code == 2
+    assert f"{part}.{key}" in result.stderr
