@@ -153,7 +153,7 @@ def rewritten(
         scale(obstacle["shape"], disc=length)
         if "rectangle" in obstacle["shape"]:
             obstacle["shape"]["rectangle"] = [side * length for side in obstacle["shape"]["rectangle"]]
-        if "time" in obstacle.get("motion", {}):
+        if isinstance(obstacle.get("motion", {}).get("time"), list):
             course = obstacle["motion"]
             course["time"] = [t * time + clock for t in course["time"]]
             course["position"] = [place(point) for point in course["position"]]
@@ -161,15 +161,11 @@ def rewritten(
                 course["heading"] = [value + turn for value in course["heading"]]
         elif "motion" in obstacle:
             motion = obstacle["motion"]
-            velocity, acceleration = vector(motion["velocity"], speed), vector(motion["acceleration"], rate)
-            x, y = place(motion["position"])
             motion.update(
-                position=[
-                    x - velocity[0] * clock + 0.5 * acceleration[0] * clock**2,
-                    y - velocity[1] * clock + 0.5 * acceleration[1] * clock**2,
-                ],
-                velocity=[velocity[0] - acceleration[0] * clock, velocity[1] - acceleration[1] * clock],
-                acceleration=acceleration,
+                time=motion["time"] * time + clock,
+                position=place(motion["position"]),
+                velocity=vector(motion["velocity"], speed),
+                acceleration=vector(motion["acceleration"], rate),
             )
         else:
             seen = obstacle["observations"]

@@ -53,15 +53,27 @@ def clearances(
 
 def _each_future(data: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each obstacle by its name, and of one with several futures each that is possible, as obstacles of their own."""
+    start = float(data["start"]["time"])
     for obstacle in data.get("obstacles", ()):
         name = str(obstacle["id"])
-        futures = (obstacle.get("motion") or {}).get("futures")
+        motion = obstacle.get("motion") or {}
+        futures = motion.get("futures")
         if futures is None:
-            yield name, obstacle
+            yield name, {**obstacle, "motion": _timed(motion, start)} if motion else obstacle
             continue
         for k, future in enumerate(futures):
             if float(future["weight"]) > 0.0:
-                yield f"{name}[{k}]", {**obstacle, "motion": future["motion"]}
+                yield f"{name}[{k}]", {**obstacle, "motion": _timed(future["motion"], start)}
+
+
+def _timed(motion: Mapping[str, Any], start: float) -> Mapping[str, Any]:
+    """A motion that says when it holds: at the start, s, where it did not."""
+    return motion if motion.get("time") is not None else {**motion, "time": start}
+
+
+def _is_course(motion: Mapping[str, Any]) -> bool:
+    """Whether a motion is given at several times."""
+    return np.ndim(motion.get("time", 0.0)) > 0
 
 
 def _is_uncertain(obstacle: Mapping[str, Any]) -> bool:
@@ -84,7 +96,7 @@ def signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array)
         return _distance_to_shape(shape, offsets, _pointing(motion, times), name)
     speeds = np.linalg.norm(velocities, axis=1)
     heading = np.arctan2(velocities[:, 1], velocities[:, 0])
-    if "time" not in motion and _is_straight(motion):
+    if not _is_course(motion) and _is_straight(motion):
         # It heads along its line all the time, also while it turns back.
         along = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
         more = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
@@ -98,14 +110,14 @@ def signed_distance(obstacle: Mapping[str, Any], times: Array, positions: Array)
 
 def _moved(motion: Mapping[str, Any], times: Array) -> tuple[Array, Array, float]:
     """Centres and velocities (n, 2) of a motion that is known, and its largest speed."""
-    if "time" in motion:
+    if _is_course(motion):
         clock = np.asarray(motion["time"], dtype=float)
         all_along = np.linspace(clock[0], clock[-1], 50 * len(clock))
         fastest = float(np.linalg.norm(_on_course(motion, all_along)[1], axis=1).max())
         return *_on_course(motion, times), fastest
     velocity = np.asarray(motion.get("velocity", (0.0, 0.0)), dtype=float)
     acceleration = np.asarray(motion.get("acceleration", (0.0, 0.0)), dtype=float)
-    clock = times[:, None]
+    clock = times[:, None] - float(motion.get("time", 0.0))
     centres = np.asarray(motion["position"], dtype=float) + velocity * clock + acceleration * clock**2 / 2.0
     velocities = velocity + acceleration * clock
     return centres, velocities, float(np.linalg.norm(velocities, axis=1).max())

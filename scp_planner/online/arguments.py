@@ -16,6 +16,10 @@ from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import GivenMotion
 
 
+class OutOfRangeError(ValueError):
+    """A finite number beyond what scenarios may hold: no misuse, but what a faulty sensor may say."""
+
+
 def _point(name: str, value: ArrayLike) -> tuple[float, float]:
     try:
         point = np.asarray(value, dtype=float)
@@ -107,6 +111,8 @@ def check_number(name: str, value: float, least: float = -math.inf) -> None:
 
     Raises
     ------
+    OutOfRangeError
+        If it is beyond what scenarios may hold.
     ValueError
         Naming the value.
     """
@@ -115,6 +121,6 @@ def check_number(name: str, value: float, least: float = -math.inf) -> None:
     if value != value or value in (math.inf, -math.inf):
         raise ValueError(f"{name}: {value!r} is not a finite number")
     if abs(value) > LARGEST_COORDINATE:
-        raise ValueError(f"{name}: {value!r} is beyond {LARGEST_COORDINATE:g}")
+        raise OutOfRangeError(f"{name}: {value!r} is beyond {LARGEST_COORDINATE:g}")
     if value < least:
         raise ValueError(f"{name}: {value!r} is less than {least:g}")

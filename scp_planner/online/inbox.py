@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from threading import Lock
 
 from scp_planner.arrays import Array
 from scp_planner.online import sensor_frames
+from scp_planner.online.clocks import Stamps
 from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.online.updates import Forecast, Update
+from scp_planner.scenario.models import Model
+from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
+from scp_planner.settings.online import SceneOnlineSettings
 
 MOST_NOTES = 100
+MOST_GONE = 100_000
+"""Obstacles that have gone, of which it is kept how they were added: the last ones."""
+MOST_NAMED = 5
+"""Obstacles named in one note."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +48,17 @@ class Sighting:
     covariance: Array | None
 
 
+@dataclass(frozen=True)
+class Gone:
+    """An obstacle that was removed or forgotten, as it was added; a measurement later than ``time``, s, restores it."""
+
+    time: float
+    shape: Shape
+    model: Model
+    margin: float
+    covariance: Array | None
+
+
 class Inbox:
     """What has been observed and not been taken in yet.
 
@@ -48,21 +68,31 @@ class Inbox:
         That take it in.
     units : NaturalUnits
         Of the scene: notes are in those of the user.
-    forget_after : float
-        Units of time after which an obstacle that is not seen has gone.
+    start : float
+        Time at which the clock of the replans begins, s.
+    online : SceneOnlineSettings
+        Longest time between replans, and after which an obstacle that is not seen has gone.
 
     Attributes
     ----------
     notes : deque of str
         What was odd about observations, the newest last.
+    gone : dict of str to Gone
+        Obstacles that were removed or forgotten.
+    stamps : Stamps
+        What is held back, since its stamp is later than the clock of the replans.
     work : Lock
         Held by whoever works on the obstacles.
     """
 
-    def __init__(self, obstacles: ObstacleTracks, units: NaturalUnits, forget_after: float) -> None:
+    def __init__(
+        self, obstacles: ObstacleTracks, units: NaturalUnits, start: float, online: SceneOnlineSettings
+    ) -> None:
         self.obstacles, self.notes = obstacles, deque[str](maxlen=MOST_NOTES)
         self.work = Lock()
-        self._units, self._forget_after = units, forget_after
+        self.gone: dict[str, Gone] = {}
+        self.stamps: Stamps[Sighting | Update] = Stamps(start, online.period)
+        self._units, self._forget_after = units, online.forget_after
         self._queue: deque[Sighting | Update | Forecast] = deque()
 
     def __bool__(self) -> bool:
@@ -88,11 +118,10 @@ class Inbox:
             finally:
                 self.work.release()
 
-    def take_in(self) -> None:
-        """Let the obstacles take in what has been observed."""
+    def take_in(self, replanning: bool = False) -> None:
+        """Let the obstacles take in what has been observed, but for stamps of times that have not come yet."""
         frame: dict[str, Sighting] = {}
-        while self._queue:
-            one = self._queue.popleft()
+        for one in self._in_time(replanning):
             if isinstance(one, Sighting) and one.obstacle not in frame:
                 frame[one.obstacle] = one
                 continue
@@ -101,13 +130,64 @@ class Inbox:
             if isinstance(one, Sighting):
                 frame[one.obstacle] = one
             elif isinstance(one, Forecast):
+                self._returned(one.obstacle, math.inf)
                 one.taken_in(self.obstacles)
-            else:
+            elif self._returned(one.obstacle, one.time):
                 self._note(one, one.taken_in(self.obstacles))
         self._take_in_frame(frame)
 
+    def _in_time(self, replanning: bool) -> Iterator[Sighting | Update | Forecast]:
+        """Give what was held back and is due, then what has come since.
+
+        A stamp that is too late for a replan is held back; between replans it waits for the next one to tell.
+        """
+        latest = self.stamps.latest(replanning)
+        yield from self.stamps.due()
+        while self._queue:
+            one = self._queue[0]
+            if not isinstance(one, Forecast) and one.time > latest and not replanning:
+                return
+            self._queue.popleft()
+            if isinstance(one, Forecast):
+                yield one
+            elif one.time > latest:
+                self._hold(one)
+            else:
+                if self.stamps.in_time(one):
+                    self._note(one, "it came after one with a later stamp, which is dropped")
+                yield one
+
+    def _hold(self, one: Sighting | Update) -> None:
+        if self.stamps.hold(one):
+            ahead = (one.time - self.stamps.now) * self._units.time
+            self._note(one, f"it is {ahead:.3g} s ahead of the clock of the replans, and held back until then")
+
+    def _returned(self, name: str, time: float) -> bool:
+        """Bring an obstacle back that is seen after it had gone; tell if there is one of that name."""
+        if name in self.obstacles.tracks:
+            return True
+        gone = self.gone.get(name)
+        if gone is None or time <= gone.time:
+            return False
+        self.obstacles.add_unseen(name, gone.shape, gone.model, gone.margin, gone.covariance)
+        self.notes.append(f"{name}: it had gone, and is back as it was added")
+        return True
+
+    def leads(self) -> str | None:
+        """Report the leads of clocks that have been noticed since it was last asked."""
+        leading = self.stamps.leading()
+        if not leading:
+            return None
+        names, more = ", ".join(list(leading)[:MOST_NAMED]), len(leading) - MOST_NAMED
+        others = f" and {more} others" if more > 0 else ""
+        ahead = sum(leading.values()) / len(leading) * self._units.time
+        return (
+            f"stamps of {names}{others} are about {ahead:.3g} s ahead of the clock of the replans: what is seen is"
+            " used so much too late, and taken for newer than it is"
+        )
+
     def _take_in_frame(self, frame: Mapping[str, Sighting]) -> None:
-        some = [one for name, one in frame.items() if name in self.obstacles.tracks]
+        some = [one for name, one in frame.items() if self._returned(name, one.time)]
         if not some:
             return
         seen = [Seen(one.time, one.position, one.covariance) for one in some]
@@ -119,10 +199,23 @@ class Inbox:
         if fault is not None:
             self.notes.append(f"{one.obstacle} at t = {self._units.absolute(one.time):.3f} s: {fault}")
 
+    def knows(self, name: str) -> bool:
+        """Whether an obstacle of that name has ever been added."""
+        return name in self.obstacles.tracks or name in self.gone
+
     def forget(self, time: float) -> None:
         """Forget the obstacles that have not been seen for long, at a time, s."""
         for track in list(self.obstacles.tracks.values()):
             if track.times and track.fixed is None and time - track.times[-1] > self._forget_after:
                 gone_for = self._forget_after * self._units.time
                 self.notes.append(f"{track.id}: forgotten, not seen for {gone_for:g} s")
-                self.obstacles.remove(track.id)
+                self.remove(track.id, time - self._forget_after)
+
+    def remove(self, name: str, time: float) -> None:
+        """Remove an obstacle and what is held back of it; what is seen of it after a time, s, brings it back."""
+        track = self.obstacles.tracks[name]
+        self.gone[name] = Gone(time, track.shape, track.model, track.margin - self.obstacles.margin, track.covariance)
+        if len(self.gone) > MOST_GONE:
+            del self.gone[next(iter(self.gone))]
+        self.obstacles.remove(name)
+        self.stamps.forget(name)

@@ -157,7 +157,7 @@ class Means:
 
     def moment(self, state: State) -> Moment:
         """Return a moment at a state, with all that has been observed."""
-        self.inbox.take_in()
+        self.inbox.take_in(replanning=True)
         self.inbox.forget(state.time)
         zones = self.obstacles.zones(state.time) + corridor_zones(self.given)
         return Moment(state, self.scenario_at(state), zones, self.following.tube)

@@ -32,7 +32,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scp_planner.estimation.tracking import TrackingTube
-from scp_planner.online.arguments import _covariance, _point, check_number, checked_estimate, checked_motion
+from scp_planner.online.arguments import (
+    OutOfRangeError,
+    _covariance,
+    _point,
+    check_number,
+    checked_estimate,
+    checked_motion,
+)
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
 from scp_planner.online.directions import direction
@@ -44,7 +51,7 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
 from scp_planner.online.updates import Forecast, Update
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
-from scp_planner.scenario.motions import GivenMotion
+from scp_planner.scenario.motions import GivenMotion, moves, timed
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
@@ -138,7 +145,7 @@ class Planner:
         # Late or not, the vehicle drives on as fast as it may.
         in_time = scenario.goal.model_copy(update={"latest_arrival": None})
         self.given = anchored(scenario.model_copy(update={"goal": in_time}))
-        self._inbox = Inbox(self._obstacles, units, self._online.forget_after)
+        self._inbox = Inbox(self._obstacles, units, self.given.start.time, self._online)
         self.doubts = deque[str](maxlen=MOST_NOTES)
         chosen = solver or solver_named(settings.solver)
         self._means = Means(self.given, self.settings, self._online, self._inbox, following, units, chosen)
@@ -196,12 +203,15 @@ class Planner:
         ValueError
             If the id is unknown, or a number is not finite.
         """
-        if obstacle not in self._obstacles.tracks:
-            raise ValueError(f"observe: there is no obstacle {obstacle!r}; add_obstacle adds one")
-        place = _point("position", position)
-        check_number("time", time)
+        self._check_known("observe", obstacle)
         units = self._units
-        noise = None if covariance is None else _covariance(covariance) / (units.length * units.length)
+        try:
+            place = _point("position", position)
+            check_number("time", time)
+            noise = None if covariance is None else _covariance(covariance) / (units.length * units.length)
+        except OutOfRangeError as odd:
+            self._inbox.notes.append(f"{obstacle}: {odd}; left out")
+            return
         self._inbox.put(Sighting(obstacle, units.instant(float(time)), units.place(place), noise))
 
     def update_obstacle(
@@ -232,10 +242,13 @@ class Planner:
         ValueError
             If the id is unknown, a number is not finite, or the covariance is none.
         """
-        if obstacle not in self._obstacles.tracks:
-            raise ValueError(f"update_obstacle: there is no obstacle {obstacle!r}; add_obstacle adds one")
-        given = self._units.estimate(checked_estimate(time, position, velocity, acceleration, covariance))
-        self._inbox.put(Update(obstacle, given))
+        self._check_known("update_obstacle", obstacle)
+        try:
+            given = checked_estimate(time, position, velocity, acceleration, covariance)
+        except OutOfRangeError as odd:
+            self._inbox.notes.append(f"{obstacle}: {odd}; left out")
+            return
+        self._inbox.put(Update(obstacle, self._units.estimate(given)))
 
     def update_motion(self, obstacle: str, motion: GivenMotion | Mapping[str, Any]) -> None:
         """Take in a new prediction for a known obstacle: it replaces all that was known of its motion.
@@ -255,9 +268,21 @@ class Planner:
         ValueError
             If the id is unknown or a value is not allowed.
         """
-        if obstacle not in self._obstacles.tracks:
-            raise ValueError(f"update_motion: there is no obstacle {obstacle!r}; add_obstacle adds one")
-        self._inbox.put(Forecast(obstacle, self._units.motion(checked_motion(obstacle, motion))))
+        self._check_known("update_motion", obstacle)
+        made = self._timed(obstacle, checked_motion(obstacle, motion))
+        self._inbox.put(Forecast(obstacle, self._units.motion(made)))
+
+    def _check_known(self, call: str, obstacle: str) -> None:
+        if not self._inbox.knows(obstacle):
+            raise ValueError(f"{call}: there is no obstacle {obstacle!r}; add_obstacle adds one")
+
+    def _timed(self, obstacle: str, motion: GivenMotion) -> GivenMotion:
+        """Motion that holds at the start where it does not say when, with a note while driving, if it moves."""
+        made = timed(motion, self._units.clock)
+        if made is not motion and self._clock is not None and moves(made):
+            since = f"it is taken to hold at {self._units.clock:.3f} s, the start"
+            self._inbox.notes.append(f"{obstacle}: its motion has no time, and {since}")
+        return made
 
     def add_obstacle(
         self,
@@ -291,9 +316,11 @@ class Planner:
         if not isinstance(obstacle, str):
             whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle(**obstacle)
             self._check_new(whole.id)
+            if whole.motion is not None:
+                whole = whole.model_copy(update={"motion": self._timed(whole.id, whole.motion)})
             self._obstacles.add(self._units.obstacle(whole))
             return
-        still = {"position": [0.0, 0.0]}
+        still = {"position": [0.0, 0.0], "time": 0.0}
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
         checked = self._units.obstacle(Obstacle(**parts))
         self._check_new(obstacle)
@@ -317,10 +344,13 @@ class Planner:
         ValueError
             If the id is unknown.
         """
-        if obstacle not in self._obstacles.tracks:
+        if not self._inbox.knows(obstacle):
             raise ValueError(f"remove_obstacle: there is no obstacle {obstacle!r}")
         self._inbox.settle()  # what waits is of this one, and not of the next of that name
-        self._obstacles.remove(obstacle)
+        if obstacle in self._obstacles.tracks:
+            self._inbox.remove(obstacle, self._inbox.stamps.now)
+        else:
+            self._inbox.notes.append(f"{obstacle}: removed, but it had gone already")
 
     @property
     def scenario(self) -> Scenario:
@@ -380,9 +410,12 @@ class Planner:
         if deadline is not None:
             end = began + deadline - self._online.reserve - min(self._overrun, MOST_KEPT_BACK * deadline)
         with self._inbox.work:
+            self._inbox.stamps.tick(self._units.instant(float(time)))
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
             for text in self._assumptions.broken(now.moment, self._last):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
+            if (lead := self._inbox.leads()) is not None:
+                self.doubts.append(f"t = {time:.3f} s: {lead}")
             now.lap("zones")
             plan = self._decision.answer(now)
         self._last, self._state, self._zones = plan, state, now.moment.zones

@@ -271,7 +271,7 @@ def start_is_free(scenario: Any) -> Iterator[Objection]:
         if shape is None or not _is_exact(motion):
             continue  # observed, or faulty, or a prediction
         try:
-            on_course = _known(motion, "time") is not None
+            on_course = _known(motion, "velocity") is None
             seen_from = functools.partial(_from_course, _length(shape)) if on_course else _from_centre
             distance = min(shape.distance(*seen_from(centre, motion, start.time)) for centre in discs)
         except Unknown:
@@ -394,6 +394,7 @@ def _known(part: Any, *names: str) -> Any:
 
 def _from_centre(point: planar.Point, motion: Any, time: float) -> tuple[planar.Point, float]:
     """Express a point relative to a moving obstacle's centre, and give the obstacle's heading in rad."""
+    time = 0.0 if motion.time is None else time - motion.time  # without a time it holds at the start
     x, y = (
         p - (c + v * time + 0.5 * a * time**2)
         for p, c, v, a in zip(point, motion.position, motion.velocity, motion.acceleration, strict=True)

@@ -8,12 +8,21 @@ has been checked when it exists: `scp_planner.scenario.validation` says how faul
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from scp_planner import files
 from scp_planner.errors import MISSING, Fault, ScenarioError
@@ -21,7 +30,7 @@ from scp_planner.mathematics.corridor import MOST_CORNERS
 from scp_planner.scenario import checks, goal_checks, obstacle_checks, ready_made
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.goals import with_aim
-from scp_planner.scenario.motions import Covariance, GivenMotion
+from scp_planner.scenario.motions import Covariance, GivenMotion, all_timed
 from scp_planner.scenario.obstacle_checks import WHEREABOUTS
 from scp_planner.scenario.process_model import ProcessModel, also_a_file_name, read_processes
 from scp_planner.scenario.shapes import SHAPE_KEYS, Shape
@@ -403,6 +412,20 @@ class Scenario(Part):
     def _aimed(cls, data: Any) -> Any:
         """Fill in where a goal that is a region is aimed at; what is faulty is left to the checks."""
         return with_aim(data)
+
+    @field_validator("obstacles")
+    @classmethod
+    def _timed(cls, obstacles: Row[Obstacle], info: ValidationInfo) -> Row[Obstacle]:
+        """Motions that do not say when they hold, hold at the start; without a start that is left to the checks."""
+        start = info.data.get("start")
+        return obstacles if start is None else all_timed(obstacles, start.time)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Copy with some fields changed, as of any part; new motions without a time hold at the start of the copy."""
+        made = super().model_copy(update=update, deep=deep)
+        if update is None or "obstacles" not in update:
+            return made
+        return super(Scenario, made).model_copy(update={"obstacles": all_timed(made.obstacles, made.start.time)})
 
     def __repr__(self) -> str:
         away = math.dist(self.start.position, self.goal.position)

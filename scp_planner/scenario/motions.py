@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from numbers import Real
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Discriminator, Field, Tag
@@ -31,11 +32,32 @@ Covariance = Annotated[
 
 
 class Motion(Part):
-    """A motion known exactly: position + velocity t + acceleration t^2 / 2, t the clock of `start.time`."""
+    """A motion known exactly: position + velocity t + acceleration t^2 / 2, with t counted from its `time`.
 
-    position: Vector = Field(description="[x, y] at t = 0, m")
-    velocity: Rate = Field(default=(0.0, 0.0), description="[x, y] at t = 0, m/s")
+    A scenario fills in its `start.time` where no time is given; so does a planner, for motions that it is given later.
+    """
+
+    time: Number | None = Field(
+        default=None,
+        description="when the obstacle is at the position and has the velocity, s on the clock of start.time; null:"
+        " start.time",
+    )
+    position: Vector = Field(description="[x, y] at that time, m")
+    velocity: Rate = Field(default=(0.0, 0.0), description="[x, y] at that time, m/s")
     acceleration: Rate = Field(default=(0.0, 0.0), description="[x, y], m/s2")
+
+    @property
+    def reference_time(self) -> float:
+        """Time at which position and velocity hold, s.
+
+        Raises
+        ------
+        ValueError
+            If it is not known: no time is given, and no scenario has filled it in.
+        """
+        if self.time is None:
+            raise ValueError("motion.time: None; it is start.time of a scenario, and this motion is of none")
+        return self.time
 
 
 class Course(Part):
@@ -68,9 +90,10 @@ class Course(Part):
 
 
 def _motion_case(data: Any) -> str:
-    """Tell a course from a motion by its times."""
-    given = isinstance(data, Course) or (isinstance(data, Mapping) and "time" in data)
-    return variant("course" if given else "motion")
+    """Tell a course from a motion by its times: a motion has one, or none."""
+    times = data.get("time") if isinstance(data, Mapping) else None
+    several = times is not None and not isinstance(times, Real)
+    return variant("course" if several or isinstance(data, Course) else "motion")
 
 
 KnownMotion = Annotated[
@@ -120,6 +143,34 @@ GivenMotion = Annotated[
     | Annotated[Futures, Tag(variant("futures"))],
     Discriminator(_given_case),
 ]
+
+
+def timed(motion: GivenMotion, time: float) -> GivenMotion:
+    """Motion that holds at a time, s, where it does not say when; in futures too."""
+    if isinstance(motion, Motion):
+        return motion.model_copy(update={"time": time}) if motion.time is None else motion
+    if isinstance(motion, Futures):
+        several = [one.model_copy(update={"motion": timed(one.motion, time)}) for one in motion.futures]
+        same = all(new.motion is one.motion for new, one in zip(several, motion.futures, strict=True))
+        return motion if same else motion.model_copy(update={"futures": tuple(several)})
+    return motion
+
+
+def moves(motion: GivenMotion) -> bool:
+    """Whether a motion, or any of several futures, is more than a position."""
+    if isinstance(motion, Futures):
+        return any(moves(one.motion) for one in motion.futures)
+    return isinstance(motion, Course) or any((*motion.velocity, *motion.acceleration))
+
+
+def all_timed(obstacles: Iterable[Any], time: float) -> tuple[Any, ...]:
+    """Obstacles whose motions all hold at a time, s, where they do not say when."""
+    return tuple([_obstacle_timed(obstacle, time) for obstacle in obstacles])
+
+
+def _obstacle_timed(obstacle: Any, time: float) -> Any:
+    motion = None if obstacle.motion is None else timed(obstacle.motion, time)
+    return obstacle if motion is obstacle.motion else obstacle.model_copy(update={"motion": motion})
 
 
 def is_uncertain(motion: GivenMotion | None) -> bool:

@@ -235,17 +235,15 @@ class NaturalUnits(Units):
             return changed(
                 cast("Futures", motion), futures=tuple(changed(one, motion=self.motion(one.motion)) for one in several)
             )
-        if "time" in _names(motion):
+        if "velocity" not in _names(motion):
             return self._seen(motion)
-        since = self.clock
         known = cast("Motion", motion)
-        (x, y), (u, v), (a, b) = known.position, known.velocity, known.acceleration
-        now = x + since * (u + 0.5 * since * a), y + since * (v + 0.5 * since * b)
         return changed(
             motion,
-            position=self.place(now),
-            velocity=((u + since * a) / self.speed, (v + since * b) / self.speed),
-            acceleration=(a / self.acceleration, b / self.acceleration),
+            time=self.instant(known.reference_time),
+            position=self.place(known.position),
+            velocity=over(known.velocity, self.speed),
+            acceleration=over(known.acceleration, self.acceleration),
         )
 
     def _observations(self, seen: Observations) -> Observations:

@@ -78,9 +78,10 @@ def motion_course(motion: KnownMotion) -> Course:
         centers = motion_polynomials(motion)
         return lambda times: centers.at(np.zeros(len(times), dtype=np.intp), np.asarray(times, dtype=float))
     place, velocity, acceleration = (np.array(part) for part in (motion.position, motion.velocity, motion.acceleration))
+    since = motion.reference_time
 
     def course(times: Array) -> Array:
-        t = np.asarray(times)[:, None]
+        t = np.asarray(times)[:, None] - since
         return place + velocity * t + 0.5 * acceleration * t * t
 
     return course

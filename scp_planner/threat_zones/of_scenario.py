@@ -182,12 +182,11 @@ def _sorted_out(obstacles: Sequence[Obstacle]) -> tuple[KnownDiscs, list[int]]:
         motion, shape = obstacle.motion, obstacle.shape
         if type(motion) is Motion and type(shape) is Disc:
             found.append(number)
-            rows.append((*motion.position, *motion.velocity, *motion.acceleration, shape.disc + obstacle.margin))
+            rows.append((*_powers(motion), shape.disc + obstacle.margin))
         else:
             others.append(number)
     table = np.array(rows).reshape(len(rows), 7)
     coefficients = table[:, :6].reshape(-1, 3, 2)
-    coefficients[:, 2] *= 0.5
     ids = [obstacles[k].id for k in found]
     return KnownDiscs(np.array(found, dtype=np.intp), ids, table[:, 6], coefficients), others
 
@@ -376,7 +375,8 @@ def _future_zones(
 
     futures = _by_weight(motion.futures)
     weights = np.array([one.weight for one in futures])
-    scales = np.array([course_scale(level, alpha, len(getattr(one.motion, "time", (0.0,)))) for one in futures])
+    counts = [len(one.motion.time) if isinstance(one.motion, Course) else 1 for one in futures]
+    scales = np.array([course_scale(level, alpha, count) for count in counts])
     sizes = sizes_of(np.array([_spread(one.motion) for one in futures]), scales, covering_radius(shape) + margin)
     for one, risk in zip(futures, shared_risk(weights / weights.sum(), sizes, alpha).tolist(), strict=True):
         if risk >= 1.0:
@@ -442,8 +442,14 @@ def motion_polynomials(motion: KnownMotion) -> PiecewisePolynomials:
     """The centre of a motion that is known, of absolute time."""
     if isinstance(motion, Course):
         return course_polynomials(motion.time, motion.position)
-    half = (0.5 * motion.acceleration[0], 0.5 * motion.acceleration[1])
-    return PiecewisePolynomials.single(0.0, np.array([motion.position, motion.velocity, half]))
+    return PiecewisePolynomials.single(0.0, np.array(_powers(motion)).reshape(3, 2))
+
+
+def _powers(motion: Motion) -> tuple[float, ...]:
+    """Coefficients of 1, t and t^2 of a motion, x and y in turn; t is absolute time, and not counted from its own."""
+    since, (x, y), (u, v), (a, b) = motion.reference_time, motion.position, motion.velocity, motion.acceleration
+    place = x - since * (u - 0.5 * since * a), y - since * (v - 0.5 * since * b)
+    return *place, u - since * a, v - since * b, 0.5 * a, 0.5 * b
 
 
 def shape_outlines(shape: Shape, heading: float | None) -> tuple[Outline, ...]:

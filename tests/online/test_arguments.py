@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from scenes import disc, scene
 
@@ -19,11 +21,7 @@ pytestmark = pytest.mark.numerics
     ("call", "message"),
     [
         (lambda p: p.observe("who", 0.0, (0, 0)), "observe: there is no obstacle 'who'; add_obstacle adds one"),
-        (lambda p: p.observe("d", 10**400, (0, 0)), "time: 10+ is beyond 1e"),
-        (lambda p: p.observe("d", -1e300, (0, 0)), r"time: -1e\+300 is beyond 1e"),
-        (lambda p: p.observe("d", 0.0, (0, 1e13)), r"position: 1e\+13|10000000000000\.0 is beyond 1e"),
         (lambda p: p.observe("d", 0.0, (0, 10**400)), r"position: \(0, 10+\) is not a point"),
-        (lambda p: p.observe("d", 0.0, (0, 0), [[1e300, 0], [0, 1e300]]), r"covariance: .* is beyond 1e"),
         (lambda p: p.observe("d", 0.0, (0, 0), [[10**400, 0], [0, 1]]), "covariance: it is not an array of numbers"),
         (lambda p: p.replan(1.1, (0, 0), 0.0, None), "speed: None is not a finite number"),
         (lambda p: p.replan(1.1, (0, 0), 0.0, 1.0, deadline="soon"), "deadline: 'soon' is not a positive number"),
@@ -49,6 +47,27 @@ def test_misuse_is_refused_and_changes_nothing(call: Callable[[Planner], object]
         call(planner)
     assert planner.plan is before and list(planner.obstacles.tracks) == ["d"]
     assert planner.replan(1.1, planner.plan.position(1.1), 0.0, 1.0).safe  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("call", "note"),
+    [
+        (lambda p: p.observe("d", 10**400, (0, 0)), "d: time: 10+ is beyond 1e"),
+        (lambda p: p.observe("d", -1e300, (0, 0)), r"d: time: -1e\+300 is beyond 1e"),
+        (lambda p: p.observe("d", 0.0, (0, 1e13)), r"d: position: 10000000000000\.0 is beyond 1e"),
+        (lambda p: p.observe("d", 0.0, (0, 0), [[1e300, 0], [0, 1e300]]), r"d: covariance: .* is beyond 1e"),
+        (lambda p: p.update_obstacle("d", 1e20, (0, 0), (0, 0), covariance=np.eye(4)), r"d: time: 1e\+20 is beyond"),
+        (lambda p: p.update_obstacle("d", 1, (0, 0), (1e20, 0), covariance=np.eye(4)), r"d: velocity: 1e\+20 is bey"),
+        (lambda p: p.update_obstacle("d", 1, (0, 0), (0, 0), covariance=1e20 * np.eye(4)), "d: covariance: 1e.20 is"),
+    ],
+)
+def test_values_that_no_scene_has_are_left_out_with_a_note(call: Callable[[Planner], object], note: str) -> None:
+    planner = Planner(scene(disc("d", (10.0, 5.0))))
+    planner.replan(1.0, (0.0, 0.0), 0.0, 1.0)
+    call(planner)
+    assert planner.replan(1.1, planner.plan.position(1.1), 0.0, 1.0).safe  # type: ignore[union-attr]
+    assert re.match(note, planner.notes[-1])
+    assert planner.zones[0].center(1.1) == pytest.approx((10.0, 5.0))
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def a_tracker_tells(tracks: ObstacleTracks) -> None:
 
 
 def one_comes(tracks: ObstacleTracks) -> None:
-    motion = Motion(position=(3.0, 3.0), velocity=(0.0, 1.0))
+    motion = Motion(time=0.0, position=(3.0, 3.0), velocity=(0.0, 1.0))
     tracks.add(Obstacle(id="new", shape=Disc(disc=0.3), motion=motion))
 
 
@@ -73,7 +73,7 @@ NEWS: list[Callable[[ObstacleTracks], object]] = [
     one_comes,
     one_comes_unseen,
     lambda tracks: tracks.remove("2"),
-    lambda tracks: tracks.foretell("2", Motion(position=(0.0, 6.0), velocity=(1.0, 0.0))),
+    lambda tracks: tracks.foretell("2", Motion(time=0.0, position=(0.0, 6.0), velocity=(1.0, 0.0))),
     lambda tracks: tracks.observe("2", STEP * (LAST + 1), (1.7, 6.1)),
     lambda tracks: [tracks.observe("2", STEP * (LAST + k), (9.0, 1.0 + k)) for k in (1, 2, 3)],  # learnt anew
     lambda tracks: take_in_frame(tracks, LAST + 1),

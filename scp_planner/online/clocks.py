@@ -1,0 +1,141 @@
+"""Stamps of sensors and trackers against the clock of the replans.
+
+A stamp later than a replan by more than a period is of no time that there has been: its sensor's clock is wrong, or the
+stamp is. Such a measurement is held back until the clock of the replans gets there, since an estimate brought forward
+to it leaves no zone where the obstacle is now. It is dropped if a measurement that comes after it is stamped in time:
+then the stamp was wrong, and so is the place of the obstacle at that time. A lead that many stamps have in common is
+reported.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+MOST_HELD = 1000
+"""Measurements of one obstacle that are held back; what comes then is dropped."""
+ALIKE = 5
+"""Stamps too late by about as much, by which a lead of a sensor's clock is told from single wrong stamps."""
+CALM = 50
+"""Stamps in time in a row after which there is no lead any more: another one is reported anew."""
+ROUNDING = 1e-9
+"""Relative, of a period."""
+
+
+class Stamped(Protocol):
+    """A measurement or a tracker's state of an obstacle."""
+
+    @property
+    def obstacle(self) -> str:
+        """Id of the obstacle."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Its stamp, s."""
+        ...
+
+
+AnyStamped = TypeVar("AnyStamped", bound=Stamped)
+
+
+@dataclass
+class Lead(Generic[AnyStamped]):
+    """Stamps of one obstacle that are too late.
+
+    Attributes
+    ----------
+    held : list
+        What is held back, in order of arrival.
+    ahead : deque of float
+        How far the last ones were ahead of the replan, s.
+    reported : bool
+        Whether it has been reported that they have a lead in common.
+    dropped : bool
+        Whether any that was held back has been dropped.
+    calm : int
+        Stamps in time since the last one that was too late.
+    """
+
+    held: list[AnyStamped] = field(default_factory=list)
+    ahead: deque[float] = field(default_factory=lambda: deque(maxlen=ALIKE))
+    reported: bool = False
+    dropped: bool = False
+    calm: int = 0
+
+
+class Stamps(Generic[AnyStamped]):
+    """Measurements held back, and leads of their stamps.
+
+    Parameters
+    ----------
+    start : float
+        Time of the first replan, as far as it is known, s.
+    period : float
+        Longest time between two replans, s.
+
+    Attributes
+    ----------
+    now : float
+        Time of the last replan, s.
+    """
+
+    def __init__(self, start: float, period: float) -> None:
+        self.now = start
+        self._period = period
+        self._interval: float | None = None  # between the last two replans; None before the first one
+        self._leads: dict[str, Lead[AnyStamped]] = {}
+
+    def tick(self, now: float) -> None:
+        """Begin a replan at a time, s."""
+        self._interval = 0.0 if self._interval is None else now - self.now
+        self.now = now
+
+    def latest(self, replanning: bool) -> float:
+        """Latest stamp that is in time, s; between replans the next one is expected as late as the last."""
+        ahead = self._period if replanning else max(self._period, self._interval or 0.0)
+        return self.now + ahead * (1.0 + ROUNDING)
+
+    def due(self) -> Iterator[AnyStamped]:
+        """Take out of what is held back all whose time has come, in order of time."""
+        found = []
+        for lead in self._leads.values():
+            if lead.held:
+                found += [one for one in lead.held if one.time <= self.now]
+                lead.held = [one for one in lead.held if one.time > self.now]
+        yield from sorted(found, key=lambda one: one.time)
+
+    def in_time(self, one: AnyStamped) -> bool:
+        """Note a stamp in time, and drop what is held back of its obstacle; tell if that is the first to be dropped."""
+        lead = self._leads.get(one.obstacle)
+        if lead is None:
+            return False
+        first = bool(lead.held) and not lead.dropped
+        lead.held, lead.dropped, lead.calm = [], lead.dropped or first, lead.calm + 1
+        if lead.calm >= CALM:
+            del self._leads[one.obstacle]
+        return first
+
+    def hold(self, one: AnyStamped) -> bool:
+        """Hold a measurement back; tell if it is the first one of its obstacle for long."""
+        first = one.obstacle not in self._leads
+        lead = self._leads.setdefault(one.obstacle, Lead())
+        if len(lead.held) < MOST_HELD:
+            lead.held.append(one)
+        lead.ahead.append(one.time - self.now)
+        lead.calm = 0
+        return first
+
+    def leading(self) -> dict[str, float]:
+        """Leads of obstacles that are constant and have not been reported yet, s: now they have."""
+        found, spread = {}, 2.0 * max(self._period, self._interval or 0.0)
+        for name, lead in self._leads.items():
+            if not lead.reported and len(lead.ahead) == ALIKE and max(lead.ahead) - min(lead.ahead) <= spread:
+                found[name], lead.reported = sum(lead.ahead) / ALIKE, True
+        return found
+
+    def forget(self, name: str) -> None:
+        """Drop what is known of the stamps of an obstacle."""
+        self._leads.pop(name, None)
