@@ -14,6 +14,13 @@ from scp_planner.estimation.error_laws import ErrorLaw, HotellingErrors, NormalE
 from scp_planner.estimation.motion_estimate import PolynomialEstimate
 from scp_planner.estimation.observations import CheckedObservations
 
+LEAST_NOISE = 1e-6
+"""Least standard deviation of a noise that is estimated, relative to how far the observed positions are apart."""
+LAST_DIGITS = 8.0 * np.finfo(float).eps
+"""The same relative to their coordinates."""
+LEAST_RATIO = 1e-2
+"""Least ratio of the standard deviations of a noise that is estimated, of the smaller one to the larger one."""
+
 
 class Noise(StrEnum):
     """What is known of a noise covariance that is to be estimated."""
@@ -119,7 +126,8 @@ def fit_motion(problem: MotionProblem, seen: CheckedObservations, weights: Array
         if sigma is None:
             weighted = residuals if weights is None else weights[:, None] * residuals
             scatter = residuals.T @ weighted
-            sigma, errors = estimated_noise(scatter, moments, problem.noise)
+            size = float(np.sum((z - origin) ** 2 if weights is None else weights[:, None] * (z - origin) ** 2))
+            sigma, errors = estimated_noise(scatter, moments, problem.noise, Extent(size, origin))
         covariance = np.einsum("jk,ab->jakb", spread, sigma)
     if sigma.ndim == 3 or prior is not None:
         regressors = None
@@ -174,19 +182,57 @@ def _common_fit(rows: Array, z: Array, weights: Array | None) -> tuple[Array, Ar
     return coefficients, spread, z - rows @ coefficients, Moments(expected, expected**2 / square)
 
 
-def estimated_noise(scatter: Array, moments: Moments, noise: Noise) -> tuple[Array, ErrorLaw]:
-    """Estimate the noise covariance from E'WE, the scatter of the residuals; tell the law of the errors."""
+@dataclass(frozen=True)
+class Extent:
+    """How large the observed positions are, by which the noise that residuals show is told from rounding.
+
+    Attributes
+    ----------
+    square : float
+        Weighted sum of their squared distances from the origin, m^2.
+    origin : (2,) array
+        One of them, m.
+    """
+
+    square: float
+    origin: Array
+
+    def least_variance(self, count: float) -> float:
+        """Smallest variance that can be estimated from so many observations, m^2."""
+        rounding = LAST_DIGITS * float(np.abs(self.origin).max())
+        return LEAST_NOISE**2 * self.square / count + rounding * rounding
+
+
+def estimated_noise(scatter: Array, moments: Moments, noise: Noise, extent: Extent) -> tuple[Array, ErrorLaw]:
+    """Estimate the noise covariance from E'WE, the scatter of the residuals; tell the law of the errors.
+
+    Residuals of exact positions are rounding, or lie on a line: no variance is smaller than the extent of the motion
+    and the largest variance allow, so that nothing that is derived from the covariance divides by rounding.
+    """
+    if not extent.square > 0.0:
+        raise EstimationError(
+            "observations.position: they lie exactly on a motion, at one place, so that their covariance cannot be"
+            " estimated; give it"
+        )
     sigma = scatter / moments.expected
     if noise is Noise.ISOTROPIC:
         sigma = 0.5 * np.trace(sigma) * np.eye(2)
-    if not np.linalg.det(sigma) > 0.0:
-        raise EstimationError(
-            "observations.position: they lie exactly on a motion, or their residuals on a line, so that their"
-            " covariance cannot be estimated; give it"
-        )
+    sigma = _at_least(sigma, extent.least_variance(moments.expected))
     if noise is Noise.ISOTROPIC:
         return sigma, StudentErrors(2.0 * moments.degrees_of_freedom)
     return sigma, HotellingErrors(moments.degrees_of_freedom)
+
+
+def _at_least(sigma: Array, least: float) -> Array:
+    """Covariance (2, 2) whose smaller variance is raised to a least one, and to a share of the larger one."""
+    mean, half = 0.5 * (sigma[0, 0] + sigma[1, 1]), 0.5 * (sigma[0, 0] - sigma[1, 1])
+    spread = math.hypot(float(half), float(sigma[0, 1]))
+    least = max(least, LEAST_RATIO**2 * float(mean + spread))
+    if float(mean - spread) >= least:
+        return sigma
+    values, vectors = np.linalg.eigh(0.5 * (sigma + sigma.T))
+    raised: Array = (vectors * np.maximum(values, least)) @ vectors.T
+    return raised
 
 
 def _general_fit(

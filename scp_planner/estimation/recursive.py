@@ -20,7 +20,7 @@ from scp_planner.arrays import Array, Index, Mask
 from scp_planner.errors import EstimationError
 from scp_planner.estimation.error_laws import ErrorLaw, NormalErrors
 from scp_planner.estimation.estimate import HIGHEST_ORDER
-from scp_planner.estimation.least_squares import Moments, MotionPrior, Noise, estimated_noise, prior_rows
+from scp_planner.estimation.least_squares import Extent, Moments, MotionPrior, Noise, estimated_noise, prior_rows
 from scp_planner.estimation.motion_estimate import PolynomialEstimate, shift_powers
 from scp_planner.estimation.observations import Faulty, check_covariance, usable
 from scp_planner.settings.knobs import word_of
@@ -423,7 +423,9 @@ class RecursiveEstimator:
             expected = float(self._weights[0, k] - np.trace(second))
             square = float(self._weights[1, k] - 2.0 * np.trace(third) + np.sum(second * second))
             moments = Moments(expected, expected**2 / square)
-        return estimated_noise(self._scatter[..., k], moments, Noise.GENERAL)
+        told = self._factor[:, self._unknowns :, k]
+        extent = Extent(float(np.sum(told * told) + np.trace(self._scatter[..., k])), self._origin[k])
+        return estimated_noise(self._scatter[..., k], moments, Noise.GENERAL, extent)
 
     def _spread(self, k: int, inverse: Array) -> Array:
         if self.forgetting == 1.0:

@@ -400,6 +400,7 @@ class ObstacleTracks:
         start = max(start, estimate.earliest)
         pieces = estimate.polynomials(start, start + HORIZON)
         track.predicted = Prediction(start, pieces.center[0], pieces.covariance[0], estimate.errors)
+        track.seen_noise = estimate.noise_covariance if track.estimates_noise else None
         if track.estimator is not None and track.estimator.bank is not None:
             track.estimator.bank.foretold.put(slots_of([track]), start, pieces.center, pieces.covariance)
         body = track.body if headings or track.body.turning is None else replace(track.body, turning=None)

@@ -276,6 +276,8 @@ class ObstacleTrack:
         Variance of the noise as a multiple of what is declared.
     predicted : Prediction or None
         Where the next observation is expected.
+    seen_noise : (2, 2) array or None
+        Noise with that, m^2, where it is estimated from what was seen.
     foretold : deque of Prediction
         The last predictions that were made alone, the newest last, where regions follow what came of them.
     suspected : bool
@@ -304,6 +306,7 @@ class ObstacleTrack:
     estimator: TrackEstimator | None = None
     noise_factor: float = 1.0
     predicted: Prediction | None = None
+    seen_noise: Array | None = None
     foretold: deque[Prediction] = field(default_factory=lambda: deque(maxlen=KEPT))
     suspected: bool = False
     zone: ThreatZone | None = None
@@ -338,6 +341,12 @@ class ObstacleTrack:
         if self.newcomer and self.times[-1] - self.times[0] < LEARNT:
             return False
         return self.distinct >= least
+
+    @property
+    def estimates_noise(self) -> bool:
+        """Whether the noise is estimated together with its motion."""
+        undeclared = self.covariance is None and not self.varying and self.model.process is None
+        return undeclared and self.given is None and self.settled
 
     @property
     def alarmed(self) -> bool:
@@ -455,7 +464,8 @@ class ObstacleTrack:
         """Whether to see something as far away as this, or farther, is less probable than ``least``."""
         if self.predicted is None or least <= 0.0:
             return False
-        noise = self.noise_of(one.covariance, newcomers)
+        estimated = self.seen_noise if one.covariance is None else None
+        noise = self.noise_of(one.covariance, newcomers) if estimated is None else estimated
         return self.predicted.exceedance(one.time, one.position, noise) < least
 
     def estimate(self, newcomers: SceneNewcomers) -> MotionEstimate:
