@@ -37,7 +37,7 @@ def course_covariances(times: Sequence[float], covariances: Array) -> PiecewiseP
     An error that is linear between the times keeps to ellipses that are linear in between, since a standard deviation
     is a concave function of its variance. Before the first time and after the last one they stay as large as there.
     """
-    packed = covariances[:, [0, 0, 1], [0, 1, 1]]
+    packed = 0.5 * (covariances + covariances.swapaxes(1, 2))[:, [0, 0, 1], [0, 1, 1]]
     clock = np.array(times)
     pieces = np.zeros((len(clock) + 1, 2, 3))
     pieces[0, 0], pieces[1:, 0] = packed[0], packed

@@ -11,9 +11,14 @@ from numpy.typing import ArrayLike
 
 from scp_planner.arrays import Array
 from scp_planner.files import LARGEST_COORDINATE
+from scp_planner.online.covariances import repaired, square_matrix
 from scp_planner.scenario.estimates import Estimate
 from scp_planner.scenario.models import Obstacle
 from scp_planner.scenario.motions import GivenMotion
+from scp_planner.units import Units
+
+SPEED_ROUNDING = 1e-9
+"""Relative: a speed above the limit by less is at the limit."""
 
 
 class OutOfRangeError(ValueError):
@@ -33,17 +38,21 @@ def _point(name: str, value: ArrayLike) -> tuple[float, float]:
     return x, y
 
 
-def _covariance(value: ArrayLike) -> Array:
-    from scp_planner.estimation.observations import check_covariance
-
-    covariance = np.asarray(check_covariance(value, 1).reshape(2, 2), dtype=float)
-    for entry in covariance.ravel():
+def checked_covariance(value: ArrayLike, units: Units, rates: int = 0) -> Array:
+    """Check and repair a covariance, in SI units, of a position and of so many of its derivatives in time."""
+    matrix = square_matrix(value, 2 * (rates + 1))
+    for entry in matrix.ravel().tolist():
         check_number("covariance", entry)
-    return covariance
+    return repaired(matrix, (units.length, units.speed, units.acceleration)[: rates + 1])
 
 
 def checked_estimate(
-    time: float, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike | None, covariance: ArrayLike
+    time: float,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    acceleration: ArrayLike | None,
+    covariance: ArrayLike,
+    units: Units,
 ) -> Estimate:
     """Make what a tracker says of its parts, in SI units.
 
@@ -55,6 +64,8 @@ def checked_estimate(
         m, m/s, m/s2.
     covariance : (4, 4) or (6, 6)
         Of the state.
+    units : Units
+        Of the scene: by these it is told what is too small to matter.
 
     Returns
     -------
@@ -62,16 +73,21 @@ def checked_estimate(
 
     Raises
     ------
+    OutOfRangeError
+        If a number is beyond what scenarios may hold.
     ValueError
         Naming what is wrong.
     """
     check_number("time", time)
+    rates = [_point("velocity", velocity)]
+    if acceleration is not None:
+        rates.append(_point("acceleration", acceleration))
     return Estimate(
         time=float(time),
         position=_point("position", position),
-        velocity=_point("velocity", velocity),
-        acceleration=None if acceleration is None else _point("acceleration", acceleration),
-        covariance=np.asarray(covariance, dtype=float).tolist(),
+        velocity=rates[0],
+        acceleration=None if acceleration is None else rates[1],
+        covariance=checked_covariance(covariance, units, len(rates)).tolist(),
     )
 
 
@@ -97,6 +113,13 @@ def checked_motion(name: str, motion: GivenMotion | Mapping[str, Any]) -> GivenM
     checked = Obstacle(**anybody).motion
     assert checked is not None, "it is given"
     return checked
+
+
+def speeding(speed: float, limit: float) -> str | None:
+    """Report a speed of the vehicle above its limit, m/s: it is planned from as it is, and brakes at first."""
+    if speed <= limit * (1.0 + SPEED_ROUNDING):
+        return None
+    return f"the vehicle drives at {speed:.4g} m/s, {100.0 * (speed / limit - 1.0):.2g} % above its limit"
 
 
 def check_number(name: str, value: float, least: float = -math.inf) -> None:

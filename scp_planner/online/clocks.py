@@ -88,6 +88,11 @@ class Stamps(Generic[AnyStamped]):
         self._interval: float | None = None  # between the last two replans; None before the first one
         self._leads: dict[str, Lead[AnyStamped]] = {}
 
+    @property
+    def begun(self) -> bool:
+        """Whether there has been a replan."""
+        return self._interval is not None
+
     def tick(self, now: float) -> None:
         """Begin a replan at a time, s."""
         self._interval = 0.0 if self._interval is None else now - self.now

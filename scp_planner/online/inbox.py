@@ -15,6 +15,7 @@ from scp_planner.online.obstacle_tracks import ObstacleTracks
 from scp_planner.online.track import Seen
 from scp_planner.online.updates import Forecast, Update
 from scp_planner.scenario.models import Model
+from scp_planner.scenario.motions import GivenMotion, moves, timed
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
 from scp_planner.settings.online import SceneOnlineSettings
@@ -173,15 +174,22 @@ class Inbox:
         self.notes.append(f"{name}: it had gone, and is back as it was added")
         return True
 
-    def leads(self) -> str | None:
+    def timed(self, name: str, motion: GivenMotion) -> GivenMotion:
+        """Motion that holds at the start, in SI units, where it does not say when; with a note once replans began."""
+        made, start = timed(motion, self._units.clock), self._units.clock
+        if made is not motion and self.stamps.begun and moves(made):
+            self.notes.append(f"{name}: its motion has no time, and is taken to hold at the start, {start:.3f} s")
+        return made
+
+    def leads(self) -> Iterator[str]:
         """Report the leads of clocks that have been noticed since it was last asked."""
         leading = self.stamps.leading()
         if not leading:
-            return None
+            return
         names, more = ", ".join(list(leading)[:MOST_NAMED]), len(leading) - MOST_NAMED
         others = f" and {more} others" if more > 0 else ""
         ahead = sum(leading.values()) / len(leading) * self._units.time
-        return (
+        yield (
             f"stamps of {names}{others} are about {ahead:.3g} s ahead of the clock of the replans: what is seen is"
             " used so much too late, and taken for newer than it is"
         )
@@ -210,6 +218,14 @@ class Inbox:
                 gone_for = self._forget_after * self._units.time
                 self.notes.append(f"{track.id}: forgotten, not seen for {gone_for:g} s")
                 self.remove(track.id, time - self._forget_after)
+
+    def dismiss(self, name: str) -> None:
+        """Remove an obstacle now, if it has not gone already; what waits is of this one, and not of its next."""
+        self.settle()
+        if name in self.obstacles.tracks:
+            self.remove(name, self.stamps.now)
+        else:
+            self.notes.append(f"{name}: removed, but it had gone already")
 
     def remove(self, name: str, time: float) -> None:
         """Remove an obstacle and what is held back of it; what is seen of it after a time, s, brings it back."""

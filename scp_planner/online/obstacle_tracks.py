@@ -484,6 +484,7 @@ def _remember(track: ObstacleTrack, seen: Observations) -> None:
     each: list[Array | None] = [None] * len(seen.time)
     if seen.covariance is not None:
         given = np.array(seen.covariance)
+        given = 0.5 * (given + given.swapaxes(-1, -2))  # but for rounding it is the same
         if given.ndim == 3:
             track.varying, each = True, list(given)
         else:

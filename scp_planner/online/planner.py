@@ -23,7 +23,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -34,11 +34,12 @@ from numpy.typing import ArrayLike
 from scp_planner.estimation.tracking import TrackingTube
 from scp_planner.online.arguments import (
     OutOfRangeError,
-    _covariance,
     _point,
     check_number,
+    checked_covariance,
     checked_estimate,
     checked_motion,
+    speeding,
 )
 from scp_planner.online.assumptions import Assumptions
 from scp_planner.online.decision import Decision
@@ -51,7 +52,7 @@ from scp_planner.online.plan import OnlinePlan
 from scp_planner.online.remaining import State
 from scp_planner.online.updates import Forecast, Update
 from scp_planner.scenario.models import Model, Obstacle, Scenario, Steering
-from scp_planner.scenario.motions import GivenMotion, moves, timed
+from scp_planner.scenario.motions import GivenMotion
 from scp_planner.scenario.places import anchored
 from scp_planner.scenario.shapes import Shape
 from scp_planner.scenario.units import NaturalUnits
@@ -96,7 +97,8 @@ class Planner:
     online : OnlineSettings
         With the period that the scene decides, if that was left open.
     doubts : deque of str
-        Which assumptions of what was promised of the last plan did not hold, the newest last.
+        Which assumptions of what was promised of the last plan did not hold, the newest last; clocks of sensors that
+        are ahead of that of the replans, and speeds above the limit.
     tube : TrackingTube or None
         What a vehicle that drives may be off besides; the vehicle of `scenario` is larger by what it may be off when it
         stands.
@@ -154,6 +156,7 @@ class Planner:
         self._state: State | None = None
         self._clock: float | None = None
         self._cycle = 0
+        self._speeding = False
         self._overrun = 0.0  # s that replans take beyond where they are to end
 
     @property
@@ -190,25 +193,29 @@ class Planner:
         Parameters
         ----------
         obstacle : str
-            Id of an obstacle that is known.
+            Id of an obstacle that was added; one that has gone comes back as it was added, with a note.
         time : float
-            When it was seen, absolute, s; late ones are welcome.
+            When it was seen, absolute, s; late ones are welcome. One later than the replan by more than a period is
+            held back until the clock of the replans gets there, or dropped if one in time comes after it, with a note.
         position : (2,)
-            m.
+            m; beyond what scenarios may hold it is left out with a note.
         covariance : (2, 2), optional
-            m2; else that of the scenario.
+            m2; else that of the scenario. Rounding in single precision is repaired, and a variance of 0 is taken for a
+            very small one.
 
         Raises
         ------
         ValueError
-            If the id is unknown, or a number is not finite.
+            If no obstacle of that id was ever added, a number is not finite, or the covariance is none.
         """
         self._check_known("observe", obstacle)
         units = self._units
         try:
             place = _point("position", position)
             check_number("time", time)
-            noise = None if covariance is None else _covariance(covariance) / (units.length * units.length)
+            noise = (
+                None if covariance is None else checked_covariance(covariance, units) / (units.length * units.length)
+            )
         except OutOfRangeError as odd:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
@@ -229,22 +236,23 @@ class Planner:
         Parameters
         ----------
         obstacle : str
-            Id of an obstacle that is known; its model says how it goes on from there.
+            Id of an obstacle that was added; its model says how it goes on from there.
         time : float
-            What the state is of, absolute, s; what comes after a newer one is left out.
+            What the state is of, absolute, s; what comes after a newer one is left out, and one that is too far ahead
+            is held back as in :meth:`observe`.
         position, velocity, acceleration : (2,)
             m, m/s, m/s2; without an acceleration the velocity is kept up.
         covariance : (4, 4) or, with an acceleration, (6, 6)
-            Of the error of the state in the order x, y, vx, vy, ax, ay, in m and s.
+            Of the error of the state in the order x, y, vx, vy, ax, ay, in m and s; repaired as in :meth:`observe`.
 
         Raises
         ------
         ValueError
-            If the id is unknown, a number is not finite, or the covariance is none.
+            If no obstacle of that id was ever added, a number is not finite, or the covariance is none.
         """
         self._check_known("update_obstacle", obstacle)
         try:
-            given = checked_estimate(time, position, velocity, acceleration, covariance)
+            given = checked_estimate(time, position, velocity, acceleration, covariance, self._units)
         except OutOfRangeError as odd:
             self._inbox.notes.append(f"{obstacle}: {odd}; left out")
             return
@@ -261,28 +269,21 @@ class Planner:
         obstacle : str
             Its id.
         motion : Motion, Course, Futures or mapping
-            As in the scenario: exact, with a covariance, or several futures with their weights.
+            As in the scenario: exact, with a covariance, or several futures with their weights. Without a time a
+            `Motion` holds at the scenario's ``start.time``; while driving, state the time.
 
         Raises
         ------
         ValueError
-            If the id is unknown or a value is not allowed.
+            If no obstacle of that id was ever added, or a value is not allowed.
         """
         self._check_known("update_motion", obstacle)
-        made = self._timed(obstacle, checked_motion(obstacle, motion))
+        made = self._inbox.timed(obstacle, checked_motion(obstacle, motion))
         self._inbox.put(Forecast(obstacle, self._units.motion(made)))
 
     def _check_known(self, call: str, obstacle: str) -> None:
         if not self._inbox.knows(obstacle):
             raise ValueError(f"{call}: there is no obstacle {obstacle!r}; add_obstacle adds one")
-
-    def _timed(self, obstacle: str, motion: GivenMotion) -> GivenMotion:
-        """Motion that holds at the start where it does not say when, with a note while driving, if it moves."""
-        made = timed(motion, self._units.clock)
-        if made is not motion and self._clock is not None and moves(made):
-            since = f"it is taken to hold at {self._units.clock:.3f} s, the start"
-            self._inbox.notes.append(f"{obstacle}: its motion has no time, and {since}")
-        return made
 
     def add_obstacle(
         self,
@@ -298,7 +299,8 @@ class Planner:
         Parameters
         ----------
         obstacle : Obstacle, mapping or str
-            A whole obstacle, or the id of one that has not been observed yet.
+            A whole obstacle, or the id of one that has not been observed yet. A motion without a time holds at the
+            scenario's ``start.time``.
         shape : shape, optional
             With an id: as in the scenario, such as ``{"disc": 0.3}``.
         covariance : (2, 2), optional
@@ -317,14 +319,18 @@ class Planner:
             whole = obstacle if isinstance(obstacle, Obstacle) else Obstacle(**obstacle)
             self._check_new(whole.id)
             if whole.motion is not None:
-                whole = whole.model_copy(update={"motion": self._timed(whole.id, whole.motion)})
+                whole = whole.model_copy(update={"motion": self._inbox.timed(whole.id, whole.motion)})
             self._obstacles.add(self._units.obstacle(whole))
             return
         still = {"position": [0.0, 0.0], "time": 0.0}
         parts = {"id": obstacle, "shape": shape, "margin": margin, "motion": still, "model": model or Model()}
         checked = self._units.obstacle(Obstacle(**parts))
         self._check_new(obstacle)
-        noise = None if covariance is None else _covariance(covariance) / (self._units.length * self._units.length)
+        noise = (
+            None
+            if covariance is None
+            else checked_covariance(covariance, self._units) / (self._units.length * self._units.length)
+        )
         self._obstacles.add_unseen(checked.id, checked.shape, checked.model, checked.margin, noise)
 
     def _check_new(self, name: str) -> None:
@@ -332,25 +338,21 @@ class Planner:
             raise ValueError(f"add_obstacle: there is an obstacle {name!r} already")
 
     def remove_obstacle(self, obstacle: str) -> None:
-        """Forget an obstacle.
+        """Forget an obstacle; what is seen of it later brings it back as it was added, with a note.
 
         Parameters
         ----------
         obstacle : str
-            Its id.
+            Its id; one that had gone already is noted.
 
         Raises
         ------
         ValueError
-            If the id is unknown.
+            If no obstacle of that id was ever added.
         """
         if not self._inbox.knows(obstacle):
             raise ValueError(f"remove_obstacle: there is no obstacle {obstacle!r}")
-        self._inbox.settle()  # what waits is of this one, and not of the next of that name
-        if obstacle in self._obstacles.tracks:
-            self._inbox.remove(obstacle, self._inbox.stamps.now)
-        else:
-            self._inbox.notes.append(f"{obstacle}: removed, but it had gone already")
+        self._inbox.dismiss(obstacle)
 
     @property
     def scenario(self) -> Scenario:
@@ -385,7 +387,7 @@ class Planner:
         heading : float or None
             rad; None: free.
         speed : float
-            m/s.
+            m/s; above the vehicle's limit it is taken as it is, and told in ``doubts``.
         acceleration : float, optional
             Along the path, m/s2, with which the plan begins where the jerk is limited; within the limits of the
             acceleration. None: that of the last plan at this time; at first that of the scenario's start, or 0. Without
@@ -412,10 +414,8 @@ class Planner:
         with self._inbox.work:
             self._inbox.stamps.tick(self._units.instant(float(time)))
             now = Replan(self._means.moment(state), began, end, self._last, self._cycle, clock=began)
-            for text in self._assumptions.broken(now.moment, self._last):
+            for text in self._doubted(now, float(speed)):
                 self.doubts.append(f"t = {time:.3f} s: {text}")
-            if (lead := self._inbox.leads()) is not None:
-                self.doubts.append(f"t = {time:.3f} s: {lead}")
             now.lap("zones")
             plan = self._decision.answer(now)
         self._last, self._state, self._zones = plan, state, now.moment.zones
@@ -424,6 +424,15 @@ class Planner:
         self.plan = plan.outside(self._units)
         self._overrun = max(OVERRUN_KEPT * self._overrun, perf_counter() - max(end, began))
         return self.plan
+
+    def _doubted(self, now: Replan, speed: float) -> Iterator[str]:
+        """What does not hold and has not been told yet: of the last plan, of clocks, and of the speed, m/s."""
+        yield from self._assumptions.broken(now.moment, self._last)
+        yield from self._inbox.leads()
+        fast, before = speeding(speed, self.given.vehicle.max_speed * self._units.speed), self._speeding
+        self._speeding = fast is not None
+        if fast is not None and not before:
+            yield fast
 
     def _checked_state(
         self,

@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
+from scp_planner.scenario.obstacle_checks import SYMMETRY
 from scp_planner.scenario.validation import Objection, Part, Rule
 from scp_planner.scenario.values import Number, Rate, RateNumber, Vector
 
-LOPSIDED = 1e-9
-"""Relative: entries of a covariance that should be the same may differ by so much."""
+DEFINITE = 1e-9
+"""Least pivot of a correlation matrix: less is singular to rounding."""
 
 
 def _covariance_is_of_the_state(estimate: Any) -> Iterator[Objection]:
@@ -27,7 +28,7 @@ def _covariance_is_of_the_state(estimate: Any) -> Iterator[Objection]:
     scale = [math.sqrt(max(matrix[k][k], 0.0)) for k in range(size)]
     for i in range(size):
         for j in range(i):
-            if abs(matrix[i][j] - matrix[j][i]) > LOPSIDED * scale[i] * scale[j]:
+            if abs(matrix[i][j] - matrix[j][i]) > SYMMETRY * scale[i] * scale[j]:
                 yield Objection(
                     ("covariance", i, j),
                     matrix[i][j],
@@ -44,11 +45,11 @@ def _is_definite(matrix: Any, scale: list[float]) -> bool:
         return False
     factor: list[list[float]] = []
     for i, row in enumerate(matrix):
-        own = [row[j] / (scale[i] * scale[j]) for j in range(i + 1)]
+        own = [0.5 * (row[j] + matrix[j][i]) / (scale[i] * scale[j]) for j in range(i + 1)]
         for j in range(i):
             own[j] = (own[j] - sum(own[k] * factor[j][k] for k in range(j))) / factor[j][j]
         left = own[i] - sum(value * value for value in own[:i])
-        if not left > LOPSIDED:
+        if not left > DEFINITE:
             return False
         own[i] = math.sqrt(left)
         factor.append(own)

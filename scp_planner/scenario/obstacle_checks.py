@@ -12,8 +12,9 @@ from scp_planner.scenario.validation import Objection
 
 MOST_TURN = 3.0
 """rad from one heading of a course to the next: half a turn could be to either side."""
-SYMMETRY = 1e-9
-"""How far the two off-diagonal entries of a covariance may differ, relative to its diagonal: rounding."""
+SYMMETRY = 1e-3
+"""How far entries of a covariance that should be the same may differ, relative to its diagonal: by rounding in single
+precision, when it was computed as a difference of much larger ones."""
 DEFINITE = 1e-12
 """Least determinant of a covariance relative to the product of its diagonal; less is singular to rounding."""
 

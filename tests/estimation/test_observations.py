@@ -157,10 +157,6 @@ class TestScreening:
             "the covariance must be given",
         ),
         ({"times": range(6), "positions": np.ones((6, 2)), "covariance": None}, "lie exactly on a motion"),
-        (
-            {"times": range(6), "positions": np.outer([1, 5, 2, 8, 1, 1], [1, 2]), "covariance": None},
-            "residuals on a line",
-        ),
     ],
 )
 def test_bad_observations_are_named(change: dict[str, object], message: str) -> None:

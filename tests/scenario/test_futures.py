@@ -66,7 +66,7 @@ def test_in_python_they_are_models() -> None:
         Future(weight=0.7, motion=Motion(position=(9.0, -4.0), velocity=(0.0, 1.0))),
         Future(weight=0.3, motion=Course(**FORK["motion"]["futures"][1]["motion"])),
     ]
-    assert sp.Obstacle(id="fork", shape={"disc": 0.4}, motion=sp.Futures(futures=parts)) == scene(FORK).obstacles[0]
+    assert scene(sp.Obstacle(id="fork", shape={"disc": 0.4}, motion=sp.Futures(futures=parts))) == scene(FORK)
 
 
 @pytest.mark.parametrize(
