@@ -13,25 +13,19 @@ from benchmarks import common  # isort: skip
 import math
 import traceback
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-import scp_planner as sp
 from benchmarks import families
-from scp_planner.estimation.confidence import marginal_scale, region_scale
-from scp_planner.estimation.estimate import estimate_obstacle
+from benchmarks.hostile.drives import Judge
+from benchmarks.hostile.wild import Wild
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.planner import Planner
-from scp_planner.online.stops import standing_from
-from scp_planner.scenario.motions import Course
 from scp_planner.settings.online import OnlineSettings
 from scp_planner.solvers.interface import QpSolver, QuadraticProgram, Solution, SolverStatus
-from scp_planner.threat_zones.of_scenario import HORIZON
-from scp_planner.trips.trip import Trip
-from verification.dense_check import check_trip
+from verification.following import Told
 
 __all__ = ["KINDS", "FaultRun", "FlakySolver", "common", "injected_run"]
 
@@ -39,8 +33,6 @@ KINDS = ("solver", "vanish", "jump", "late", "doubled", "appears")
 PERIOD, HISTORY, NOISE = 0.1, 3.0, 0.1  # s, s, m
 LONGEST, STAYS = 12.0, 3.0  # s, of a run, and of a sudden obstacle
 JUMP, AHEAD = 5.0, 1.0  # m
-CHECKED_SAMPLES = 2000
-SHORTEST_CHECKED = 0.05  # s; what is left of a trip, for differences to say something
 
 
 class FlakySolver:
@@ -169,6 +161,7 @@ class _Drive:
             del obstacle["motion"]
         scenario = families.as_scenario(data)
         self.planner = Planner(scenario, online=OnlineSettings(period=PERIOD, forget_after=2.0))
+        self.judge = Judge(self.planner, Wild({}, 1.0, 1.0))
         if "solver" in run.kinds:
             self.planner.solver = FlakySolver(self.planner.solver, rng)
         self.position, self.heading, self.speed = np.array(data["start"]["position"]), 0.0, data["start"]["speed"]
@@ -243,52 +236,9 @@ class _Drive:
         run.outcomes[str(plan.outcome)] += 1
         run.unsaid += not plan.reason
         run.slowest = max(run.slowest, plan.wall_time)
-        if not (plan.certified or plan.stop) or run.cycles % self.check_every:
+        if run.cycles % self.check_every:
             return
-        scenario = self.planner.scenario
-        data, regions = scenario.to_dict(), _regions(scenario)
-        if plan.certified:
-            self._check(data, plan.trip, time, plan.arrival_time, regions, str(plan.outcome))
-        if plan.stop is not None:
-            stands = plan.stop.frame.time + standing_from(plan.stop.trajectory)
-            end = plan.stop.frame.to_world(plan.stop.at(stands)[0].path.position)[0].tolist()
-            # The stop of a trip does not end at the goal.
-            data = {**data, "goal": {"position": end, "radius": 1e-6}}
-            self._check(data, plan.stop, time, stands, regions, f"stop of {plan.outcome}")
-
-    def _check(
-        self, data: Mapping[str, Any], trip: Trip, since: float, until: float, regions: Mapping[str, float], what: str
-    ) -> None:
-        if until - since < SHORTEST_CHECKED:
-            return
-        self.run.checked += 1
-        report = check_trip(
-            data,
-            lambda times: trip.frame.to_world(trip.at(times)[0].path.position),
-            since,
-            until,
-            samples=CHECKED_SAMPLES,
-            regions=regions,
-        )
-        if not report.ok:
-            self.run.refused.append(f"t = {since:.1f} s, {what}: {report}")
-
-
-def _regions(scenario: sp.Scenario) -> dict[str, float]:
-    """Size of each obstacle's confidence region; the level is the planner's business, not the check's."""
-    observed = [obstacle for obstacle in scenario.obstacles if obstacle.observations is not None]
-    # those that have been noticed to move otherwise than foretold come as courses with covariances
-    foretold = {
-        obstacle.id: len(obstacle.motion.time)
-        for obstacle in scenario.obstacles
-        if isinstance(obstacle.motion, Course) and obstacle.motion.covariance is not None
-    }
-    start, uncertain = scenario.start.time, len(observed) + len(foretold)
-    level, probability = str(scenario.confidence.level), scenario.confidence.probability
-    courses = {name: marginal_scale(level, probability, times, uncertain) for name, times in foretold.items()}
-    return courses | {
-        obstacle.id: region_scale(
-            level, probability, estimate_obstacle(obstacle), obstacles=uncertain, start=start, stop=start + HORIZON
-        )
-        for obstacle in observed
-    }
+        refused = self.judge.of(plan, Told(time, self.position, self.heading, self.speed))
+        run.checked = self.judge.checked
+        if refused:
+            run.refused.append(f"t = {time:.1f} s: {refused}")

@@ -42,7 +42,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from verification.arrivals import first_acceleration, goal_conditions
 from verification.differences import (
@@ -141,38 +140,6 @@ def _refinement(times: Array, positions: Array, allowed: Tolerances) -> int:
     short = float(shortfalls(positions, float(times[1] - times[0])).max())
     ratio = short / (CHORD_SHARE * allowed.acceleration * ACCELERATION_WINDOW)
     return math.ceil(math.sqrt(min(ratio, 1.0 / np.finfo(float).eps)))
-
-
-def check_samples(
-    scenario: Mapping[str, Any] | str | os.PathLike[str],
-    times: ArrayLike,
-    positions: ArrayLike,
-    *,
-    tolerances: Tolerances | None = None,
-    samples: int = SAMPLES,
-) -> DenseReport:
-    """Check a trip given by recorded samples, joined by the interpolating spline of degree five.
-
-    The error of the interpolation is the recorder's: samples must be dense enough for a smooth curve.
-
-    Parameters
-    ----------
-    scenario : mapping or path
-        As for :func:`check_trip`.
-    times : (n,) array_like
-        Increasing times, s.
-    positions : (n, 2) array_like
-        Positions, m.
-    tolerances : Tolerances, optional
-        Excess allowed per quantity.
-    samples : int
-        Number of intervals between the times that are checked.
-    """
-    from scipy.interpolate import make_interp_spline
-
-    knots = np.asarray(times, dtype=float)
-    spline = make_interp_spline(knots, np.asarray(positions, dtype=float), k=5)
-    return check_trip(scenario, spline, float(knots[0]), float(knots[-1]), tolerances=tolerances, samples=samples)
 
 
 def _as_mapping(scenario: Mapping[str, Any] | str | os.PathLike[str]) -> Mapping[str, Any]:

@@ -238,16 +238,6 @@ def distance_to_polygon(points: Array, corners: Array) -> Array:
     return np.where(inside, -nearest, nearest)
 
 
-def distance_to_observed(obstacle: Mapping[str, Any], times: Array, positions: Array, region: float) -> Array:
-    """Distance (n,) to a disc that was observed and whose centre is somewhere in the confidence ellipse."""
-    name, seen = obstacle["id"], obstacle.get("observations")
-    if seen is None or seen.get("covariance") is None or "disc" not in obstacle["shape"]:
-        raise ValueError(f"obstacle {name!r}: only discs with observations of known covariance can be checked")
-    if (obstacle.get("model") or {}).get("process") is not None:
-        raise ValueError(f"obstacle {name!r}: it has process noise, which is not for this function")
-    return distance_to_uncertain(obstacle, times, positions, region)
-
-
 def observed(obstacle: Mapping[str, Any], times: Array) -> tuple[Array, Array]:
     """Expected centres (n, 2) of an obstacle that was observed, and covariances (n, 2, 2) of their errors.
 

@@ -1,9 +1,10 @@
 """Try hostile input for some minutes, and report whatever may never happen.
 
-``python -m benchmarks.hostile`` tries damaged scenario and plan files, wild but legal scenarios, absurd command lines
-and absurd calls of an online planner, in processes of their own. It finds exceptions other than those that are
-documented, what takes over 10 s of the processor or 1 GB, and certified plans that the dense check refuses. Every
-finding is written with all that trying it again needs; ``--only KIND --seed N --count 1`` tries the one of that seed.
+``python -m benchmarks.hostile`` tries damaged scenario and plan files, wild but legal scenarios, corridors with holes,
+absurd command lines, absurd calls of an online planner, drives in which it is told other states than it planned, other
+clocks and odd sensors, in processes of their own. It finds exceptions other than those that are documented, what takes
+over 10 s of the processor or 1 GB, and certified and safe plans that an independent check refuses. Every finding is
+written with all that trying it again needs; ``--only KIND --seed N --count 1`` tries the one of that seed.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import common
-from benchmarks.hostile.cases import PLAN_TIME, Kind, Outcome, make
+from benchmarks.hostile.cases import PLAN_TIME, Kind, make
+from benchmarks.hostile.outcome import Outcome
 from benchmarks.hostile.workers import tried
 
 CODE_OF_FINDINGS = 1

@@ -1,133 +1,214 @@
-"""Wild scenarios driven with an online planner that gets what it plans, each of its promises checked densely.
+"""Wild scenarios driven with an online planner that is told other states than it planned, its promises checked densely.
 
-What is called certified has to be so by the dense check, for the scenario that the planner says it planned for; and so
-has a stop for which a trip can be left.
+The vehicle is said to be faster or slower, turned, beside the path, late or early. What is safe has to begin where the
+vehicle is said to be, and a vehicle that is there has to be able to follow it to its end; what is certified, and a stop
+for which a trip can be left, have to be so by the dense check, for the scenario that the planner says it planned for;
+and who has arrived has to stand at the goal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 import scp_planner as sp
+from benchmarks.hostile.dense import goal_speed_missed, regions
+from benchmarks.hostile.outcome import Outcome, judged
+from benchmarks.hostile.wild import Data, Wild, scaled, wild
 from scp_planner.online.plan import AWAY, OnlinePlan
 from scp_planner.online.stops import standing_from
 from scp_planner.scenario.models import Steering
+from scp_planner.settings.online import Safety
 from scp_planner.trips.trip import Trip
 from verification.dense_check import check_trip
-from verification.findings import Tolerances
-
-Regions = Callable[[sp.Scenario, float], Mapping[str, float]]
+from verification.differences import SLOW, PositionFunction, end_heading, end_speed
+from verification.findings import Finding, Tolerances
+from verification.following import Allowed, Told, arrived, beginning, followed
+from verification.places import corridor, disc_centres, walls, workspace
 
 CYCLES = (2, 12)
 """Replans of a drive, at least and at most."""
 SAMPLES = 4000
 SHORTEST_CHECKED = 0.05
 """Units of time; what is left of a trip, for differences to say something."""
-GOAL_SPEED_SHARE = 1e-3 / 3.0
-"""Of the highest speed, by which the goal's may be missed: the page of the certificate says so."""
 ROUND_THE_END = 1e-6
 """Units of length; radius of the goal of a trip that ends anywhere."""
+PERTURBED = 0.4
+"""How often a state is told that is not the planned one."""
+THERE = 0.1
+"""How often the vehicle is said to be at the goal already."""
+FASTEST, TURN, BESIDE = 2.0, 1.0, 0.3
+"""Times the planned speed, rad and units of length, that a state may be told off at most."""
+FITS = 1e-3
+"""m/s by which an answer may begin slower before it is looked at who follows it."""
+WAITS = (1.0, 1.0, 1.0, 0.0, 0.2, 1.5, 3.0)
+"""Periods from one replan to the next."""
+
+
+def draw(rng: np.random.Generator) -> Data:
+    """Draw a scenario, options, and what is told in each replan."""
+    drawn = wild(rng)
+    vehicle, goal = drawn.data["vehicle"], drawn.data["goal"]
+    if len(vehicle.get("discs", ())) < 2:
+        vehicle["steering"] = str(rng.choice(list(Steering)))
+    for key in ("earliest_arrival", "latest_arrival", "arrival_step"):
+        goal.pop(key, None)  # for whoever drives, another trip each time
+    options = {
+        "period": float(rng.choice([0.05, 0.1, 0.5])),
+        "tracking_error": float(rng.choice([0.0, 0.0, 0.02, 0.1])),
+        "safety": str(rng.choice(list(Safety))),
+    }
+    told = [_told(rng) for _ in range(int(rng.integers(*CYCLES)))]
+    return {"data": drawn.data, "length": drawn.length, "time": drawn.time, "options": options, "told": told}
+
+
+def _told(rng: np.random.Generator) -> Data:
+    """How a state is off: a factor, rad, units of length, or at the goal; and how many periods the next one waits."""
+    told: Data = {"wait": float(rng.choice(WAITS)), "factor": 1.0, "turn": 0.0, "beside": 0.0}
+    told["there"] = bool(rng.random() < THERE)
+    if rng.random() < PERTURBED:
+        size = float(np.exp(rng.uniform(np.log(1e-3), 0.0)))
+        key = str(rng.choice(["factor", "turn", "beside", "all"]))
+        off = {"factor": FASTEST - 1.0, "turn": TURN, "beside": BESIDE}
+        told.update({k: told[k] + size * rng.uniform(-1.0, 1.0) * most for k, most in off.items() if key in (k, "all")})
+    return told
+
+
+def tolerances(online: sp.OnlineSettings, length: float, time: float) -> Allowed:
+    """How far off what a planner answers may begin, in units of so many m and s: the tracking error, and rounding."""
+    error: Any = online.tracking_error
+    parts = (error, 0.0, 0.0) if isinstance(error, float) else (error.position, error.speed, error.heading)
+    usual = Tolerances()
+    return Allowed(
+        parts[0] / length + max(usual.position, 2e-6 / length),
+        parts[1] * time / length + usual.boundary_speed,
+        parts[2] + usual.heading,
+    )
+
+
+def arrival(allowed: Allowed, data: Mapping[str, Any]) -> Allowed:
+    """How far off a vehicle may be at the goal of a scenario, in its units, beyond what a state may be off."""
+    near = 1e-3 * max(1.0, math.dist(data["start"]["position"], data["goal"]["position"]) / 20.0)
+    return Allowed(allowed.position + near, allowed.speed + goal_speed_missed(data), allowed.heading + 1e-3)
+
+
+def drive(case: Mapping[str, Any], deadline: float) -> Outcome:
+    """Drive a scenario for some replans, of a deadline, s, each."""
+    drawn = Wild(case["data"], case["length"], case["time"])
+    try:
+        scenario = sp.Scenario(**drawn.scaled())
+    except sp.ScenarioError:
+        return Outcome("bad input")
+    period = case["options"]["period"] * drawn.time
+    error = case["options"]["tracking_error"] * drawn.length
+    online = sp.OnlineSettings(period=period, tracking_error=error, safety=case["options"]["safety"])
+    judge = Judge(sp.Planner(scenario, online=online), drawn)
+    time, start = scenario.start.time, scenario.start
+    state: tuple[Any, float | None, float] = (np.array(start.position), start.heading, start.speed)
+    for number, off in enumerate(case["told"]):
+        position, heading, speed = state
+        position = np.array(scenario.goal.position) if off["there"] else position
+        heading = None if heading is None else heading + off["turn"]
+        left = np.array([-math.sin(heading or 0.0), math.cos(heading or 0.0)])
+        told = Told(time, position + off["beside"] * drawn.length * left, heading, speed * off["factor"])
+        plan = judge.planner.replan(time, told.position, heading, told.speed, deadline=deadline)
+        assert plan.reason, f"a plan without a reason: {plan.outcome}"
+        refused = judge.of(plan, told)
+        if refused:
+            return judged("driven", f"replan {number}, t = {time:.6g} s, {plan.outcome}, {off}: {refused}")
+        time += off["wait"] * period
+        if plan.arrived or (plan.outcome not in AWAY and plan.arrival_time <= time):
+            break
+        state = (plan.position(time), float(plan.heading(time)), max(float(plan.speed(time)), 0.0))
+    return judged("driven", "", judge.checked)
 
 
 @dataclass
-class Drive:
-    """What came of a drive.
+class Judge:
+    """Looks at what a planner answers, in the units that its scenario was drawn in."""
 
-    Attributes
-    ----------
-    checked : int
-        Trips and stops that the dense check looked at.
-    refused : str
-        What it says of the first that it refuses; empty if it refuses none.
-    outcomes : tuple of str
-        Of the replans.
-    """
-
+    planner: sp.Planner
+    drawn: Wild
     checked: int = 0
-    refused: str = ""
-    outcomes: tuple[str, ...] = ()
+
+    def of(self, plan: OnlinePlan, told: Told) -> str:
+        """Say what is wrong with an answer; nothing if nothing is."""
+        length, time = self.drawn.length, self.drawn.time
+        scenario = self.planner.scenario
+        data = scaled(scenario.to_dict(), 1.0 / length, 1.0 / time)
+        allowed = tolerances(self.planner.online, length, time)
+        told = Told(told.time / time, told.position / length, told.heading, told.speed * time / length)
+        ways = scenario.vehicle.steering
+        free = ways is Steering.ANY or (ways is not Steering.AHEAD and told.speed <= SLOW)
+        begun, found, speed = replace(told, heading=None if free else told.heading), [], told.speed
+        for name, trip, end in _promised(plan):
+            aim = data if name == plan.outcome and plan.outcome not in AWAY else self._ending(data, trip, end)
+            known = regions(scenario, end)
+            found += [(name, each) for each in self._looked(aim, trip, begun, end / time, known, allowed)]
+            speed = end_speed(self._places(trip), end / time, -1)
+        if plan.arrived:
+            found += [("arrived", each) for each in arrived(data, begun, arrival(allowed, data), speed)]
+        return "; ".join(f"{name}: {each}" for name, each in found if not each.ok)
+
+    def _places(self, trip: Trip) -> PositionFunction:
+        length, time = self.drawn.length, self.drawn.time
+        return lambda times: trip.frame.to_world(trip.at(np.asarray(times) * time)[0].path.position) / length
+
+    def _ending(self, data: Data, trip: Trip, end: float) -> Data:
+        """The scenario with the end of a trip as its goal: it does not go where the scenario says."""
+        place = np.asarray(self._places(trip)(np.array([end / self.drawn.time])))[0]
+        return {**data, "goal": {"position": place.tolist(), "radius": ROUND_THE_END}}
+
+    def _looked(
+        self, data: Data, trip: Trip, told: Told, end: float, known: Mapping[str, float], allowed: Allowed
+    ) -> list[Finding]:
+        self.checked += 1
+        place, whole = self._places(trip), max(end - told.time, 0.0)
+        found = beginning(told, place, whole, allowed)
+        if not all(each.ok for each in found) or told.speed > found[1].value + FITS:
+            found += self._followed(data, place, told, end, allowed)
+        if whole < SHORTEST_CHECKED:
+            return found
+        speed, heading = end_speed(place, told.time, 1), end_heading(place, whole, told.time, 1)
+        position = np.asarray(place(np.array([told.time])))[0].tolist()
+        begins = {**data["start"], "position": position, "heading": heading, "speed": speed}
+        # Driving faster than allowed at the start is the scenario's business, not the plan's.
+        vehicle = {**data["vehicle"], "max_speed": max(data["vehicle"]["max_speed"], speed)}
+        usual = replace(Tolerances(), goal_speed=goal_speed_missed(data), position=2e-6 / min(1.0, self.drawn.length))
+        report = check_trip(
+            {**data, "start": begins, "vehicle": vehicle},
+            place,
+            told.time,
+            end,
+            tolerances=usual,
+            samples=SAMPLES,
+            regions=known,
+        )
+        return [*found, *report.findings]
+
+    def _followed(self, data: Data, place: PositionFunction, told: Told, end: float, allowed: Allowed) -> list[Finding]:
+        """How near to zones and borders a vehicle comes that follows from where it was told to be."""
+        length, time, radius = self.drawn.length, self.drawn.time, float(data["vehicle"]["radius"])
+        times, places = followed(data["vehicle"], told, place, max(end, told.time + SHORTEST_CHECKED))
+        usual, found = Tolerances(clearance=allowed.position), []
+        for each in disc_centres({**data, "start": {**data["start"], "heading": told.heading or 0.0}}, places):
+            found += [*workspace(data, times, each, usual), *corridor(data, times, each, usual)]
+            found += walls(data, times, each, usual)
+            for zone in self.planner.zones:
+                room = zone.signed_distance(times * time, each * length) / length - radius
+                worst = int(np.argmin(room))
+                least, when = float(room[worst]), float(times[worst])
+                found.append(Finding("followed", least, 0.0, -least, allowed.position, when, zone.id))
+        return found
 
 
-def drive(scenario: sp.Scenario, options: Mapping[str, Any], deadline: float, regions: Regions) -> Drive:
-    """Drive a scenario in its own units for some replans.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    options : mapping
-        ``period``, s, ``cycles`` and ``safety``.
-    deadline : float
-        Of each replan, s.
-    regions : callable
-        Gives the sizes of the regions of a scenario up to a time.
-
-    Returns
-    -------
-    Drive
-    """
-    online = sp.OnlineSettings(period=options["period"], safety=options["safety"])
-    planner, found = sp.Planner(scenario, online=online), Drive()
-    time, start = scenario.start.time, scenario.start
-    state: tuple[Any, Any, float] = (start.position, start.heading, start.speed)
-    for _ in range(options["cycles"]):
-        plan = planner.replan(time, *state, deadline=deadline)
-        found.outcomes += (str(plan.outcome),)
-        assert plan.reason, f"a plan without a reason: {plan.outcome}"
-        _judge(found, planner.scenario, plan, time, regions)
-        time += options["period"]
-        if plan.arrived or found.refused or (plan.outcome not in AWAY and plan.arrival_time <= time):
-            break
-        state = (plan.position(time), float(plan.heading(time)), max(float(plan.speed(time)), 0.0))
-    return found
-
-
-def goal_speed_missed(data: Mapping[str, Any]) -> float:
-    """How far off the speed at the goal may be in a scenario, as a dict, m/s."""
-    return Tolerances().boundary_speed + GOAL_SPEED_SHARE * float(data["vehicle"]["max_speed"])
-
-
-def _judge(found: Drive, scenario: sp.Scenario, plan: OnlinePlan, time: float, regions: Regions) -> None:
-    data = scenario.to_dict()
-    if scenario.vehicle.steering != Steering.AHEAD:
-        data["start"]["heading"] = None  # it may set out backwards, or in any direction
-    # Driving faster than allowed at the start is the scenario's business, not the plan's.
-    data["vehicle"]["max_speed"] = max(data["vehicle"]["max_speed"], float(plan.speed(time)))
-    if plan.certified:
-        aim = data if plan.outcome not in AWAY else _ending(data, plan.trip, plan.arrival_time)
-        _check(found, aim, plan.trip, (time, plan.arrival_time), regions(scenario, plan.arrival_time), plan.outcome)
-    if plan.stop is not None and not found.refused:
-        stands = max(plan.stop.frame.time + standing_from(plan.stop.trajectory), time)
-        aim = _ending(data, plan.stop, stands)
-        _check(found, aim, plan.stop, (time, stands), regions(scenario, stands), f"stop of {plan.outcome}")
-
-
-def _places(trip: Trip, times: np.ndarray) -> Any:
-    return trip.frame.to_world(trip.at(times)[0].path.position)
-
-
-def _ending(data: Mapping[str, Any], trip: Trip, end: float) -> dict[str, Any]:
-    """The scenario with the end of a trip as its goal: it does not go where the scenario says."""
-    return {**data, "goal": {"position": _places(trip, np.array([end]))[0].tolist(), "radius": ROUND_THE_END}}
-
-
-def _check(
-    found: Drive,
-    data: Mapping[str, Any],
-    trip: Trip,
-    span: tuple[float, float],
-    regions: Mapping[str, float],
-    what: str,
-) -> None:
-    if span[1] - span[0] < SHORTEST_CHECKED:
-        return
-    found.checked += 1
-    allowed = replace(Tolerances(), goal_speed=goal_speed_missed(data))
-    report = check_trip(
-        data, lambda times: _places(trip, times), *span, tolerances=allowed, samples=SAMPLES, regions=regions
-    )
-    if not report.ok:
-        found.refused = f"replan {len(found.outcomes)}, t = {span[0]:.6g} s, {what}: {report}"
+def _promised(plan: OnlinePlan) -> list[tuple[str, Trip, float]]:
+    """Trips that are promised, by name, and the absolute times at which they end, s."""
+    made = [(str(plan.outcome), plan.trip, plan.arrival_time)] if plan.certified else []
+    if plan.stop is not None:
+        made.append(("stop", plan.stop, plan.stop.frame.time + standing_from(plan.stop.trajectory)))
+    return made

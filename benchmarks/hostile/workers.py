@@ -12,7 +12,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
-from benchmarks.hostile.cases import PLAN_TIME, Fault, Kind, Outcome, carry_out, make
+from benchmarks.hostile.cases import PLAN_TIME, Kind, carry_out, make
+from benchmarks.hostile.outcome import Fault, Outcome
 
 LOOK = 0.2
 """s between two looks at how workers are."""

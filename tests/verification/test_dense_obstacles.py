@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 import scp_planner
 from scp_planner.arrays import Array
 from verification.dense_check import check_trip
-from verification.distances import distance_to_ellipses, distance_to_observed, distance_to_polygon, signed_distance
+from verification.distances import distance_to_ellipses, distance_to_polygon, distance_to_uncertain, signed_distance
 
 
 @pytest.mark.parametrize("later", [0.0, 100.0])
@@ -153,7 +153,7 @@ def test_priors_count_like_observations_of_velocity_and_acceleration() -> None:
     times = np.linspace(0.0, 4.0, 30)
     points = np.array([8.0, 8.0]) + np.random.default_rng(0).normal(0.0, 4.0, (30, 2))
     scale = -2.0 * math.log(0.1)  # chi-square of two degrees at 90 %
-    distance = distance_to_observed(scenario.to_dict()["obstacles"][0], times, points, scale)
+    distance = distance_to_uncertain(scenario.to_dict()["obstacles"][0], times, points, scale)
     inside = zone.signed_distance(times, points) <= -0.4
     assert 0 < inside.sum() < 30
     assert distance[~inside] == pytest.approx(zone.signed_distance(times, points)[~inside], abs=1e-6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,8 +17,9 @@ from scenes import scene
 
 import scp_planner as sp
 from benchmarks.hostile import __main__ as command
-from benchmarks.hostile import calls, cases, commands, workers
-from benchmarks.hostile.cases import Case, Fault, Kind, Outcome, carry_out, make
+from benchmarks.hostile import calls, cases, clocks, commands, planfiles, sensors, workers
+from benchmarks.hostile.cases import Case, Kind, carry_out, make
+from benchmarks.hostile.outcome import Fault, Outcome
 from benchmarks.hostile.wild import Wild, scaled, wild
 
 MEGABYTE = 10**6
@@ -242,9 +244,13 @@ def test_commands_do_not_read_what_nobody_writes_to() -> None:
     assert any(b"pipe.json" in words for words in drawn)
 
 
-def _drive(scenario: sp.Scenario) -> Outcome:
-    options = {"period": 0.1, "cycles": 3, "safety": "stop"}
-    return carry_out(Case(Kind.DRIVE, 0, {"data": scenario.to_dict(), "options": options}))
+TOLD = {"wait": 1.0, "factor": 1.0, "turn": 0.0, "beside": 0.0, "there": False}
+
+
+def _drive(scenario: sp.Scenario, **told: Any) -> Outcome:
+    options = {"period": 0.1, "tracking_error": 0.0, "safety": "stop"}
+    data = {"data": scenario.to_dict(), "length": 1.0, "time": 1.0, "options": options}
+    return carry_out(Case(Kind.DRIVE, 0, {**data, "told": [TOLD, TOLD, {**TOLD, **told}]}))
 
 
 def test_every_promise_of_a_drive_is_checked() -> None:
@@ -263,3 +269,72 @@ def test_a_promise_that_is_not_so_is_found(monkeypatch: pytest.MonkeyPatch) -> N
     outcome = _drive(scene())
     assert outcome.fault is Fault.REFUSED
     assert "clearance (wall)" in outcome.detail
+
+
+@pytest.mark.parametrize(
+    ("told", "found"),
+    [({"factor": 1.5}, "start_speed"), ({"turn": 0.5}, "start_heading"), ({"there": True}, "stands")],
+)
+def test_an_answer_that_does_not_begin_as_told_is_found(
+    told: dict[str, Any], found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever it is told, this planner answers what it planned at first."""
+    first: list[Any] = []
+    replan = sp.Planner.replan
+
+    def again(self: sp.Planner, *state: Any, **options: Any) -> Any:
+        answer = replan(self, *state, **options)
+        first[:] = first or [answer]
+        return replace(first[0], arrived=math.dist(state[1], (20.0, 0.0)) < 0.1)
+
+    monkeypatch.setattr(sp.Planner, "replan", again)
+    assert found in _drive(scene(), **told).detail
+
+
+PILLAR = [
+    [[-0.1, -0.1], [0.499, -0.1], [0.499, 0.1], [-0.1, 0.1]],
+    [[0.501, -0.1], [1.1, -0.1], [1.1, 0.1], [0.501, 0.1]],
+    [[0.4, 0.001], [0.6, 0.001], [0.6, 0.1], [0.4, 0.1]],
+    [[0.4, -0.1], [0.6, -0.1], [0.6, -0.001], [0.4, -0.001]],
+]
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])
+@pytest.mark.parametrize(("beside", "inside"), [(0.0, False), (0.07, True), (0.015, False)])
+def test_a_corridor_is_what_its_polygons_cover(
+    size: float, beside: float, inside: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a trip that is said to hold whatever it is."""
+    monkeypatch.setattr(sp, "certify", lambda *_: type("Held", (), {"holds": True}))
+    data = {"pieces": PILLAR, "size": size, "turn": 0.7, "origin": [3.0, -2.0], "radius": 0.02}
+    case = Case(Kind.CORRIDOR, 0, {**data, "beside": beside, "discs": [0.0], "planned": False})
+    assert (carry_out(case).fault is None) == inside
+
+
+def test_a_file_whose_samples_are_of_another_trip_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sp.Plan, "certified", property(lambda _: False))
+    drawn = make(Kind.PLAN, 0).data
+    scenario = sp.Scenario(**drawn["scenario"])
+    written = sp.plan(scenario).to_dict(20)
+    assert planfiles.check({**drawn, "text": json.dumps(written)}).fault is None
+    written["samples"]["position"][3][0] += 1e-3
+    assert "position is off by 0.001" in planfiles.check({**drawn, "text": json.dumps(written)}).detail
+
+
+def test_another_clock_shifts_times_and_nothing_else() -> None:
+    data = make(Kind.CLOCK, 3).data["data"]
+    later = clocks.shifted(data, 64.0)
+    assert later["start"]["time"] == 64.0
+    assert clocks.shifted(later, -64.0) == data
+    assert {**later, "start": 0, "goal": 0, "obstacles": 0} == {**data, "start": 0, "goal": 0, "obstacles": 0}
+
+
+@pytest.mark.parametrize("odd", sensors.ODDITIES)
+def test_every_oddity_of_sensors_is_sent(odd: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[str] = []
+    for name in ("observe", "update_obstacle", "update_motion"):
+        monkeypatch.setattr(sp.Planner, name, lambda *_, name=name, **__: sent.append(name))
+    drawn = (make(Kind.SENSOR, seed).data for seed in range(99))
+    data = next(each for each in drawn if each["odd"] == odd and len(each["places"]) > 1)
+    sensors.check(data)
+    assert set(sent) == {"observe"} | {"float32": {"update_obstacle"}, "forgotten": {"update_motion"}}.get(odd, set())
