@@ -141,7 +141,8 @@ class Decision:
     def _arriving(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan | None:
         """Drive on to the goal, or stop at it from the reported state; None where that is not due, or not certified."""
         state, arrival, means = now.moment.state, self.arrival, self._means
-        there, moves = arrival.is_there(state.position, state.heading), state.speed > STANDING
+        front = state.heading if state.front is None else state.front
+        there, moves = arrival.is_there(state.position, front), state.speed > STANDING
         if there and last is not None and last.arrival_time > state.time and moves:
             kept = means.vetting.vet_kept(now.moment, last.trip)
             if kept is not None:
@@ -159,7 +160,7 @@ class Decision:
         gentle = arrival.braking_to_it(state, means.braking)
         stop = means.stop_straight_on(now, means.braking if there else gentle, "the goal is near")
         x, y = stop.position(stop.arrival_time).tolist()
-        ends = there or arrival.is_there((x, y), state.heading)
+        ends = there or arrival.is_there((x, y), front)
         return stop if ends and stop.safe else None
 
     def _anew(self, now: Replan, last: OnlinePlan | None) -> OnlinePlan:
