@@ -43,6 +43,8 @@ THERE = 0.1
 """How often the vehicle is said to be at the goal already."""
 FASTEST, TURN, BESIDE = 2.0, 1.0, 0.3
 """Times the planned speed, rad and units of length, that a state may be told off at most."""
+HEADING = 0.05
+"""rad, by which the heading of who has arrived may be off the goal's, as documented."""
 FITS = 1e-3
 """m/s by which an answer may begin slower before it is looked at who follows it."""
 WAITS = (1.0, 1.0, 1.0, 0.0, 0.2, 1.5, 3.0)
@@ -78,22 +80,28 @@ def _told(rng: np.random.Generator) -> Data:
     return told
 
 
-def tolerances(online: sp.OnlineSettings, length: float, time: float) -> Allowed:
-    """How far off what a planner answers may begin, in units of so many m and s: the tracking error, and rounding."""
-    error: Any = online.tracking_error
-    parts = (error, 0.0, 0.0) if isinstance(error, float) else (error.position, error.speed, error.heading)
-    usual = Tolerances()
+def tolerances(planner: sp.Planner, drawn: Wild) -> Allowed:
+    """How far off what a planner answers may begin, in the units that its scenario was drawn in: as documented."""
+    vehicle, error, usual = drawn.data["vehicle"], planner.online.tracking_error / drawn.length, Tolerances()
+    gains, brakes = vehicle["max_acceleration"], vehicle["max_deceleration"]
+    start, goal = (np.array(place) for place in (drawn.data["start"]["position"], planner.scenario.goal.position))
+    way = math.dist(start, goal / drawn.length)
+    top = min(vehicle["max_speed"], math.sqrt(2.0 * gains * brakes * way / (gains + brakes)))
     return Allowed(
-        parts[0] / length + max(usual.position, 2e-6 / length),
-        parts[1] * time / length + usual.boundary_speed,
-        parts[2] + usual.heading,
+        error + max(usual.position, 2e-6 / drawn.length),
+        error * brakes / top + usual.boundary_speed,
+        2.0 * error * brakes / top**2 + usual.heading,
     )
 
 
-def arrival(allowed: Allowed, data: Mapping[str, Any]) -> Allowed:
+def arrival(allowed: Allowed, planner: sp.Planner, drawn: Wild, data: Mapping[str, Any]) -> Allowed:
     """How far off a vehicle may be at the goal of a scenario, in its units, beyond what a state may be off."""
     near = 1e-3 * max(1.0, math.dist(data["start"]["position"], data["goal"]["position"]) / 20.0)
-    return Allowed(allowed.position + near, allowed.speed + goal_speed_missed(data), allowed.heading + 1e-3)
+    vehicle, goal, period = data["vehicle"], data["goal"], (planner.online.period or 0.0) / drawn.time
+    if not goal.get("radius") and not goal.get("region"):
+        near += period * vehicle["max_speed"]
+    speed = allowed.speed + goal_speed_missed(data) + vehicle["max_deceleration"] * period
+    return Allowed(allowed.position + near, speed, allowed.heading + HEADING)
 
 
 def drive(case: Mapping[str, Any], deadline: float) -> Outcome:
@@ -140,7 +148,7 @@ class Judge:
         length, time = self.drawn.length, self.drawn.time
         scenario = self.planner.scenario
         data = scaled(scenario.to_dict(), 1.0 / length, 1.0 / time)
-        allowed = tolerances(self.planner.online, length, time)
+        allowed = tolerances(self.planner, self.drawn)
         told = Told(told.time / time, told.position / length, told.heading, told.speed * time / length)
         ways = scenario.vehicle.steering
         free = ways is Steering.ANY or (ways is not Steering.AHEAD and told.speed <= SLOW)
@@ -151,7 +159,8 @@ class Judge:
             found += [(name, each) for each in self._looked(aim, trip, begun, end / time, known, allowed)]
             speed = end_speed(self._places(trip), end / time, -1)
         if plan.arrived:
-            found += [("arrived", each) for each in arrived(data, begun, arrival(allowed, data), speed)]
+            near = arrival(allowed, self.planner, self.drawn, data)
+            found += [("arrived", each) for each in arrived(data, begun, near, speed)]
         return "; ".join(f"{name}: {each}" for name, each in found if not each.ok)
 
     def _places(self, trip: Trip) -> PositionFunction:
