@@ -33,7 +33,6 @@ HARDER_FAMILIES = ("crossing20", "crossing40", "convoy", "headon")
 PACKAGES = ("numpy", "scipy", "daqp", "casadi", "openscvx", "jax", "cvxpy")
 REFERENCE = "scp_planner.plan"
 REFERENCE_RUN = "scp_planner one run"
-REFERENCE_STEPS = "scp_planner in step"
 
 
 def makers() -> dict[str, Callable[[], Any]]:
@@ -65,7 +64,6 @@ def makers() -> dict[str, Callable[[], Any]]:
     return {
         REFERENCE: own("WholePlan"),
         REFERENCE_RUN: own("OneRun"),
-        REFERENCE_STEPS: own("InStep"),
         "casadi-ipopt": casadi,
         "openscvx": openscvx,
         "scipy-slsqp": slsqp,
@@ -85,17 +83,6 @@ def run_start(peer: Any, scenario: Scenario, start: Start, repeat: int) -> dict[
             common.say(f"  {peer.name} at {scenario['name']}: {attempt.detail}")
         walls.append(perf_counter() - began)
     return _judged(peer, scenario, start, attempt, common.median(walls))
-
-
-def run_together(peer: Any, scenario: Scenario, starts: Sequence[Start], repeat: int) -> list[dict[str, Any]]:
-    """Solve ``repeat`` times from all starts at once; each start has its share of the median time."""
-    walls = []
-    for _ in range(repeat):
-        began = perf_counter()
-        attempts = peer.solve_all(scenario, starts)
-        walls.append(perf_counter() - began)
-    share = common.median(walls) / len(starts)
-    return [_judged(peer, scenario, start, attempt, share) for start, attempt in zip(starts, attempts, strict=True)]
 
 
 def _judged(peer: Any, scenario: Scenario, start: Start, attempt: Attempt, wall: float) -> dict[str, Any]:
@@ -181,11 +168,8 @@ def measure(options: argparse.Namespace) -> tuple[list[dict[str, Any]], list[dic
         for scenario in scenarios:
             for peer in ready:
                 chosen = starts[:1] if peer.own_starts else starts
-                if hasattr(peer, "solve_all"):
-                    rows, sets = run_together(peer, scenario, chosen, options.repeat), [several(starts)]
-                else:
-                    rows = [run_start(peer, scenario, start, options.repeat) for start in chosen]
-                    sets = ["plan"] if peer.own_starts else ["one"] + ([several(starts)] if len(starts) > 1 else [])
+                rows = [run_start(peer, scenario, start, options.repeat) for start in chosen]
+                sets = ["plan"] if peer.own_starts else ["one"] + ([several(starts)] if len(starts) > 1 else [])
                 details += rows
                 for start_set in sets:
                     summary = summarised(rows[:1] if start_set == "one" else rows, start_set)
@@ -214,10 +198,9 @@ def report(summaries: list[dict[str, Any]], details: list[dict[str, Any]], known
         headings = ["method", "starts", "wall ms", "a start ms", "certified", "certified starts"]
         headings += ["time / best known", "wall / plan()", "time / plan()"]
         parts.append(f"### {family}\n\n{common.table(headings, lines)}\n")
-    for fast in (REFERENCE_RUN, REFERENCE_STEPS):
-        ratios = start_ratios(details, "casadi-ipopt", fast)
-        if ratios:
-            parts.append(f"Wall time a start, casadi-ipopt / {fast}: median {common.median(ratios):.1f}.\n")
+    ratios = start_ratios(details, "casadi-ipopt", REFERENCE_RUN)
+    if ratios:
+        parts.append(f"Wall time a start, casadi-ipopt / {REFERENCE_RUN}: median {common.median(ratios):.1f}.\n")
     return "\n".join(parts)
 
 

@@ -65,9 +65,6 @@ class OneRun:
 
     def solve(self, scenario: Scenario, start: Start) -> Attempt:
         """Prepare the problem, fit the start, and run the loop to its end."""
-        return self._runs(scenario, [start])[0]
-
-    def _runs(self, scenario: Scenario, starts: Sequence[Start]) -> list[Attempt]:
         from scp_planner.problem.build import build_problem
         from scp_planner.scp.loop import ScpLoop
         from scp_planner.settings.planning import Settings
@@ -77,18 +74,7 @@ class OneRun:
         model, settings = self._scenarios[scenario["name"]], Settings()
         problem = build_problem(model, ZonesOf(model), settings)
         loop = ScpLoop(problem, solver_named(settings.solver))
-        runs = loop.run_all([fitted(problem, scenario, start) for start in starts], settings.max_iterations)
-        return [_attempt(problem, run) for run in runs]
-
-
-class InStep(OneRun):
-    """Runs of the loop from all shared starts in step, which share the cost of looking at their trips."""
-
-    name = "scp_planner in step"
-
-    def solve_all(self, scenario: Scenario, starts: Sequence[Start]) -> list[Attempt]:
-        """Prepare the problem once, and run the loop from all starts."""
-        return self._runs(scenario, starts)
+        return _attempt(problem, loop.run(fitted(problem, scenario, start), settings.max_iterations))
 
 
 def _attempt(problem: Any, run: Any) -> Attempt:

@@ -11,7 +11,6 @@ from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import local_minima, refine_minima
 from scp_planner.scp.merit import LIMIT_NAMES, Limit, Penalties
 from scp_planner.scp.settling import settle_minima
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.space import TimeTable
 from scp_planner.trips.trajectory import Trajectory
 
@@ -134,9 +133,9 @@ class SampleTimes:
         grid = problem.samples.sigma[: problem.grid]
         points = trajectory.at(problem.samples.take(np.arange(problem.grid)))
         clearance = problem.zones.distances(points.time, points.path.position, near)
-        owner, row, zone = local_minima(clearance[None], near)
-        minima = refine_minima(grid, clearance[None], owner, row, zone)
-        settle_minima(problem, TripBundle([trajectory]), points, owner, row, zone, minima, clearance[row, zone])
+        row, zone = local_minima(clearance, near)
+        minima = refine_minima(grid, clearance, row, zone)
+        settle_minima(problem, trajectory, points, row, zone, minima, clearance[row, zone])
         about = (minima[:, None] + CLUSTER * (grid[1] - grid[0])).ravel()
         return cls.of(problem, np.unique(np.clip(about, 0.0, 1.0)))
 

@@ -24,7 +24,6 @@ from scp_planner.scp.evaluation import among_smaller
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.record import FEASIBILITY, LoopRun
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip
 
@@ -337,8 +336,5 @@ class Decision:
 
 def _clearance(problem: Problem, trip: Trajectory) -> float:
     """The least clearance of a trip at the problem's samples, m: one that is not clear has no room to give away."""
-    points = trip.known_at(problem.samples)
-    if points is None:  # the loop looks at the same soon
-        points = TripBundle([trip]).at_each(problem.samples)
-        trip.keep(points)
+    points = trip.kept_at(problem.samples)  # the loop looks at the same soon
     return float(problem.zones.distances(points.time, points.path.position, 0.0).min(initial=np.inf))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from math import log2
@@ -161,20 +161,22 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
             self.tally.tried += 1
             return self.runs.attempt(next(bows(self.problem)), cutoff)
         with self.tally.timed("scp"):
-            best = min(self._race(list(bows(self.problem)), cutoff), key=promise)
+            best = min(self._race(bows(self.problem), cutoff), key=promise)
         if rival is not None and promise(best) >= promise(rival.run):
             return Attempt(best, None)
         # Once more from where it ended, with what the samples missed
         return self.runs.attempt(best.evaluation.trajectory, cutoff)
 
-    def _race(self, starts: Sequence[Trajectory], cutoff: float) -> Iterator[LoopRun]:
-        """Runs from starts, of which the fastest cuts off others; only what is kept of them takes memory."""
-        most = self.settings.max_iterations
-        for run in self.runs.patient_loop.run_all(starts, most, cutoff, self.deadline, race=True):
+    def _race(self, starts: Iterable[Trajectory], cutoff: float) -> Iterator[LoopRun]:
+        """Runs from starts, one after the other: the fastest so far cuts off those that can hardly become faster."""
+        for start in starts:
+            run = self.runs.patient_loop.run(start, self.settings.max_iterations, cutoff, self.deadline)
             self.tally.iterations += len(run.record)
             self.tally.tried += 1
+            if run.status is LoopStatus.CONVERGED:
+                cutoff = min(cutoff, run.evaluation.trajectory.travel_time)
             yield run
-            if self.out_of_time:  # those that have not begun are not looked at either
+            if self.out_of_time:
                 break
 
     def _cutoff(self, rival: ScpAttempt | None) -> float:

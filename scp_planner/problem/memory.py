@@ -11,60 +11,21 @@ from scp_planner.trips.space import ACCELERATION_ENTRIES, PATH_ENTRIES
 
 SEARCH_BYTES = 165_000_000  # of a search on the largest grid, whose cells have a bound of their own
 MOST_BYTES = 500_000_000 - SEARCH_BYTES  # of all else of a plan
-MOST_TOGETHER = 128_000_000  # of trips that are looked at together
 _ENTRY_BYTES = 8
 _BEND_ENTRIES = 140  # of a span and a variable of a step: gradients of the arc length, rows of bends, all twice
 _OBSTACLE_BYTES = 4000  # of an obstacle, wherever it is: in the scene's units, and as a zone
 _LOOK_ENTRIES = 24  # of a sample and a zone: centres, covariances, distances, and rows where it is near
 
 
-def trip_bytes(spans: int, drive_spans: int, samples: int, zones: int) -> int:
-    """Memory that looking at one trip takes, bytes.
-
-    Parameters
-    ----------
-    spans, drive_spans : int
-        Of the path and of the acceleration.
-    samples : int
-    zones : int
-        Near ones.
-
-    Returns
-    -------
-    int
-    """
-    bends = _BEND_ENTRIES * spans * (spans + drive_spans)
-    return _ENTRY_BYTES * (bends + _LOOK_ENTRIES * (samples + drive_spans) * zones)
-
-
 def plan_bytes(spans: int, drive_spans: int, samples: int, zones: int) -> int:
-    """Memory that a plan takes, bytes: that of the tables of its splines, and of one trip at a time.
-
-    Parameters
-    ----------
-    spans, drive_spans, samples, zones : int
-        As in :func:`trip_bytes`.
-
-    Returns
-    -------
-    int
-    """
+    """Memory that a plan takes, bytes: the tables of its splines, and the arrays of one trip among near zones."""
     tables = PATH_ENTRIES * spans**2 + ACCELERATION_ENTRIES * drive_spans**2
-    return _ENTRY_BYTES * tables + trip_bytes(spans, drive_spans, samples, zones)
+    bends = _BEND_ENTRIES * spans * (spans + drive_spans)
+    return _ENTRY_BYTES * (tables + bends + _LOOK_ENTRIES * (samples + drive_spans) * zones)
 
 
 def check_obstacles(count: int) -> None:
-    """Refuse a scene of more obstacles than can be made ready, wherever they are.
-
-    Parameters
-    ----------
-    count : int
-
-    Raises
-    ------
-    TooLargeError
-        Saying what to change.
-    """
+    """Raise `TooLargeError` for a scene of more obstacles than can be made ready, wherever they are."""
     needed = _OBSTACLE_BYTES * count
     if needed > MOST_BYTES:
         raise TooLargeError(
@@ -74,18 +35,7 @@ def check_obstacles(count: int) -> None:
 
 
 def check_memory(spans: int, drive_spans: int, samples: int, zones: int) -> None:
-    """Refuse what would take too much memory.
-
-    Parameters
-    ----------
-    spans, drive_spans, samples, zones : int
-        As in :func:`trip_bytes`.
-
-    Raises
-    ------
-    TooLargeError
-        Saying what needs most, and what to change.
-    """
+    """Raise `TooLargeError` for what would take too much memory, saying what needs most, and what to change."""
     needed = plan_bytes(spans, drive_spans, samples, zones)
     if needed <= MOST_BYTES:
         return

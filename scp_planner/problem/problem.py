@@ -15,7 +15,7 @@ from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import to_digits
 from scp_planner.problem.ends import EndConditions
 from scp_planner.problem.limits.limit import OptionalLimit
-from scp_planner.problem.memory import check_memory, trip_bytes
+from scp_planner.problem.memory import check_memory
 from scp_planner.problem.profile import SpeedProfile
 from scp_planner.scenario.limits import Box, Limits
 from scp_planner.scenario.models import Scenario
@@ -119,13 +119,6 @@ class Problem:
     def step_size(self) -> int:
         """Number of variables of a step: free offsets, accelerations, and rho."""
         return self.ends.free.stop - self.ends.free.start + self.space.acceleration_size + 1
-
-    @property
-    def trip_bytes(self) -> int:
-        """Memory that looking at one trip takes, bytes."""
-        space = self.space
-        spans, drive_spans = len(space.path.widths), len(space.acceleration.widths)
-        return trip_bytes(spans, drive_spans, len(self.samples.sigma), self.zones.size)
 
     def check_memory(self) -> None:
         """Refuse to plan among more zones than there is memory for.

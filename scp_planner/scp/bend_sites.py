@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index, Mask
+from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.path import PathBend
-from scp_planner.trips.trajectory import TripPoints
+from scp_planner.trips.trajectory import Trajectory, TripPoints
 
 PEAK_REACH = 0.8  # of the limit; lower peaks of the lateral acceleration between stations are not looked at
 PEAK_NEIGHBOURS = np.linspace(-0.6, 0.6, 7)  # stations: a peak moves when it is pressed down in one place
@@ -83,18 +80,13 @@ class StationSites:
         """Return some of the stations."""
         return StationSites(self.parameters[index], self.bend.take(index), self.sigma[index], self.speed[index])
 
-    @classmethod
-    def joined(cls, parts: Sequence[StationSites]) -> StationSites:
-        """Return several sets of stations as one."""
-        return (
-            parts[0]
-            if len(parts) == 1
-            else cls(
-                np.concatenate([part.parameters for part in parts]),
-                PathBend.joined([part.bend for part in parts]),
-                np.concatenate([part.sigma for part in parts]),
-                np.concatenate([part.speed for part in parts]),
-            )
+    def joined(self, other: StationSites) -> StationSites:
+        """Return both sets of stations."""
+        return StationSites(
+            np.concatenate([self.parameters, other.parameters]),
+            PathBend.joined([self.bend, other.bend]),
+            np.concatenate([self.sigma, other.sigma]),
+            np.concatenate([self.speed, other.speed]),
         )
 
 
@@ -114,112 +106,66 @@ class JumpSites:
     lateral: Array
 
 
-def bend_sites(problem: Problem, bundle: TripBundle, points: TripPoints) -> list[BendSites]:
-    """Return curvature and lateral acceleration of trips where they are limited.
+def bend_sites(problem: Problem, trip: Trajectory, points: TripPoints) -> BendSites:
+    """Return curvature and lateral acceleration where they are limited, given the trip at the problem's samples.
 
-    Parameters
-    ----------
-    problem : Problem
-    bundle : TripBundle
-    points : TripPoints
-        The trips at the problem's samples, one after the other. Jumps, and peaks between stations, are only looked at
-        when some station comes near to the limit.
-
-    Returns
-    -------
-    list of BendSites
-        One for each trip.
+    Jumps, and peaks between stations, are only looked at when some station comes near to the limit.
     """
-    parameters, bend = problem.space.tables.station_parameters, bundle.station_bend
-    arrivals = bundle.arrivals_each(bundle.station_arc_lengths)
-    sigma = arrivals.sigma.reshape(bend.curvature.shape)
-    speed = arrivals.speed.reshape(bend.curvature.shape)
-    stations = [StationSites(parameters, bend.take(k), sigma[k], speed[k]) for k in range(bundle.count)]
-    lateral = np.abs(speed * speed * bend.curvature)
-    worst, sharpest = lateral.max(axis=1), np.abs(bend.curvature).max(axis=1).tolist()
-    loud = worst >= QUIET * problem.limits.lateral_acceleration
-    if not loud.any():
-        quiet = zip(stations, worst.tolist(), sharpest, strict=True)
-        return [BendSites(station, _NO_STATIONS, None, most, most_bent) for station, most, most_bent in quiet]
+    path, parameters = trip.path, problem.space.tables.station_parameters
+    arrivals = trip.arrivals(path.station_arc_lengths)
+    stations = StationSites(parameters, path.station_bend, arrivals.sigma, arrivals.speed)
+    lateral = np.abs(stations.lateral)
+    worst, sharpest = float(lateral.max()), float(np.abs(stations.bend.curvature).max())
+    if worst < QUIET * problem.limits.lateral_acceleration:
+        return BendSites(stations, _NO_STATIONS, None, worst, sharpest)
     if not problem.space.guide.straight:
-        lateral = _with_parts(bundle, lateral)
-        np.maximum(worst, lateral.max(axis=1), out=worst, where=loud)
-    owner, around = _lateral_peaks(problem, lateral, loud, stations=len(parameters))
-    peaks = station_sites(bundle, owner, around)
-    np.maximum.at(worst, owner, np.abs(peaks.lateral))
-    jump_bend, jump_lateral = _at_jumps(problem, bundle, points)
-    np.maximum(worst, np.abs(jump_lateral).max(axis=1, initial=0.0), out=worst, where=loud)
-    bounds = bundle.bounds(owner)
-    sites = []
-    for k, (first, last) in enumerate(pairwise(bounds)):
-        if loud[k]:
-            jumps = JumpSites(jump_bend.take(slice(*_part(problem, k))), jump_lateral[k])
-            sites.append(BendSites(stations[k], peaks.take(slice(first, last)), jumps, float(worst[k]), sharpest[k]))
-        else:
-            sites.append(BendSites(stations[k], _NO_STATIONS, None, float(worst[k]), sharpest[k]))
-    return sites
+        lateral = _with_parts(trip, lateral)
+    peaks = station_sites(trip, _lateral_peaks(problem, lateral, stations=len(parameters)))
+    jumps = _at_jumps(problem, trip, points)
+    beside = (np.abs(found).max(initial=0.0) for found in (lateral, peaks.lateral, jumps.lateral))
+    return BendSites(stations, peaks, jumps, max(worst, *map(float, beside)), sharpest)
 
 
-def _part(problem: Problem, k: int) -> tuple[int, int]:
-    count = len(problem.jumps.sigma)
-    return k * count, (k + 1) * count
+def _at_jumps(problem: Problem, trip: Trajectory, points: TripPoints) -> JumpSites:
+    """Curvature and lateral acceleration at the jumps of the acceleration."""
+    there = slice(problem.grid, None)
+    bend, speed = trip.path.bend(points.path.take(there)), points.speed[there]
+    return JumpSites(bend, speed * speed * bend.curvature)
 
 
-def _at_jumps(problem: Problem, bundle: TripBundle, points: TripPoints) -> tuple[PathBend, Array]:
-    """Curvature at the jumps of the acceleration, (K J,), and lateral acceleration, (K, J)."""
-    path, index = points.path, _jump_samples(problem, bundle.count)
-    jumps = path.take(index)
-    bend = bundle.bend(bundle.owners(len(problem.jumps.sigma)), jumps)
-    speed = points.speed[index]
-    lateral = speed * speed * bend.curvature
-    return bend, lateral.reshape(bundle.count, -1)
-
-
-def _jump_samples(problem: Problem, count: int) -> Index | slice:
-    """Where the jumps are among the samples of several trips."""
-    each = len(problem.samples.sigma)
-    if count == 1:
-        return slice(problem.grid, None)
-    return (each * np.arange(count)[:, None] + np.arange(problem.grid, each)).ravel()
-
-
-def _with_parts(bundle: TripBundle, lateral: Array) -> Array:
-    """Lateral accelerations at stations, (K, M), and at parts of the ways between them, (K, PARTS (M - 1) + 1) m/s^2.
+def _with_parts(trip: Trajectory, lateral: Array) -> Array:
+    """Lateral accelerations at stations, (M,), and at parts of the ways between them, (PARTS (M - 1) + 1,) m/s^2.
 
     A curved guide bends most anywhere between stations, and where the speed turns there may be two peaks of one bend.
     """
-    cells = lateral.shape[1] - 1
+    cells = len(lateral) - 1
     shares = (np.arange(cells)[:, None] + np.arange(1, PARTS) / PARTS) / cells
-    between = station_sites(bundle, bundle.owners(shares.size), np.tile(shares.ravel(), bundle.count))
-    found = np.empty((bundle.count, PARTS * cells + 1))
-    found[:, ::PARTS] = lateral
-    found[:, :-1].reshape(-1, cells, PARTS)[:, :, 1:] = np.abs(between.lateral).reshape(-1, cells, PARTS - 1)
+    found = np.empty(PARTS * cells + 1)
+    found[::PARTS] = lateral
+    found[:-1].reshape(cells, PARTS)[:, 1:] = np.abs(station_sites(trip, shares.ravel()).lateral).reshape(cells, -1)
     return found
 
 
-def _lateral_peaks(problem: Problem, value: Array, loud: Mask, stations: int) -> tuple[Index, Array]:
-    """Normalised stations around peaks of the lateral acceleration, (K, M), by parabolas through its largest values."""
-    here = value[:, 1:-1]
-    high = (here >= value[:, :-2]) & (here >= value[:, 2:])
-    high &= here > PEAK_REACH * problem.limits.lateral_acceleration
-    high &= loud[:, None]
-    owner, index = np.nonzero(high)
-    index += 1
-    before, after = value[owner, index - 1], value[owner, index + 1]
-    bend = before - 2.0 * value[owner, index] + after
+def _lateral_peaks(problem: Problem, value: Array, stations: int) -> Array:
+    """Normalised stations around peaks of the lateral acceleration, (n,), by parabolas through its largest values."""
+    here = value[1:-1]
+    high = (here >= value[:-2]) & (here >= value[2:]) & (here > PEAK_REACH * problem.limits.lateral_acceleration)
+    index = 1 + np.flatnonzero(high)
+    before, after = value[index - 1], value[index + 1]
+    bend = before - 2.0 * value[index] + after
     shift = 0.5 * (before - after) / np.where(bend < 0.0, bend, -np.inf)
-    peak = (index + shift) / (value.shape[1] - 1)
+    peak = (index + shift) / (len(value) - 1)
     around = (peak[:, None] + PEAK_NEIGHBOURS / (stations - 1)).ravel()
-    return owner.repeat(len(PEAK_NEIGHBOURS)), np.minimum(np.maximum(around, 0.0), 1.0)
+    return np.minimum(np.maximum(around, 0.0), 1.0)
 
 
-def station_sites(bundle: TripBundle, owner: Index, parameters: Array) -> StationSites:
-    """Return trips at normalised stations, (n,)."""
+def station_sites(trip: Trajectory, parameters: Array) -> StationSites:
+    """Return a trip at normalised stations, (n,)."""
     if len(parameters) == 0:
         return _NO_STATIONS
-    arrivals = bundle.arrivals(owner, bundle.arc_length_at(owner, parameters))
-    points = bundle.points(owner, parameters)
-    return StationSites(parameters, bundle.bend(owner, points), arrivals.sigma, arrivals.speed)
+    path = trip.path
+    arrivals = trip.arrivals(path.arc_length_at(parameters))
+    return StationSites(parameters, path.bend(path.points(parameters)), arrivals.sigma, arrivals.speed)
 
 
 _NO_BEND = PathBend(_NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE)

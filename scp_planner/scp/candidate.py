@@ -11,8 +11,8 @@ from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.record import Iteration
+from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.subproblem import Subproblem
-from scp_planner.scp.together import Linearised
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,21 @@ class Candidate:
             trust,
             rows,
         )
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A trip, linearised, and how far around it no row is missing."""
+
+    base: Evaluation
+    trust: TrustRegion
+    rows: Rows
+
+    def serves(self, base: Evaluation, trust: TrustRegion) -> bool:
+        """Whether its rows are all that are wanted of a trip so far around it."""
+        mine = self.trust
+        inside = trust.theta <= mine.theta and trust.beta <= mine.beta and trust.rho <= mine.rho
+        return base is self.base and inside
 
 
 @dataclass(frozen=True)

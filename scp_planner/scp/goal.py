@@ -10,7 +10,6 @@ import numpy as np
 from scp_planner.certificate.verdict import off_a_step
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.parameters import LoopParameters
-from scp_planner.scp.record import LoopRun, LoopStatus
 
 
 def to_beat(travel_time: float, step: float | None) -> float:
@@ -87,23 +86,22 @@ class RunLimits:
         After so many iterations a trip without grave violations is good enough, though not the fastest.
     hopeless_after : int
         A run that is still far from feasible after so many iterations ends.
+    tolerance : float
+        Gains of the travel time or the merit below this are none, s.
     """
 
     max_iterations: int
     deadline: float
     enough: int | None
     hopeless_after: int
+    tolerance: float
 
 
-@dataclass
+@dataclass(frozen=True)
 class Cutoff:
-    """Runs are given up when they can hardly become faster than this time, s; in a race the fastest run sets it.
-
-    They are given up as well when they come to go the way of a rival.
-    """
+    """A run is given up when it can hardly become faster than this time, s, or comes to go the way of a rival."""
 
     time: float
-    race: bool
     rival: Evaluation | None
     parameters: LoopParameters
     steps: ArrivalSteps | None = None
@@ -128,8 +126,3 @@ class Cutoff:
             return False
         apart = trip.points.path.position - self.rival.points.path.position
         return bool(np.abs(apart).max() < self.parameters.same_way)
-
-    def hear(self, run: LoopRun) -> None:
-        """Take note of how a run has ended."""
-        if self.race and run.status is LoopStatus.CONVERGED:
-            self.time = min(self.time, run.evaluation.trajectory.travel_time)

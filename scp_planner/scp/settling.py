@@ -10,8 +10,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.trips.bundle import TripBundle
-from scp_planner.trips.trajectory import TripPoints
+from scp_planner.trips.trajectory import Trajectory, TripPoints
 
 SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
 TOUCHED = 2.0  # times that way: what stands farther away from a sample is not touched next to it
@@ -21,42 +20,23 @@ SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a bracket, at which a round looks
 
 
 def settle_minima(
-    problem: Problem,
-    bundle: TripBundle,
-    points: TripPoints,
-    owner: Index,
-    sample: Index,
-    zone: Index,
-    sigma: Array,
-    least: Array,
+    problem: Problem, trip: Trajectory, points: TripPoints, sample: Index, zone: Index, sigma: Array, least: Array
 ) -> None:
     """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
 
     Passing a corner, or a disc as large as the way between samples, a distance is nowhere like a parabola over three of
     them: its minimum is bracketed, more and more closely, on a cubic between samples, and found by the secant at last.
-
-    Parameters
-    ----------
-    problem : Problem
-    bundle : TripBundle
-    points : TripPoints
-        Of all trips at the problem's samples.
-    owner, sample, zone : (m,) arrays of int
-        Which trip comes near to which zone, and next to which sample.
-    sigma : (m,) array
-        When, in normalised time.
-    least : (m,) array
-        Distances at the samples, m.
+    Sigma, (m,), are the normalised times, and least, (m,) m, the distances at the samples that they lie next to.
     """
     zones = problem.zones
-    step = problem.limits.speed * bundle.of(bundle.travel_times, owner) / (problem.grid - 1)
+    step = problem.limits.speed * trip.travel_time / (problem.grid - 1)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
     if zones.ground is not None:
         rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
     rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
     if len(rows) == 0:
         return
-    which, place = zone[rows], sample[rows] + len(points.table.sigma) * owner[rows]
+    which, place = zone[rows], sample[rows]
     around = np.concatenate([place - 1, place, place + 1])
     touched = zones.contacts(np.tile(which, 3), points.time[around], points.path.position[around])
     slope = _closing(zones, np.tile(which, 3), _velocities(points, around), touched).reshape(3, -1)
@@ -119,12 +99,12 @@ class _Course:
     def after(cls, points: TripPoints, place: Index) -> _Course:
         """Return the ways from samples, (m,) indices of points."""
         here, there = points.path.position[place], points.path.position[place + 1]
-        time, begin = points.time[place], points.table.sigma[place % len(points.table.sigma)]
+        time, begin = points.time[place], points.table.sigma[place]
         duration = points.time[place + 1] - time
         leaving, coming = (_velocities(points, at) * duration[:, None] for at in (place, place + 1))
         way = there - here
         coefficients = np.stack([here, leaving, 3.0 * way - 2.0 * leaving - coming, leaving + coming - 2.0 * way])
-        width = points.table.sigma[place % len(points.table.sigma) + 1] - begin
+        width = points.table.sigma[place + 1] - begin
         return cls(begin, width, time, duration, coefficients)
 
     def at(self, share: Array) -> tuple[Array, Array]:

@@ -288,20 +288,10 @@ class Trajectory:
 
     def kept_at(self, table: TimeTable) -> TripPoints:
         """Return the same as :meth:`at`, and keep it: for tables that stay, which several limits look at."""
-        kept = self.known_at(table)
-        if kept is None:
-            kept = self.at(table)
-            self.keep(kept)
-        return kept
-
-    def known_at(self, table: TimeTable) -> TripPoints | None:
-        """Return the trip at the times of a table, if that has been kept."""
         kept = self._kept.get(id(table))
-        return kept if kept is not None and kept.table is table else None
-
-    def keep(self, points: TripPoints) -> None:
-        """Keep the trip at the times of a table, for :meth:`kept_at`."""
-        self._kept[id(points.table)] = points
+        if kept is None or kept.table is not table:
+            kept = self._kept[id(table)] = self.at(table)
+        return kept
 
     def driven(self, table: TimeTable) -> TripPoints:
         """Return the trip at the times of a table, as it is certified and driven."""

@@ -13,11 +13,12 @@ from scp_planner import zones
 from scp_planner.planning import ways_round
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, Task
 from scp_planner.planning.ways_round import Branch, WaysRound
-from scp_planner.scp import loop, together
-from scp_planner.scp.evaluation import evaluate_trips
 from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
+from scp_planner.solvers import QuadraticProgram
+from scp_planner.solvers.daqp_solver import DaqpSolver
+from scp_planner.solvers.interface import Solution
 
 STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.8), disc("last", (14.0, 0.3)))
 
@@ -56,26 +57,22 @@ def test_a_way_may_turn_out_better_than_its_estimate_by_as_much_as_another_did(
     assert attempt.travel_time < search.branches[1].estimate <= attempt.travel_time + first.missed
 
 
-def test_of_bows_that_are_looked_at_one_by_one_none_is_begun_when_the_time_is_up(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The clock stands still, but that each look at a trip takes as long as all that is left."""
+def test_of_bows_none_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock stands still until there is no way, and goes on by more than all that is left in the first run."""
     clock = FakeClock(0.0)
     clock.rule(monkeypatch)
-    monkeypatch.setattr(loop, "MOST_TOGETHER", 1)
-    looked: list[int] = []
 
-    def slow(problem: Any, trips: Any, near: float) -> Any:
-        looked.append(len(trips))
-        clock.tick = 1.0
-        return evaluate_trips(problem, trips, near)
+    class Slow(DaqpSolver):
+        def solve(self, program: QuadraticProgram) -> Solution:
+            clock.tick = 1.0
+            return super().solve(program)
 
-    monkeypatch.setattr(together, "evaluate_trips", slow)
-    runs = CheckedRuns(Task(STANDING, zones(STANDING), Settings(), 0.5))
+    blocked = scene(disc("right", (6.0, 2.0), radius=3.0), disc("left", (6.0, -2.0), radius=3.0))
+    runs = CheckedRuns(Task(blocked, zones(blocked), Settings(), 0.5, own_solver=Slow()))
     assert len(list(bows(runs.problem))) > 3
-    attempt = WaysRound(runs)._from_bows()
-    assert looked == [1, 1], "the first bow, and what it came to, to be judged"
-    assert not attempt.holds
+    search = WaysRound(runs)
+    assert not search.best().holds
+    assert search.tally.tried == 1
 
 
 def test_a_search_that_takes_most_of_the_time_leaves_enough_for_one_trip(monkeypatch: pytest.MonkeyPatch) -> None:

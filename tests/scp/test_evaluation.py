@@ -14,7 +14,6 @@ from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.merit import Limit, Penalties
 from scp_planner.settings.planning import Settings
 from scp_planner.threat_zones.of_scenario import zones
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
@@ -53,9 +52,8 @@ def test_lateral_accelerations_over_a_curved_guide_are_seen_between_stations(see
     space = problem.space
     beta = 0.1 * rng.choice([-1.0, 1.0], space.acceleration_size)  # the speed turns wherever it likes
     trip = Trajectory.of(space, np.zeros(space.path_size), beta)
-    bundle, dense = TripBundle([trip]), np.linspace(0.0, 1.0, 40_001)
-    (found,) = bend_sites(problem, bundle, trip.at(problem.samples))
-    lateral = np.abs(station_sites(bundle, np.zeros(len(dense), dtype=int), dense).lateral).max()
+    found = bend_sites(problem, trip, trip.at(problem.samples))
+    lateral = np.abs(station_sites(trip, np.linspace(0.0, 1.0, 40_001)).lateral).max()
     assert lateral > problem.limits.lateral_acceleration, "else nothing is to be seen"
     assert found.worst_lateral == pytest.approx(lateral, rel=1e-4)
 

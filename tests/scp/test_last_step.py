@@ -17,7 +17,6 @@ from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.settings.planning import Settings
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
@@ -38,7 +37,7 @@ def rows_at(problem: Problem, trip: Trajectory) -> Rows:
     points = trip.at(problem.samples).take(index)
     zone = np.zeros(4, dtype=int)
     contacts = problem.zones.contacts(zone, points.time, points.path.position)
-    return clearance_rows(problem, TripBundle([trip]), ClearanceSites.of(zone, zone, index, points, contacts))
+    return clearance_rows(problem, trip, ClearanceSites.of(zone, index, points, contacts))
 
 
 @pytest.fixture

@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import disc, scene
-from slopes import assert_rows, differences, moved, problem_and_trip, trip_near_the_guide
+from slopes import assert_rows, differences, moved, problem_and_trip
 
-from scp_planner import zones
-from scp_planner.problem.build import build_problem
-from scp_planner.problem.limits.discs import Discs
 from scp_planner.scp.bend_sites import bend_sites, station_sites
-from scp_planner.scp.evaluation import box_gaps, evaluate_trip, evaluate_trips
-from scp_planner.scp.linearisation import TrustRegion, linearise, linearise_trips, rows_within
+from scp_planner.scp.evaluation import box_gaps, evaluate_trip
+from scp_planner.scp.linearisation import TrustRegion, linearise, rows_within
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import STILL, curvature_rows, lateral_rows
 from scp_planner.scp.rows.box import box_rows
 from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
 from scp_planner.scp.rows.drive import KinematicRows
-from scp_planner.settings.planning import Settings
-from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.threat_zones.nearness import NEAR
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
 Array = np.ndarray
-ALONE = np.zeros(40, dtype=int)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
@@ -37,7 +28,7 @@ def test_clearance_rows(degree: int) -> None:
     zone = np.arange(40) % problem.zones.size
     points = trip.at(table)
     contacts = problem.zones.contacts(zone, points.time, points.path.position)
-    rows = clearance_rows(problem, TripBundle([trip]), ClearanceSites.of(ALONE, zone, np.arange(40), points, contacts))
+    rows = clearance_rows(problem, trip, ClearanceSites.of(zone, np.arange(40), points, contacts))
 
     def distance(other: Trajectory) -> Array:
         there = other.at(table)
@@ -95,21 +86,20 @@ def assert_both_sides(
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_curvature_and_lateral_rows(degree: int) -> None:
     problem, trip = problem_and_trip(degree)
-    bundle, whose = TripBundle([trip]), np.zeros(0, dtype=int)
-    sites = bend_sites(problem, bundle, trip.at(problem.samples))[0]
+    sites = bend_sites(problem, trip, trip.at(problem.samples))
     assert len(sites.peaks.speed) > 0, "this trip is to come near the limit"
-    rows = curvature_rows(problem, [sites], 0)
+    rows = curvature_rows(problem, sites, 0)
 
     def curvature(other: Trajectory) -> Array:
         return other.path.station_bend.curvature / problem.limits.curvature
 
     assert_both_sides(rows, curvature(trip), differences(problem, trip, curvature, 1e-5))
 
-    lateral = lateral_rows(problem, bundle, trip.at(problem.samples), [sites], 0)
+    lateral = lateral_rows(problem, trip, trip.at(problem.samples), sites, 0)
 
     def value(other: Trajectory) -> Array:
-        fixed = station_sites(TripBundle([other]), whose, problem.space.tables.station_parameters).lateral
-        peaks = station_sites(TripBundle([other]), whose, sites.peaks.parameters).lateral
+        fixed = station_sites(other, problem.space.tables.station_parameters).lateral
+        peaks = station_sites(other, sites.peaks.parameters).lateral
         there = other.at(problem.samples).take(slice(problem.grid, None))
         jumps = there.speed**2 * other.path.bend(there.path).curvature
         return np.concatenate([fixed, peaks, jumps]) / problem.limits.lateral_acceleration
@@ -129,7 +119,7 @@ def test_curvature_and_lateral_rows(degree: int) -> None:
 def test_box_rows_are_exact() -> None:
     problem, trip = problem_and_trip(0)
     gaps = box_gaps(problem, trip.path)
-    rows = box_rows(problem, gaps[None], 0, np.inf)
+    rows = box_rows(problem, gaps, 0, np.inf)
     z = np.random.default_rng(3).normal(size=(rows.matrix.shape[1],))
     there = box_gaps(problem, moved(problem, trip, z).path)
     np.testing.assert_allclose(rows.gap - rows.matrix @ z, there.ravel(), atol=1e-12)
@@ -168,7 +158,7 @@ def test_a_straight_path_is_kept_from_bending_too_much_in_one_step() -> None:
 
     def lateral(other: Trajectory) -> Array:
         stations = problem.space.tables.station_parameters
-        there = station_sites(TripBundle([other]), np.zeros(0, dtype=int), stations)
+        there = station_sites(other, stations)
         return there.lateral / problem.limits.lateral_acceleration
 
     use, rng = differences(problem, straight, lateral, 1e-5), np.random.default_rng(5)
@@ -180,24 +170,3 @@ def test_a_straight_path_is_kept_from_bending_too_much_in_one_step() -> None:
         worst = float(np.abs(use @ z).max()) - 1.0
         assert worst > 0.0, "the step is to bend too much"
         assert float((rows.matrix @ z - rows.gap).max()) >= worst - 1e-3
-
-
-def test_discs_of_a_trip_are_looked_at_together_however_many_trips_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    long = scene(disc("a", (8.0, 0.6)), disc("b", (12.0, -0.8)), vehicle={"radius": 0.2, "discs": [-0.4, 0.0, 0.4]})
-    problem = build_problem(long, zones(long), Settings())
-    bases = evaluate_trips(problem, [trip_near_the_guide(problem, seed) for seed in range(3)], NEAR)
-    trust = TrustRegion(1.0, 3.0, 0.3)
-    alone = [linearise(problem, base, trust, NEAR) for base in bases]
-    looked: list[int] = []
-    gradient = Discs._gradient
-
-    def told(discs: Discs, trajectory: Trajectory, index: Array, contacts: ZoneContacts) -> Array:
-        looked.append(len(index))
-        return gradient(discs, trajectory, index, contacts)
-
-    monkeypatch.setattr(Discs, "_gradient", told)
-    together = linearise_trips(problem, bases, [trust] * 3, NEAR)
-    assert len(looked) == 3
-    for one, other in zip(together, alone, strict=True):
-        np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-12)
-        np.testing.assert_array_equal(one.key, other.key)

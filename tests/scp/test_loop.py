@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import weakref
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
-from typing import Any
 
+import numpy as np
 import pytest
 from clock import FakeClock
 from scenes import CROSSERS, scene
 
 import scp_planner as sp
+from scp_planner.arrays import Array, Index
 from scp_planner.problem.build import build_problem
-from scp_planner.scp import iterations, together
-from scp_planner.scp.evaluation import Evaluation, evaluate_trips
+from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.scp.goal import Cutoff, RunLimits
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.parameters import LOOP
-from scp_planner.scp.projection import Projection
+from scp_planner.scp.merit import Penalties
+from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.record import LoopStatus
-from scp_planner.scp.step_solver import StepSolver
-from scp_planner.scp.subproblem import Subproblem, build_subproblem
 from scp_planner.search.first_trips import bows
-from scp_planner.solvers import solver_named
+from scp_planner.solvers import QuadraticProgram, solver_named
+from scp_planner.solvers.interface import QpSolver, Solution
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 PROBLEM = build_problem(scene(*CROSSERS), sp.zones(scene(*CROSSERS)), sp.Settings())
@@ -58,7 +57,8 @@ def test_a_run_goes_on_with_the_prices_of_another() -> None:
 def test_runs_arrive_at_the_speed_of_the_goal_to_rounding(speed: float) -> None:
     wanted = scene(*CROSSERS, goal={"speed": speed})
     problem = build_problem(wanted, sp.zones(wanted), sp.Settings())
-    for run in ScpLoop(problem, solver_named("daqp")).run_all(list(islice(bows(problem), 1, 3)), 60):
+    for start in islice(bows(problem), 1, 3):
+        run = ScpLoop(problem, solver_named("daqp")).run(start, 60)
         assert run.status is LoopStatus.CONVERGED and run.feasible
         assert run.evaluation.trajectory.final_speed == pytest.approx(problem.ends.goal_speed, abs=1e-6)
 
@@ -78,78 +78,88 @@ def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPat
     assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each
 
 
-@pytest.mark.parametrize("part", ["linearise_trips", "build_subproblem", "solve"])
+class Watched(OptionalLimit):
+    """A limit that is always kept, and tells how often trips are evaluated and linearised."""
+
+    name = "watched"
+    near = np.inf
+
+    def __init__(self, on_gradient: Callable[[], None] = lambda: None) -> None:
+        self.on_gradient = on_gradient
+        self.evaluated = self.linearised = 0
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        self.evaluated += 1
+        return np.array([-1.0])
+
+    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+        self.linearised += 1
+        self.on_gradient()
+        return np.zeros((len(index), PROBLEM.step_size))
+
+
+def watched(limit: Watched, parameters: LoopParameters = LOOP, solver: QpSolver | None = None) -> ScpLoop:
+    problem = replace(PROBLEM, optional=(limit,))
+    return ScpLoop(problem, solver or solver_named("daqp"), parameters=parameters)
+
+
+class Slow:
+    """A solver, told of each program."""
+
+    name = "slow"
+
+    def __init__(self, on_solve: Callable[[], None] = lambda: None) -> None:
+        self.on_solve = on_solve
+        self.solved = 0
+
+    def solve(self, program: QuadraticProgram) -> Solution:
+        self.solved += 1
+        self.on_solve()
+        return solver_named("daqp").solve(program)
+
+
+@pytest.mark.parametrize("part", ["linearise", "solve"])
 def test_an_iteration_ends_between_its_parts_when_the_time_is_up(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The clock stands still but for one part, which takes too long: none of what would follow is begun."""
     clock = FakeClock(0.0)
     clock.rule(monkeypatch)
-    begun: list[str] = []
 
-    def counted(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
-        def done(*given: Any) -> Any:
-            begun.append(name)
-            if name == part:
-                clock.tick = 1.0
-            found = work(*given)
-            return None if name == part == "solve" else found
+    def late() -> None:
+        clock.tick = 1.0
 
-        return done
-
-    parts = {"linearise_trips": together, "build_subproblem": iterations, "solve": StepSolver}
-    for name, place in parts.items():
-        monkeypatch.setattr(place, name, counted(name, getattr(place, name)))
-    monkeypatch.setattr(Projection, "within_limits", counted("within_limits", Projection.within_limits))
-    run = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60, deadline=0.5)
-    assert run.status is LoopStatus.TIME_LIMIT and run.evaluation.trajectory is START
-    assert begun == list(parts)[: list(parts).index(part) + 1]
+    limit = Watched(late) if part == "linearise" else Watched()
+    solver = Slow(late) if part == "solve" else Slow()
+    run = watched(limit, solver=solver).run(START, 60, deadline=0.5)
+    assert run.status is (LoopStatus.TIME_LIMIT)
+    assert limit.linearised == 1 and solver.solved == (part == "solve")
+    assert len(run.record) == (part == "solve")
 
 
-def test_no_trip_is_linearised_twice_or_looked_at_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_trip_is_linearised_twice_or_looked_at_in_vain() -> None:
     """After a step that is rejected the rows are known, and a trip that will be too slow is not looked at."""
-    looks = Counter[str]()
-
-    def counted(name: str) -> Callable[..., object]:
-        real = getattr(together, name)
-
-        def count(*given: object) -> object:
-            looks[name] += 1
-            return real(*given)
-
-        return count
-
-    for name in ("linearise_trips", "evaluate_trips"):
-        monkeypatch.setattr(together, name, counted(name))
-    loop = ScpLoop(PROBLEM, solver_named("daqp"))
+    limit = Watched()
     bow = next(islice(bows(PROBLEM), 3, None))
-    run = loop.run(bow, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
+    run = watched(limit).run(bow, 60, trust=LOOP.first_trust.scaled(3.0))  # so far that a step leads astray
     rejected = sum(not step.accepted for step in run.record)
     assert rejected > 0
     # The last one, from which nothing is left to gain, ends without a step.
-    assert looks["linearise_trips"] <= len(run.record) + 1 - rejected and looks["evaluate_trips"] == len(run.record) + 1
-    looks.clear()
+    assert limit.linearised <= len(run.record) + 1 - rejected and limit.evaluated == len(run.record) + 1
     start = next(islice(bows(PROBLEM), 2, None))
-    best = loop.run(start, 60).evaluation.trajectory.travel_time
-    looks.clear()
-    slow = loop.run(start, 60, cutoff=0.97 * best)
+    best = watched(Watched()).run(start, 60).evaluation.trajectory.travel_time
+    limit = Watched()
+    slow = watched(limit).run(start, 60, cutoff=0.97 * best)
     assert slow.status is LoopStatus.SLOWER and slow.evaluation.trajectory.travel_time > 0.97 * best
-    assert looks == {"linearise_trips": len(slow.record) + 1, "evaluate_trips": len(slow.record) + 1}
+    assert limit.linearised == limit.evaluated == len(slow.record) + 1
 
 
 @pytest.mark.slow
-def test_after_a_short_step_nothing_is_linearised_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_after_a_short_step_nothing_is_linearised_again() -> None:
     """What such a step is off the minimum by is of no account: the trip is the one that another look would keep."""
-    name = "linearise_trips"
-    looks, real = Counter[float](), getattr(together, name)
-    ended = {}
+    ended, looks = {}, {}
     for short in (LOOP.short, 0.0):
-
-        def counted(*given: Any, short: float = short) -> object:
-            looks[short] += 1
-            return real(*given)
-
-        monkeypatch.setattr(together, name, counted)
-        loop = ScpLoop(PROBLEM, solver_named("daqp"), parameters=replace(LOOP, short=short))
-        ended[short] = [loop.run(bow, 60) for bow in bows(PROBLEM)]
+        limit = Watched()
+        ended[short] = [watched(limit, replace(LOOP, short=short)).run(bow, 60) for bow in bows(PROBLEM)]
+        looks[short] = limit.linearised
     assert looks[LOOP.short] < looks[0.0]
     for sooner, later in zip(*ended.values(), strict=True):
         assert sooner.status is later.status
@@ -157,20 +167,14 @@ def test_after_a_short_step_nothing_is_linearised_again(monkeypatch: pytest.Monk
         assert next(times) == pytest.approx(next(times), abs=PROBLEM.settings.tolerance)
 
 
-def test_no_program_is_kept_while_a_trip_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Among many zones it is the largest matrix of all."""
-    matrices: list[weakref.ref[Any]] = []
-
-    def built(*given: Any, **named: Any) -> Subproblem:
-        sub = build_subproblem(*given, **named)
-        matrices.append(weakref.ref(sub.program))
-        return sub
-
-    def looked(*given: Any, **named: Any) -> list[Evaluation]:
-        assert [matrix() for matrix in matrices] == [None] * len(matrices)
-        return evaluate_trips(*given, **named)
-
-    monkeypatch.setattr(iterations, "build_subproblem", built)
-    monkeypatch.setattr(together, "evaluate_trips", looked)
-    run = ScpLoop(PROBLEM, solver_named("daqp")).run(START, 60)
-    assert len(matrices) >= len(run.record) > 1
+def test_a_run_goes_on_step_by_step() -> None:
+    loop = ScpLoop(PROBLEM, solver_named("daqp"))
+    whole = loop.run(START, 60)
+    limits = RunLimits(60, np.inf, None, 60, PROBLEM.settings.tolerance)
+    state = loop.initialise(START, limits, Cutoff(np.inf, None, LOOP))
+    merits = [state.run.evaluation.merit(Penalties.uniform(PROBLEM, LOOP.first_penalty))]
+    while not loop.step(state):
+        merits.append(state.run.evaluation.merit(Penalties.uniform(PROBLEM, LOOP.first_penalty)))
+    assert state.run.status is whole.status and len(state.run.record) == len(whole.record)
+    assert state.run.evaluation.trajectory.travel_time == whole.evaluation.trajectory.travel_time
+    assert merits[-1] < merits[0]

@@ -8,7 +8,7 @@ import re
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,16 +27,9 @@ from scp_planner.mathematics import splines
 from scp_planner.planning.runs import CheckedRuns, Task
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
-from scp_planner.problem.problem import Problem
 from scp_planner.scenario.units import NaturalUnits
-from scp_planner.scp import loop
-from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.record import LoopRun
-from scp_planner.scp.together import RunInStep, run_together
-from scp_planner.search.first_trips import bows
 from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
-from scp_planner.solvers.interface import solver_named
 from scp_planner.trips import smoothing
 from scp_planner.trips.guide import StraightGuide
 from scp_planner.trips.path import Path as TripPath
@@ -285,26 +278,3 @@ def test_a_vehicle_that_turns_in_wide_bends_to_a_goal_nearby_has_not_more_spans_
     assert space.gradient_bytes < 100 * MEGABYTE
     again = guide_along(TripPath(space, np.zeros(space.path_size)), Settings())
     assert again.pieces <= 5 * 250
-
-
-def test_trips_of_many_spans_are_looked_at_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = scene(disc("in the way", (10.0, 0.2)))
-    problem = build_problem(scenario, sp.zones(scenario), for_scene(Settings()))
-    starts = list(bows(problem))
-    assert len(starts) > 1
-    looked: list[int] = []
-
-    def counted(problem: Problem, runs: Sequence[RunInStep]) -> list[LoopRun]:
-        looked.append(len(runs))
-        return run_together(problem, runs)
-
-    monkeypatch.setattr(loop, "run_together", counted)
-    monkeypatch.setattr(loop, "MOST_TOGETHER", problem.trip_bytes)
-    runs = list(ScpLoop(problem, solver_named("daqp")).run_all(starts, 3))
-    assert looked == [1] * len(starts)
-    next(ScpLoop(problem, solver_named("daqp")).run_all(starts, 3))
-    assert len(looked) == len(starts) + 1  # the others take no memory while they are not asked for
-    monkeypatch.setattr(loop, "MOST_TOGETHER", 10**12)
-    together = list(ScpLoop(problem, solver_named("daqp")).run_all(starts, 3))
-    for one, other in zip(runs, together, strict=True):
-        assert one.evaluation.trajectory.travel_time == pytest.approx(other.evaluation.trajectory.travel_time, rel=1e-6)

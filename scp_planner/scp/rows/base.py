@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -37,21 +36,18 @@ class Rows:
         Index of the violation in the merit that the row belongs to.
     key : (m,) array of int
         What the row is about: the same from one linearisation to the next, for warm starts.
-    owner : (m,) array of int
-        Which of several trips the row belongs to.
     """
 
     matrix: Array
     gap: Array
     group: Index
     key: Index
-    owner: Index
 
     @classmethod
     def stack(cls, parts: list[Rows]) -> Rows:
         """Return the rows of several constraints as one; the place in the list becomes part of the keys."""
         numbered = [
-            Rows(part.matrix, part.gap, part.group, part.key + place * KEYS, part.owner) if place else part
+            Rows(part.matrix, part.gap, part.group, part.key + place * KEYS) if place else part
             for place, part in enumerate(parts)
             if len(part.gap)
         ]
@@ -67,28 +63,16 @@ class Rows:
             np.concatenate([part.gap for part in parts]),
             np.concatenate([part.group for part in parts]),
             np.concatenate([part.key for part in parts]),
-            np.concatenate([part.owner for part in parts]),
         )
 
     @classmethod
     def none(cls, width: int) -> Rows:
         """Return no rows."""
-        return cls(np.zeros((0, width)), np.zeros(0), _NONE, _NONE, _NONE)
+        return cls(np.zeros((0, width)), np.zeros(0), _NONE, _NONE)
 
     def take(self, index: Index | slice) -> Rows:
         """Return some of the rows."""
-        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index], self.owner[index])
-
-    # NUMPY-CALLS: shaped by the cost of numpy calls alone
-    def shares(self, index: Index, count: int) -> list[Rows]:
-        """Return some of the rows, sorted by which of several trips they belong to, and in their order."""
-        if count == 1:
-            return [self.take(index)]
-        owner = self.owner[index]
-        order = np.argsort(owner, kind="stable")
-        bounds = owner[order].searchsorted(np.arange(count + 1)).tolist()
-        index = index[order]
-        return [self.take(index[first:last]) for first, last in pairwise(bounds)]
+        return Rows(self.matrix[index], self.gap[index], self.group[index], self.key[index])
 
 
 _NONE: Index = np.zeros(0, dtype=np.intp)

@@ -7,42 +7,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from scp_planner.arrays import Array, Index
+from scp_planner.arrays import Array
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows
 
-_NONE: Index = np.zeros(0, dtype=np.intp)
-
 
 def box_rows(problem: Problem, gaps: Array, group: int, near: float) -> Rows:
-    """Return the rows of staying inside, where the sides are near.
-
-    Parameters
-    ----------
-    problem : Problem
-    gaps : (K, M, S) array
-        See :func:`box_gaps`; of K trips.
-    group : int
-        Index of the violation in the merit.
-    near : float
-        Gaps above this are no rows, m.
-
-    Returns
-    -------
-    Rows
-    """
-    owner, station, side = np.nonzero(gaps < near) if gaps.size else (_NONE, _NONE, _NONE)
-    if len(owner) == 0:
-        return Rows.none(problem.step_size)
+    """Return the rows of staying inside where the gaps to the sides, (M, S) m, are below ``near``."""
+    station, side = np.nonzero(gaps < near)
     tables, frame = problem.space.tables, problem.space.station_frame
     normal = np.array([[0.0, 1.0]]) if frame is None else frame.normal[station]
-    outward = np.einsum("ij,ij->i", np.broadcast_to(normal, (len(owner), 2)), problem.box.normals[side])
+    outward = np.einsum("ij,ij->i", np.broadcast_to(normal, (len(station), 2)), problem.box.normals[side])
     theta = (outward[:, None] * tables.station_rows[station])[:, problem.ends.free]
-    zeros = np.zeros((len(owner), problem.space.acceleration_size + 1))
+    zeros = np.zeros((len(station), problem.space.acceleration_size + 1))
     return Rows(
         np.concatenate([theta, zeros], axis=1),
-        gaps[owner, station, side],
-        np.full(len(owner), group, dtype=np.intp),
-        station * gaps.shape[2] + side,
-        owner,
+        gaps[station, side],
+        np.full(len(station), group, dtype=np.intp),
+        station * gaps.shape[1] + side,
     )

@@ -19,8 +19,7 @@ from scp_planner.arrays import Array, Index
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows, join_blocks
 from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.trips.bundle import TripBundle
-from scp_planner.trips.trajectory import TripPoints
+from scp_planner.trips.trajectory import Trajectory, TripPoints
 
 MOST_SAMPLES = 100_000
 
@@ -31,9 +30,8 @@ class ClearanceSites:
 
     Attributes
     ----------
-    owner, zone, sample : (m,) arrays of int
-        Which of several trips each row is of, and which zone it is about; number of the sample, or 0 for a minimum
-        between samples, for the row's key.
+    zone, sample : (m,) arrays of int
+        Which zone each row is about; number of the sample, or 0 for a minimum between samples, for the row's key.
     span, local, parameter : (m,) arrays
         Where the vehicle is on the path.
     sigma : (m,) array
@@ -48,7 +46,6 @@ class ClearanceSites:
         m.
     """
 
-    owner: Index
     zone: Index
     sample: Index
     span: Index
@@ -62,14 +59,13 @@ class ClearanceSites:
     clearance: Array
 
     @classmethod
-    def of(cls, owner: Index, zone: Index, sample: Index, points: TripPoints, contacts: ZoneContacts) -> ClearanceSites:
-        """Return the sites of contacts with zones, (m,), at points of trips."""
+    def of(cls, zone: Index, sample: Index, points: TripPoints, contacts: ZoneContacts) -> ClearanceSites:
+        """Return the sites of contacts with zones, (m,), at points of a trip."""
         path, normal = points.path, contacts.normal
         x, y = normal[:, 0], normal[:, 1]
         along = (x * path.direction[:, 0] + y * path.direction[:, 1]) / path.speed
         sideways = x * path.normal[:, 0] + y * path.normal[:, 1]
         return cls(
-            owner,
             zone,
             sample,
             path.span,
@@ -91,23 +87,10 @@ class ClearanceSites:
 _SITE_FIELDS = tuple(field.name for field in fields(ClearanceSites))
 
 
-def clearance_rows(problem: Problem, bundle: TripBundle, sites: ClearanceSites) -> Rows:
-    """Return the rows -dc z <= c at places near zones.
-
-    Parameters
-    ----------
-    problem : Problem
-    bundle : TripBundle
-        The trips that the sites are of.
-    sites : ClearanceSites
-
-    Returns
-    -------
-    Rows
-    """
-    free, v0, along = problem.ends.free, problem.space.start_speed, sites.along
-    tau = bundle.of(bundle.travel_times, sites.owner)
-    theta = bundle.arc_length_gradient(sites.owner, sites.parameter)
+def clearance_rows(problem: Problem, trip: Trajectory, sites: ClearanceSites) -> Rows:
+    """Return the rows -dc z <= c at places near zones."""
+    free, v0, along, tau = problem.ends.free, problem.space.start_speed, sites.along, trip.travel_time
+    theta = trip.path.arc_length_gradient(sites.parameter)
     theta *= along[:, None]
     theta -= sites.sideways[:, None] * problem.space.path.rows_at(sites.span, sites.local)
     matrix = join_blocks(
@@ -117,4 +100,4 @@ def clearance_rows(problem: Problem, bundle: TripBundle, sites: ClearanceSites) 
     )
     whole = problem.zones.whole
     group = sites.zone if whole is None else whole[sites.zone]
-    return Rows(matrix, sites.clearance, group, sites.zone * MOST_SAMPLES + sites.sample, sites.owner)
+    return Rows(matrix, sites.clearance, group, sites.zone * MOST_SAMPLES + sites.sample)

@@ -8,7 +8,6 @@ from scp_planner.arrays import Array
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.rows.bends import STILL
-from scp_planner.trips.bundle import TripBundle
 from scp_planner.trips.trajectory import Trajectory
 
 
@@ -104,27 +103,14 @@ class KinematicRows:
         return float(2.0 * (down @ problem.lowest_accelerations - up @ problem.highest_accelerations))
 
 
-def goal_speed_rows(problem: Problem, bundle: TripBundle, group: int) -> Rows:
-    """Return the rows of v(1) = goal speed: linear in (b, tau), v0 tau + C1(1) b = v_goal tau.
-
-    Parameters
-    ----------
-    problem : Problem
-    bundle : TripBundle
-    group : int
-        Index of the violation in the merit, in m/s.
-
-    Returns
-    -------
-    Rows
-    """
+def goal_speed_rows(problem: Problem, trip: Trajectory, group: int) -> Rows:
+    """Return the rows of v(1) = goal speed, m/s: linear in (b, tau), v0 tau + C1(1) b = v_goal tau."""
     space, goal = problem.space, problem.ends.goal_speed
     if goal is None:
         return Rows.none(problem.step_size)
-    gradient = np.zeros((bundle.count, problem.step_size))
-    gradient[:, -1 - space.acceleration_size : -1] = bundle.travel_times[:, None] * space.tables.final_speed
+    gradient = np.zeros((1, problem.step_size))
+    gradient[:, -1 - space.acceleration_size : -1] = trip.travel_time * space.tables.final_speed
     gradient[:, -1] = space.start_speed - goal
-    excess = np.array([trip.final_speed - goal for trip in bundle.trips])
-    side, owner = np.arange(2).repeat(bundle.count), np.tile(np.arange(bundle.count), 2)
+    excess = trip.final_speed - goal
     both = np.concatenate([gradient, -gradient])
-    return Rows(both, np.concatenate([-excess, excess]), np.full(len(owner), group, dtype=np.intp), side, owner)
+    return Rows(both, np.array([-excess, excess]), np.full(2, group, dtype=np.intp), np.arange(2))

@@ -1,0 +1,84 @@
+"""Where a run of the loop is between two iterations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+from scp_planner.scp.candidate import Candidate, Linearised, Watchdog
+from scp_planner.scp.goal import Cutoff, RunLimits
+from scp_planner.scp.last_step import LastStep
+from scp_planner.scp.linearisation import TrustRegion
+from scp_planner.scp.parameters import LoopParameters
+from scp_planner.scp.record import LoopRun, LoopStatus
+from scp_planner.scp.subproblem import ActiveSet
+
+
+@dataclass(frozen=True)
+class Progress:
+    """An iteration that came clearly nearer to feasibility."""
+
+    number: int
+    violation: float
+
+
+@dataclass
+class LoopState:
+    """A run so far.
+
+    Attributes
+    ----------
+    run : LoopRun
+        The trip of the next iteration, the penalties, the record.
+    parameters : LoopParameters
+    limits : RunLimits
+    cutoff : Cutoff
+    trust : TrustRegion
+    begun : float
+        Value of :func:`time.perf_counter` at which the last iteration began, or the run, s.
+    progress : Progress
+        The last one that counts against the patience.
+    nearest : Progress
+        The last one among those with small violations.
+    number : int
+        Of the last iteration, from 1.
+    active : ActiveSet or None
+        Of the last subproblem.
+    last : LastStep or None
+        The step that led to the trip, if it is to be learnt from.
+    linearised : Linearised or None
+    trial : Watchdog or None
+        Where to go back to if the step on trial fails.
+    """
+
+    run: LoopRun
+    parameters: LoopParameters
+    limits: RunLimits
+    cutoff: Cutoff
+    trust: TrustRegion
+    begun: float
+    progress: Progress
+    nearest: Progress
+    number: int = 0
+    active: ActiveSet | None = None
+    last: LastStep | None = None
+    linearised: Linearised | None = None
+    trial: Watchdog | None = None
+
+    @property
+    def late(self) -> bool:
+        """Whether the time is up: among thousands of rows each part of an iteration takes long."""
+        return perf_counter() > self.limits.deadline
+
+    def end(self, status: LoopStatus) -> bool:
+        """Note how the run has ended."""
+        self.run.status = status
+        return True
+
+    def go_back(self) -> Candidate | None:
+        """Return to where the trial began, if there is one: the step that led away from there."""
+        trial, self.trial = self.trial, None
+        if trial is None:
+            return None
+        self.run.evaluation, self.trust, self.linearised = trial.evaluation, trial.trust, trial.linearised
+        return trial.step
