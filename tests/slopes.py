@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scenes import CROSSERS, observed, scene
@@ -24,6 +25,30 @@ def problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) ->
     scenario = scene(*CROSSERS, observed("seen", 1), start={"heading": heading}, bounds=BOX)
     problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
     return problem, trip_near_the_guide(problem, seed)
+
+
+def curved_problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
+    """With a bend in the guide, and two obstacles with corners, the last ones."""
+    box: dict[str, Any] = {
+        "id": "box",
+        "shape": {"rectangle": [2.0, 1.0]},
+        "motion": {"position": [13.0, 3.0], "velocity": [-1, -0.5]},
+    }
+    turning = {**box, "id": "turning", "motion": {**box["motion"], "acceleration": [0.1, 0.4]}}
+    scenario = scene(
+        *CROSSERS,
+        observed("seen", 1),
+        box,
+        turning,
+        start={"heading": heading},
+        bounds=BOX,
+        guide=[[0.0, 0.0], [8.0, 4.0], [14.0, -1.0], [20.0, 0.0]],
+    )
+    problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
+    trip = trip_near_the_guide(problem, seed)
+    theta, free = trip.theta, problem.ends.free
+    assert np.all((theta[free] < problem.ends.upper[free]) & (theta[free] > problem.ends.lower[free]))
+    return problem, trip
 
 
 def trip_near_the_guide(problem: Problem, seed: int) -> Trajectory:

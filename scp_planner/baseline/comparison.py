@@ -38,7 +38,6 @@ from scp_planner.search.starts import starts
 from scp_planner.settings.knobs import word_of
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.solvers import solver_named
-from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.threat_zones.of_scenario import ZonesOf
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trajectory import Trajectory
@@ -229,7 +228,7 @@ def _descended(
     checked = checked_descent(problem, threat_zones, descent, timings)
     run = checked.run
     iterates = [Iterate(0, 0.0, start), *descent.run_so_far.iterates]
-    evaluation = evaluate_trip(problem, run.trajectory, NEAR)
+    evaluation = evaluate_trip(problem, run.trajectory)
     return _Ended(
         Method(variant.value),
         run.status.value,
@@ -272,7 +271,7 @@ def _improved(problem: Problem, threat_zones: tuple[ThreatZone, ...], start: Tra
             break
         asked, current = tightened(asked, certificate), run.evaluation.trajectory
     wall_time = perf_counter() - began - checking
-    evaluation = evaluate_trip(problem, run.evaluation.trajectory, NEAR)
+    evaluation = evaluate_trip(problem, run.evaluation.trajectory)
     status = run.status.value
     return _Ended(Method.SCP, status, certificate, evaluation, iterations, len(iterates), wall_time, iterates)
 
@@ -299,7 +298,7 @@ def _trial(problem: Problem, number: int, ended: _Ended) -> Trial:
 
 def _curve(problem: Problem, iterates: list[Iterate]) -> Curve:
     prices = Penalties.uniform(problem, CURVE_PRICE)
-    merits = [evaluate_trip(problem, iterate.trajectory, NEAR).merit(prices) for iterate in iterates]
+    merits = [evaluate_trip(problem, iterate.trajectory).merit(prices) for iterate in iterates]
     return Curve(
         np.array([iterate.evaluations for iterate in iterates]),
         np.array([iterate.seconds for iterate in iterates]),

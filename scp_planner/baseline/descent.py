@@ -28,27 +28,13 @@ from scp_planner.arrays import Array, Index
 from scp_planner.baseline.coordinates import Coordinates
 from scp_planner.baseline.descent_run import REPAIRABLE, DescentRun, DescentStatus, Iterate
 from scp_planner.baseline.descent_settings import EVALUATIONS, DescentSettings
-from scp_planner.baseline.excesses import SETTLED_EXCESS, signed_excess, with_margins
 from scp_planner.baseline.minimisers import MINIMISERS
-from scp_planner.baseline.objective import PenalisedObjective
-from scp_planner.baseline.objective_parts import (
-    ACCELERATION,
-    BOX,
-    CURVATURE,
-    LATERAL,
-    OPTIONAL,
-    SPEED,
-    Hinge,
-    Margins,
-    ObjectiveValue,
-    SampleTimes,
-    Weights,
-)
+from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
+from scp_planner.baseline.priced import SETTLED_EXCESS, places_of, signed_excess, times_near, uniform, with_margins
 from scp_planner.certificate.verdict import Certificate
 from scp_planner.pauses import OutOfTimeError, look_at_the_clock
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
-from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -63,7 +49,6 @@ TARGET = 1e-5  # units of length or relative; what is left to an active constrai
 OUTSIDE = 1e6  # units of time; value of trips that never arrive
 CAREFUL = 10.0  # times the first prices, in the second attempt
 CAREFUL_WIDTH = 0.05  # units of length; widest hinge of the second attempt
-CERTIFIED_LIMITS = {"lateral_acceleration": LATERAL, "curvature": CURVATURE, "speed": SPEED}
 
 
 class Descent:
@@ -106,10 +91,10 @@ class Descent:
         """Go back to the start."""
         self.problem = self.given
         self.settings = settings
-        self.weights = Weights.uniform(self.problem, settings.zone_price, settings.limit_price)
-        self.weights.limits[ACCELERATION] = 0.0  # kept as bounds
-        self.margins = Margins.none(self.problem)
-        self.objective = PenalisedObjective(self.problem, self.weights, Hinge())
+        self.prices = uniform(self.problem, settings.zone_price, settings.limit_price)
+        self.prices[places_of(self.problem, "acceleration")] = 0.0  # kept as bounds
+        self.margins = np.zeros(len(self.prices))
+        self.objective = PenalisedObjective(self.problem, self.prices, np.zeros(len(self.prices)))
         self.y = self.coordinates.origin
         self.best = np.inf
 
@@ -142,28 +127,24 @@ class Descent:
 
     def tighten(self, certificate: Certificate) -> DescentRun | None:
         """Ask for a little more of what the certificate finds missing, and settle again; None if it misses too much."""
-        zone_margins, limit_margins = self.margins.zones.copy(), self.margins.limits.copy()
-        optional = {limit.name: OPTIONAL + place for place, limit in enumerate(self.problem.optional)}
-        places = {**CERTIFIED_LIMITS, **optional}
+        margins = self.margins.copy()
         for violation in certificate.violations:
             index: Index
             if violation.obstacle is not None:
                 index = np.flatnonzero([name == violation.obstacle for name in self.problem.zones.ids])
-                if len(index) == 0:
-                    return None  # it was taken for too far away to matter
-                missing, kind = -violation.value, zone_margins
+                missing = -violation.value
             elif violation.what == "workspace bounds":
-                missing, kind, index = -violation.value, limit_margins, np.array([BOX])
-            elif (name := violation.what.partition("[")[0]) in places and violation.allowed > 0.0:
+                index, missing = places_of(self.problem, violation.what), -violation.value
+            elif violation.allowed > 0.0:
+                index = places_of(self.problem, violation.what.partition("[")[0])
                 missing = violation.value / violation.allowed - 1.0
-                kind, index = limit_margins, np.array([places[name]])
             else:
                 return None
-            if missing > REPAIRABLE:
+            # An obstacle that was taken for too far away to matter has no zone here.
+            if len(index) == 0 or missing > REPAIRABLE:
                 return None
-            kind[index] += 1.5 * missing + SETTLED_EXCESS
-        moved = Margins(zone_margins - self.margins.zones, limit_margins - self.margins.limits)
-        self.problem = with_margins(self.problem, moved)
+            margins[index] += 1.5 * missing + SETTLED_EXCESS
+        self.problem = with_margins(self.problem, margins - self.margins)
         try:
             self.settle()
         except OutOfTimeError:
@@ -177,23 +158,15 @@ class Descent:
         run.status = DescentStatus.UNSETTLED
         for _ in range(self.settings.settlings):
             value = self._stage(width)
-            zones, limits = signed_excess(self.problem, run.evaluation)
-            zone_active = (self.weights.zones * value.zone_use > ACTIVE) | (zones > -TARGET)
-            limit_active = (self.weights.limits * value.limit_use > ACTIVE) | (limits > -TARGET)
-            off = max(
-                np.abs(zones[zone_active] + TARGET).max(initial=0.0),
-                np.abs(limits[limit_active] + TARGET).max(initial=0.0),
-            )
-            if off < SETTLED_EXCESS:
+            excess = signed_excess(self.problem, run.evaluation)
+            active = (self.prices * value.use > ACTIVE) | (excess > -TARGET)
+            if np.abs(excess[active] + TARGET).max(initial=0.0) < SETTLED_EXCESS:
                 run.status = DescentStatus.CONVERGED
                 break
             if self._raise_prices(width):
                 continue
-            reach = STUCK * width * np.array([1.0, self.settings.limit_width])
-            self.margins = Margins(
-                self.margins.zones + np.where(zone_active, np.clip(zones + TARGET, -reach[0], reach[0]), 0.0),
-                self.margins.limits + np.where(limit_active, np.clip(limits + TARGET, -reach[1], reach[1]), 0.0),
-            )
+            reach = STUCK * self._widths(width)
+            self.margins = self.margins + np.where(active, np.clip(excess + TARGET, -reach, reach), 0.0)
         if run.evaluation.worst_violation > UNSETTLABLE * width:
             run.status = DescentStatus.INFEASIBLE
         self.y = self.coordinates.with_goal_speed(self.y)
@@ -201,27 +174,20 @@ class Descent:
 
     def _raise_prices(self, width: float) -> bool:
         """Make dearer what is violated by more than the hinge explains; whether anything was."""
-        zones, limits = signed_excess(self.problem, self.run_so_far.evaluation)
-        last = self.settings.last_price
-        dear_zones = (zones > STUCK * width) & (self.weights.zones < last)
-        dear_limits = (limits > STUCK * self.settings.limit_width * width) & (self.weights.limits < last)
-        dear_limits[ACCELERATION] = False
-        self.weights = Weights(
-            np.where(dear_zones, np.minimum(self.weights.zones * ESCALATION, last), self.weights.zones),
-            np.where(dear_limits, np.minimum(self.weights.limits * ESCALATION, last), self.weights.limits),
-        )
-        return bool(dear_zones.any() or dear_limits.any())
+        excess, last = signed_excess(self.problem, self.run_so_far.evaluation), self.settings.last_price
+        dear = (excess > STUCK * self._widths(width)) & (self.prices < last)
+        self.prices = np.where(dear, np.minimum(self.prices * ESCALATION, last), self.prices)
+        return bool(dear.any())
+
+    def _widths(self, width: float) -> Array:
+        """Widths of the hinge of all violations, given that of zones."""
+        return uniform(self.problem, width, self.settings.limit_width * width)
 
     def _stage(self, width: float) -> ObjectiveValue:
         """Minimise with one width of the hinge, from where the last stage ended."""
         near = max(NEAR_LEAST, NEAR_WIDTHS * width)
-        self.objective = PenalisedObjective(
-            self.problem,
-            self.weights,
-            Hinge(width, self.settings.limit_width * width),
-            SampleTimes.refined(self.problem, self.coordinates.trajectory(self.y), near),
-            self.margins,
-        )
+        sigma = times_near(self.problem, self.coordinates.trajectory(self.y), near)
+        self.objective = PenalisedObjective(self.problem, self.prices, self._widths(width), sigma, self.margins)
         self.best = np.inf
         budget = self.settings.evaluations or EVALUATIONS[self.settings.variant]
         start = self.y
@@ -264,4 +230,4 @@ class Descent:
             run.iterates.append(Iterate(run.evaluations, perf_counter() - self.began, self.coordinates.trajectory(y)))
 
     def _exact(self) -> Evaluation:
-        return evaluate_trip(self.problem, self.coordinates.trajectory(self.y), NEAR)
+        return evaluate_trip(self.problem, self.coordinates.trajectory(self.y))

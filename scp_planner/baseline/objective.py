@@ -22,21 +22,40 @@ of zones, and trips that pass a fixed station just when the acceleration jumps.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import sqrt
+
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.baseline.objective_parts import (
-    Hinge,
-    Margins,
-    ObjectiveValue,
-    Pricing,
-    SampleTimes,
-    Weights,
-    limit_count,
-)
-from scp_planner.baseline.objective_terms import Terms
+from scp_planner.baseline.priced import priced_constraints, slope, softened, trapezoidal_shares
 from scp_planner.problem.problem import Problem
 from scp_planner.trips.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ObjectiveValue:
+    """The objective at one trip.
+
+    Attributes
+    ----------
+    value : float
+        Q, s.
+    travel_time : float
+        tau, s; inf outside D0(v0).
+    violations : (G,) array
+        Of zones in m, then of the other constraints: relative, but m for box and offsets, and m/s for the goal speed.
+    use : (G,) array
+        Derivatives of the violations with respect to a common margin, in [0, 1]: times the price, the multiplier.
+    gradient : (K,) array
+        dQ / d omega; empty if it was not asked for.
+    """
+
+    value: float
+    travel_time: float
+    violations: Array
+    use: Array
+    gradient: Array
 
 
 class PenalisedObjective:
@@ -45,28 +64,31 @@ class PenalisedObjective:
     Parameters
     ----------
     problem : Problem
-    weights : Weights
-    hinge : Hinge
-    times : SampleTimes, optional
-        Default: the problem's samples.
-    margins : Margins, optional
+    prices : (G,) array
+        mu, s per unit of each violation, see `priced_constraints`.
+    widths : (G,) array
+        w, of the smooth hinge, in the units of the violations, equal within a constraint; 0 is the exact hinge.
+    sigma : (n,) array, optional
+        Normalised times at which zones are looked at: the problem's samples, and more.
+    margins : (G,) array, optional
+        What is added to every excess: distances to be kept, or given away where negative.
     """
 
     def __init__(
         self,
         problem: Problem,
-        weights: Weights,
-        hinge: Hinge,
-        times: SampleTimes | None = None,
-        margins: Margins | None = None,
+        prices: Array,
+        widths: Array,
+        sigma: Array | None = None,
+        margins: Array | None = None,
     ) -> None:
-        self.problem = problem
-        self.pricing = Pricing(
-            problem, weights, hinge, times or SampleTimes.of(problem), margins or Margins.none(problem)
-        )
-        free = problem.ends.free
-        self.path_size = free.stop - free.start
+        self.problem, self.prices, self.widths = problem, prices, widths
+        times = problem.samples if sigma is None else problem.space.time_table(sigma)
+        self.margins = np.zeros(len(prices)) if margins is None else margins
+        self.shares = trapezoidal_shares(times.sigma)
+        self.path_size = problem.free_size
         self.size = self.path_size + problem.space.acceleration_size
+        self._constraints = [constraint.smooth(times) for constraint in priced_constraints(problem)]
 
     def omega(self, trajectory: Trajectory) -> Array:
         """Return the variables (theta, beta) of a trip, (K,)."""
@@ -88,18 +110,36 @@ class PenalisedObjective:
 
     def evaluate(self, omega: Array, *, gradient: bool = True) -> ObjectiveValue:
         """Return Q and its parts at omega, (K,), and its gradient."""
-        trajectory = self.trajectory(omega)
-        if not np.isfinite(trajectory.travel_time):
-            return self._outside()
-        points = trajectory.at(self.pricing.times.table)
-        terms = Terms(self.pricing, trajectory, points, gradient)
-        zones, zone_use = terms.zones()
-        limits, limit_use = terms.limits()
-        weights = self.pricing.weights
-        value = trajectory.travel_time + float(weights.zones @ zones) + float(weights.limits @ limits)
-        total = terms.total_gradient() if gradient else np.zeros(0)
-        return ObjectiveValue(value, trajectory.travel_time, zones, limits, zone_use, limit_use, total)
+        trip = self.trajectory(omega)
+        if not np.isfinite(trip.travel_time):
+            nothing = np.zeros(len(self.prices))
+            return ObjectiveValue(np.inf, np.inf, nothing, nothing, np.full(self.size, np.nan))
+        step = np.zeros(self.problem.step_size)
+        violations, use = np.empty(len(self.prices)), np.empty(len(self.prices))
+        first = 0
+        for constraint in self._constraints:
+            mine = slice(first, first + constraint.size)
+            first = mine.stop
+            if constraint.size == 0:
+                continue
+            found = softened(constraint, trip, self.shares, self.margins[mine], float(self.widths[mine.start]))
+            violations[mine], use[mine] = found.values, found.shares.sum(axis=1)
+            if gradient:
+                step += slope(constraint, trip, found, self.prices[mine])
+        value = trip.travel_time + float(self.prices @ violations)
+        total = self._total(trip, step) if gradient else np.zeros(0)
+        return ObjectiveValue(value, trip.travel_time, violations, use, total)
 
-    def _outside(self) -> ObjectiveValue:
-        zones, limits = np.zeros(self.problem.zones.size), np.zeros(limit_count(self.problem))
-        return ObjectiveValue(np.inf, np.inf, zones, limits, zones, limits, np.full(self.size, np.nan))
+    def _total(self, trip: Trajectory, step: Array) -> Array:
+        """Return dQ / d omega from the gradient of the penalties with respect to a step.
+
+        A step by rho at fixed beta is d beta = 2 beta rho. Then tau is eliminated: from v0 tau + A tau^2 = L follows
+        (v0 + 2 A tau) dtau = dL - tau^2 dA.
+        """
+        space, tau = self.problem.space, trip.travel_time
+        theta, beta, rho = step[: self.path_size], step[self.path_size : -1], float(step[-1])
+        by_tau = 1.0 + (rho + 2.0 * float(beta @ trip.beta)) / tau
+        gain = float(space.tables.final_distance @ trip.beta)
+        rate = by_tau / sqrt(max(space.start_speed**2 + 4.0 * gain * trip.path.arc_length, 1e-300))
+        length = trip.path.final_gradient[self.problem.ends.free]
+        return np.concatenate([theta + rate * length, beta - (rate * tau * tau) * space.tables.final_distance])

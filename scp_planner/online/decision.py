@@ -313,7 +313,7 @@ class Decision:
         run = self._run(now, loop, ahead)
         evaluation, steps = run.evaluation, len(run.record)
         found = self._means.vet(now, loop.problem, evaluation.trajectory, evaluation, steps)
-        finished = float(evaluation.limit_violation.max(initial=0.0)) <= FEASIBILITY
+        finished = evaluation.limit_violation <= FEASIBILITY
         if finished or isinstance(found, Vetted) or -math.inf < found.room < 0.0:
             return found
         kept = None if begun else self._still_on(now, now.last)

@@ -253,7 +253,7 @@ class Looks:
 
         A vehicle that stands waits for a clear way rather than creep into a dead end.
         """
-        return now.moment.state.speed > STANDING and float(evaluation.limit_violation.max()) <= HOPELESS
+        return now.moment.state.speed > STANDING and evaluation.limit_violation <= HOPELESS
 
 
 def _cutoff(now: Replan, best: Vetted) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
+from scp_planner.constraints.arrival import EARLIEST_MARGIN
 from scp_planner.mathematics.splines import greville_sites
 from scp_planner.planning.attempts import HARDLY
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt
@@ -176,7 +177,7 @@ def _may_gain_by_spans(found: Found) -> bool:
     theta, space = best.trajectory.theta, best.trajectory.space
     span = space.length / len(space.path.widths)
     unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
-    tight = span * float(np.abs(best.run.evaluation.sites.curvature).max())
+    tight = span * float(np.abs(best.trajectory.path.station_bend.curvature).max())
     slowed = best.travel_time > (1.0 + SLOWED) * kinematic_bound(found.runs.task.scenario)
     return slowed and (unseen > UNSEEN or tight > TIGHT)
 

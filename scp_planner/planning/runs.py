@@ -14,10 +14,10 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
+from scp_planner.constraints.arrival import EarliestArrival
 from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
-from scp_planner.problem.limits.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS, URGENCY, tightened
 from scp_planner.scenario.models import Scenario
@@ -201,7 +201,7 @@ class CheckedRuns:
         """Go on from a trip to one that arrives on the next step of time."""
         assert self.task.steps is not None
         limit = EarliestArrival(self.task.steps.after(trajectory.travel_time), self.problem.step_size)
-        problem = replace(self.problem, optional=(*self.problem.optional, limit))
+        problem = replace(self.problem, constraints=(*self.problem.constraints, limit))
         return self._checked(problem, self._loop(problem), trajectory, np.inf, None)
 
     def _checked(

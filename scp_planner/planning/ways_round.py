@@ -12,9 +12,10 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.certificate.lower_bound import bound_among, goal_is_covered_for_good
+from scp_planner.constraints.clearance import Clearance
+from scp_planner.constraints.discs import DiscClearance
 from scp_planner.planning.attempts import GOOD_ENOUGH, HARDLY, Attempt, OuterSearch
 from scp_planner.planning.runs import CheckedRuns, ScpAttempt, promise
-from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.goal import to_beat
 from scp_planner.scp.record import LoopRun, LoopStatus
@@ -134,7 +135,7 @@ class WaysRound(OuterSearch[Branch, LoopRun]):
                 start.exhausted = _hardly_infeasible(again)
                 attempt = again if again.better_than(attempt) else attempt
         if not self.out_of_time:
-            start.touched = _touched(self.problem, attempt.run)
+            start.touched = _touched(self.problem, attempt.trajectory)
         if attempt.holds or _hardly_infeasible(attempt):
             start.missed = start.estimate - attempt.travel_time
         if attempt.travel_time < self._known < np.inf and not attempt.run.feasible:
@@ -252,17 +253,10 @@ def _hardly_infeasible(attempt: ScpAttempt) -> bool:
     return run.status is LoopStatus.INFEASIBLE and run.evaluation.worst_violation < HARDLY
 
 
-def _touched(problem: Problem, run: LoopRun) -> tuple[tuple[int, int], ...]:
+def _touched(problem: Problem, trip: Trajectory) -> tuple[tuple[int, int], ...]:
     """Zones that a trip touches or enters, the deepest first, and on which side of them it is."""
-    evaluation = run.evaluation
-    contacts = evaluation.minima_contacts
-    near = np.flatnonzero(contacts.distance < TOUCHING)
-    order = near[np.argsort(contacts.distance[near], kind="stable")]
-    normal = np.broadcast_to(evaluation.minima.path.normal, contacts.normal.shape)
-    side = np.einsum("ij,ij->i", contacts.normal, normal)
-    found = {int(evaluation.minima_zone[k]): 1 if side[k] > 0.0 else -1 for k in order[::-1]}
-    # One that was slowed down to its step of time has one limit more.
-    for limit, depth in zip(problem.optional, evaluation.optional, strict=False):
-        if isinstance(limit, DiscClearance):
-            found.update(limit.touched(evaluation.trajectory, depth, TOUCHING))
+    found = dict[int, int]()
+    for constraint in problem.constraints:
+        if isinstance(constraint, Clearance | DiscClearance):
+            found.update(constraint.touched(trip, TOUCHING))
     return tuple(reversed(found.items()))

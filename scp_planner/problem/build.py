@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from scp_planner.constraints.ends import end_conditions
+from scp_planner.constraints.registry import constraints_of
+from scp_planner.constraints.setup import Setup, kept_of_limits
 from scp_planner.mathematics.frames import PlanningFrame
 from scp_planner.mathematics.rounding import DECIMALS, to_digits
-from scp_planner.problem.ends import end_conditions
 from scp_planner.problem.guides import default_guide, path_spans
-from scp_planner.problem.limits.inputs import LimitInputs, kept_of_limits
-from scp_planner.problem.limits.registry import optional_limits
 from scp_planner.problem.memory import check_memory
 from scp_planner.problem.problem import EACH_SHARE, Problem
 from scp_planner.problem.profile import SpeedProfile, fastest_profile
@@ -43,30 +43,11 @@ def build_problem(
     guide: Guide | None = None,
     spans: int | None = None,
 ) -> Problem:
-    """Make a scenario, in its natural units, ready for planning.
+    """Make a scenario, in its natural units, ready for planning among zones, one an obstacle.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    zones : sequence of ThreatZone
-        One an obstacle.
-    given : Settings
-        What they leave open is as usual.
-    breakpoints : tuple of float, optional
-        Of the acceleration, in normalised time: the same ones for many problems share their tables.
-    guide : Guide, optional
-        In the planning frame; by default the scenario's polyline, smoothed, or else what :func:`default_guide` gives.
-    spans : int, optional
-        Of the offset's spline; by default as many as the settings ask for.
-
-    Returns
-    -------
-    Problem
-
-    Raises
-    ------
-    TooLargeError
-        If its splines would take too much memory; see :func:`check_memory`.
+    Breakpoints are of the acceleration, in normalised time: the same ones for many problems share their tables. The
+    guide is in the planning frame; by default it is the scenario's polyline, smoothed, or what `default_guide` gives.
+    `TooLargeError` if its splines would take too much memory.
     """
     start, goal, settings = scenario.start, scenario.goal, for_scene(given)
     if scenario.vehicle.max_jerk is not None and settings.acceleration_degree == 0:
@@ -89,21 +70,9 @@ def build_problem(
     batch = ZoneBatch.of(zones, frame, scenario.vehicle.radius + settings.clearance_margin).rounded()
     box = Box.of(scenario, frame, settings.box_margin)
     times = np.concatenate([np.linspace(0.0, 1.0, settings.samples + 1), space.acceleration.breakpoints[1:-1]])
-    inputs = LimitInputs(scenario, settings, frame, space, ends, batch, box, space.time_table(times), slow)
-    return Problem(
-        scenario,
-        settings,
-        frame,
-        space,
-        ends,
-        limits,
-        batch,
-        box,
-        inputs.samples,
-        settings.samples + 1,
-        optional_limits(inputs),
-        profile=profile,
-    )
+    samples, grid = space.time_table(times), settings.samples + 1
+    basis = (scenario, settings, frame, space, ends, limits, batch, box, samples, grid, slow)
+    return Problem(*basis, constraints_of(Setup(*basis)), profile=profile)
 
 
 def _breakpoints(

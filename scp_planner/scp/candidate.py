@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.constraints.rows import Rows
 from scp_planner.scp.evaluation import Evaluation
 from scp_planner.scp.linearisation import TrustRegion
 from scp_planner.scp.merit import Penalties
 from scp_planner.scp.record import Iteration
-from scp_planner.scp.rows.base import Rows
 from scp_planner.scp.subproblem import Subproblem
 
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from scp_planner.scp.candidate import Candidate, Watchdog
 from scp_planner.scp.record import FEASIBILITY, LoopStatus
 from scp_planner.scp.state import LoopState, Progress
@@ -127,7 +125,7 @@ def _last_step(state: LoopState, step: Candidate) -> bool:
 def _escalated(state: LoopState) -> LoopStatus | None:
     """Raise the penalties of what stays violated; INFEASIBLE if they are as high as they get."""
     current, parameters, penalties = state.run.evaluation, state.parameters, state.run.penalties
-    stuck = np.concatenate([current.zone_violation, current.limit_violation]) > FEASIBILITY
+    stuck = current.violations > FEASIBILITY
     if penalties.weights[stuck].max(initial=0.0) >= parameters.last_penalty or not stuck.any():
         return LoopStatus.INFEASIBLE  # without any: a user's own constraints are, whose price stays
     penalties.raise_where(stuck, parameters.escalation)

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
+from scp_planner.constraints.drive import DriveRows
+from scp_planner.constraints.rows import Rows
 from scp_planner.problem.problem import Problem
-from scp_planner.scp.rows.base import Rows
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.trips.trajectory import Trajectory
 
 DAMPING = 0.2  # least curvature along the step that is believed, relative to the model's
@@ -58,7 +58,7 @@ class LastStep:
     @classmethod
     def of(
         cls,
-        kinematics: KinematicRows,
+        drive: DriveRows,
         rows: Rows,
         start: Trajectory,
         end: Trajectory,
@@ -77,7 +77,7 @@ class LastStep:
             rows.matrix[active],
             prices[hard:][active],
             float(prices[0]),
-            kinematics.timing_curvature(prices),
+            drive.timing_curvature(prices),
         )
 
     def gradient_change(self, problem: Problem, rows: Rows) -> Array:

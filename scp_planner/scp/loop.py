@@ -8,6 +8,8 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.arrays import Array
+from scp_planner.constraints.drive import DriveRows
+from scp_planner.constraints.rows import Rows
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.candidate import Candidate, Linearised
 from scp_planner.scp.evaluation import Evaluation, evaluate_trip
@@ -19,13 +21,10 @@ from scp_planner.scp.merit import Penalties
 from scp_planner.scp.parameters import LOOP, LoopParameters
 from scp_planner.scp.projection import Projection, trip_after
 from scp_planner.scp.record import FEASIBILITY, LoopRun, LoopStatus
-from scp_planner.scp.rows.base import Rows
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.state import LoopState, Progress
 from scp_planner.scp.step_solver import StepSolver
 from scp_planner.scp.subproblem import Subproblem, build_subproblem
 from scp_planner.solvers.interface import QpSolver
-from scp_planner.threat_zones.nearness import NEAR
 from scp_planner.trips.trajectory import Trajectory
 
 logger = logging.getLogger(__name__)
@@ -64,9 +63,9 @@ class ScpLoop:
         self.parameters = parameters
         self.steps = steps
         self.penalties = penalties
-        self.kinematics = KinematicRows(problem)
+        self.drive = DriveRows(problem)
         self.solver = StepSolver(solver, fallback, parameters.shortest_solve)
-        self.projection = Projection(problem, self.kinematics, self.solver, parameters)
+        self.projection = Projection(problem, self.drive, self.solver, parameters)
 
     def run(
         self,
@@ -113,7 +112,7 @@ class ScpLoop:
         if self.problem.given is not None:
             start = self.projection.kept(start, limits.deadline)
         begun = perf_counter()
-        evaluation = evaluate_trip(self.problem, start, NEAR)
+        evaluation = evaluate_trip(self.problem, start)
         if self.penalties is None:
             penalties = Penalties.uniform(self.problem, self.parameters.first_penalty)
         else:
@@ -163,14 +162,14 @@ class ScpLoop:
         base, trust, known = state.run.evaluation, state.trust, state.linearised
         if known is not None and known.serves(base, trust):
             return rows_within(self.problem, known.rows, trust)
-        rows = linearise(self.problem, base, trust, NEAR)
+        rows = linearise(self.problem, base, trust)
         state.linearised = Linearised(base, trust, rows)
         return rows
 
     def _subproblem(self, state: LoopState, rows: Rows) -> Subproblem:
         trip, weights = state.run.evaluation.trajectory, state.run.penalties.weights
         last = state.last if state.last is not None and state.last.end is trip else None
-        return build_subproblem(self.problem, self.kinematics, trip, rows, weights, state.trust, state.active, last)
+        return build_subproblem(self.problem, self.drive, trip, rows, weights, state.trust, state.active, last)
 
     def _without_step(self, state: LoopState) -> bool:
         """Where the subproblem has no solution, go to the nearest trip within the limits, or look less far."""
@@ -178,7 +177,7 @@ class ScpLoop:
         state.go_back()
         kept = self.projection.within_limits(state.run.evaluation.trajectory, state.limits.deadline)
         if kept is not None:
-            state.run.evaluation = evaluate_trip(self.problem, kept, NEAR)
+            state.run.evaluation = evaluate_trip(self.problem, kept)
             return False
         state.trust = state.trust.scaled(self.parameters.shrink)
         return state.trust.theta < self.parameters.smallest_trust
@@ -192,10 +191,10 @@ class ScpLoop:
         moved = self.moved(base.trajectory, z)
         if moved is None:
             return step
-        there = evaluate_trip(self.problem, moved, NEAR)
+        there = evaluate_trip(self.problem, moved)
         # Steps to the border of the trust region lead too far to tell how the constraints bend here.
         if step.size < self.parameters.inside:
-            state.last = LastStep.of(self.kinematics, rows, base.trajectory, moved, z, prices)
+            state.last = LastStep.of(self.drive, rows, base.trajectory, moved, z, prices)
         return step.led_to(there, state.run.penalties)
 
     def _finished(self, state: LoopState) -> LoopRun:
@@ -215,11 +214,11 @@ class ScpLoop:
         found = run.evaluation
         deadline = max(deadline, perf_counter() + self.parameters.last_mend)
         for _ in range(self.parameters.projections):
-            rows = linearise(self.problem, found, self.parameters.retry_trust, NEAR)
+            rows = linearise(self.problem, found, self.parameters.retry_trust)
             nearest = self.projection.mended(found.trajectory, rows, len(run.penalties.weights), deadline)
             if nearest is None:
                 return run.evaluation
-            found = evaluate_trip(self.problem, nearest, NEAR)
+            found = evaluate_trip(self.problem, nearest)
             if not self.projection.misses_goal_speed(found.trajectory):
                 break
         return found if found.worst_violation <= max(FEASIBILITY, run.evaluation.worst_violation) else run.evaluation

@@ -1,9 +1,8 @@
-"""The limits that the merit knows, and their prices."""
+"""The prices of violations in the merit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
@@ -11,54 +10,30 @@ from scp_planner.arrays import Array, Mask
 from scp_planner.problem.problem import Problem
 
 
-class Limit(IntEnum):
-    """The limits that every trip has: their places in the merit. Optional ones come after them."""
-
-    LATERAL_ACCELERATION = 0
-    CURVATURE = 1
-    SPEED = 2
-    WORKSPACE_BOUNDS = 3
-    GOAL_SPEED = 4
-
-
-LIMIT_NAMES = tuple(limit.name.lower().replace("_", " ") for limit in Limit)
-
-
 @dataclass
 class Penalties:
-    """Weights of the violations in the merit.
+    """Prices of the violations in the merit.
 
     Attributes
     ----------
-    zones : (L,) array
-        s per m of the deepest entry into each zone.
-    limits : (5 + E,) array
-        s per unit of relative excess over lateral acceleration, curvature and speed, s per m outside the box, s per m/s
-        of difference from the goal speed; then s per unit of each of the problem's optional limits.
+    weights : (G,) array
+        s per unit of each violation of the problem's constraints, in their order: m, m/s, rad, or relative.
     given : float
         s per unit of the worst violation of a user's own constraints.
     """
 
-    zones: Array
-    limits: Array
+    weights: Array
     given: float = 50.0
 
     @classmethod
     def uniform(cls, problem: Problem, price: float) -> Penalties:
         """Return one price for everything."""
-        return cls(np.full(problem.zones.size, price), np.full(len(Limit) + len(problem.optional), price))
+        return cls(np.full(sum(problem.sizes), price))
 
     def copied(self) -> Penalties:
         """Return the same, that may be raised without these."""
-        return Penalties(self.zones.copy(), self.limits.copy(), self.given)
-
-    @property
-    def weights(self) -> Array:
-        """Those of the zones and then of the limits, (L + 5 + E,)."""
-        return np.concatenate([self.zones, self.limits])
+        return Penalties(self.weights.copy(), self.given)
 
     def raise_where(self, stuck: Mask, factor: float) -> None:
-        """Multiply the weights of some violations, (L + 5 + E,) of them in the order of :attr:`weights`."""
-        count = len(self.zones)
-        self.zones[stuck[:count]] *= factor
-        self.limits[stuck[count:]] *= factor
+        """Multiply the prices of some violations, (G,)."""
+        self.weights[stuck] *= factor

@@ -8,11 +8,11 @@ import numpy as np
 
 from scp_planner.arrays import Array
 from scp_planner.certificate.verdict import END_TOLERANCE
+from scp_planner.constraints.drive import DriveRows
+from scp_planner.constraints.rows import Rows
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.parameters import LoopParameters
 from scp_planner.scp.record import FEASIBILITY
-from scp_planner.scp.rows.base import Rows
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.step_solver import StepSolver
 from scp_planner.scp.subproblem import build_subproblem
 from scp_planner.trips.trajectory import Trajectory
@@ -53,16 +53,14 @@ class Projection:
     Parameters
     ----------
     problem : Problem
-    kinematics : KinematicRows
+    drive : DriveRows
     solver : StepSolver
     parameters : LoopParameters
     """
 
-    def __init__(
-        self, problem: Problem, kinematics: KinematicRows, solver: StepSolver, parameters: LoopParameters
-    ) -> None:
+    def __init__(self, problem: Problem, drive: DriveRows, solver: StepSolver, parameters: LoopParameters) -> None:
         self.problem = problem
-        self.kinematics = kinematics
+        self.drive = drive
         self.solver = solver
         self.parameters = parameters
 
@@ -114,7 +112,7 @@ class Projection:
     def _nearest(self, start: Trajectory, rows: Rows, weights: Array, deadline: float) -> Trajectory | None:
         """The nearest trip that keeps all that, and rows at their prices beside it, to first order."""
         problem, parameters = self.problem, self.parameters
-        sub = build_subproblem(problem, self.kinematics, start, rows, weights, parameters.projection_trust)
+        sub = build_subproblem(problem, self.drive, start, rows, weights, parameters.projection_trust)
         count = problem.step_size
         nearness = np.full(len(sub.program.gradient), parameters.acceleration_nearness)
         nearness[: problem.ends.free.stop - problem.ends.free.start] = 1.0
@@ -136,8 +134,8 @@ class Projection:
         -------
         Trajectory or None
         """
-        excess = self.kinematics.excess(trip)
+        excess = self.drive.excess(trip)
         if excess <= FEASIBILITY:
             return None
         kept = self.kept(trip, deadline)
-        return kept if self.kinematics.excess(kept) < 0.5 * excess else None
+        return kept if self.drive.excess(kept) < 0.5 * excess else None

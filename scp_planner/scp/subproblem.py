@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scp_planner.arrays import Array, Index, Mask
+from scp_planner.constraints.drive import DriveRows
+from scp_planner.constraints.rows import Rows
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.last_step import LastStep
 from scp_planner.scp.linearisation import TrustRegion
-from scp_planner.scp.rows.base import Rows
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.solvers.interface import Solution, StepOrigin
 from scp_planner.solvers.slacked import SlackedProgram
 from scp_planner.trips.trajectory import Trajectory
@@ -104,7 +104,7 @@ class Subproblem:
 
 def build_subproblem(
     problem: Problem,
-    kinematics: KinematicRows,
+    drive: DriveRows,
     trajectory: Trajectory,
     rows: Rows,
     weights: Array,
@@ -114,32 +114,14 @@ def build_subproblem(
 ) -> Subproblem:
     """Build the quadratic program of a step from a trip.
 
-    Parameters
-    ----------
-    problem : Problem
-    kinematics : KinematicRows
-    trajectory : Trajectory
-    rows : Rows
-        Linearised constraints that may be violated at a price.
-    weights : (G,) array
-        Price of each violation, s.
-    trust : TrustRegion
-    active : ActiveSet, optional
-        Of the last subproblem.
-    last : LastStep, optional
-        The step that led to this trip, if the Hessian is to be corrected by it.
-
-    Returns
-    -------
-    Subproblem
+    The rows may be violated at a price, s, of each violation, (G,). The active set is that of the last subproblem; the
+    last step, if it led to this trip, corrects the Hessian.
     """
     present = np.bincount(rows.group, minlength=len(weights)) > 0
     (groups,) = present.nonzero()
     slack = (present.cumsum() - 1)[rows.group]
-    size = kinematics.width
+    size = drive.width
     total = size + len(groups)
-    hard = np.empty((kinematics.count, size))
-    kinematics.write(trajectory, hard)
     gradient = np.zeros(total)
     gradient[size - 1] = trajectory.travel_time
     gradient[size:] = weights[groups]
@@ -149,11 +131,11 @@ def build_subproblem(
         gradient,
         lower,
         upper,
-        hard,
+        drive.matrix(trajectory),
         rows.matrix,
         size + slack,
-        np.concatenate([kinematics.bounds(trajectory), rows.gap]),
-        kinematics.equalities,
+        np.concatenate([drive.bounds(trajectory), rows.gap]),
+        drive.equalities,
         None if active is None else active.guess(rows, groups),
         None if problem.given is None else _origin(problem, trajectory),
     )

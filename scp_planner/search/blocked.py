@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 
 from scp_planner.arrays import Array, Index, Mask
-from scp_planner.problem.ends import FOLD
+from scp_planner.constraints.ends import FOLD
 from scp_planner.problem.problem import Problem
 from scp_planner.search.grid import DELAYS, Grid, Words
 from scp_planner.threat_zones.batch import ZoneBatch

@@ -7,7 +7,7 @@ from time import perf_counter
 
 import numpy as np
 
-from scp_planner.problem.limits.arrival import EarliestArrival
+from scp_planner.constraints.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.first_trips import bows, trip_along
 from scp_planner.search.grid import DELAYS, Fineness, Grid
@@ -30,7 +30,9 @@ def coarsenesses(problem: Problem) -> tuple[float, ...]:
     -------
     tuple of float
     """
-    earliest = max((limit.travel_time for limit in problem.optional if isinstance(limit, EarliestArrival)), default=0.0)
+    earliest = max(
+        (limit.travel_time for limit in problem.constraints if isinstance(limit, EarliestArrival)), default=0.0
+    )
     if earliest == 0.0:
         return COARSENESSES
     grid = Grid.of(problem, Fineness())

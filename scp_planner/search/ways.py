@@ -15,7 +15,7 @@ from heapq import heappop, heappush
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.problem.limits.arrival import EarliestArrival
+from scp_planner.constraints.arrival import EarliestArrival
 from scp_planner.problem.problem import Problem
 from scp_planner.search.blocked import Cells
 from scp_planner.search.grid import DELAYS, EACH_STATION, Fineness, Grid, Words
@@ -123,7 +123,7 @@ class WaySearch:
         problem, grid = self.problem, self.grid
         goal = np.zeros(2 * grid.middle + 1, dtype=np.uint64)
         delays = 2**DELAYS - 1
-        for limit in problem.optional:
+        for limit in problem.constraints:
             if isinstance(limit, EarliestArrival):
                 early = int(np.ceil((limit.travel_time - grid.fastest[-1]) / grid.delay_step))
                 delays &= delays << min(max(early, 0), DELAYS)

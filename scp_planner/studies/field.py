@@ -32,8 +32,7 @@ import numpy as np
 from scp_planner.arrays import Array
 from scp_planner.baseline.coordinates import path_scaling
 from scp_planner.baseline.objective import PenalisedObjective
-from scp_planner.baseline.objective_parts import Hinge, Weights, soft_excess
-from scp_planner.baseline.objective_terms import zone_excess
+from scp_planner.baseline.priced import soft_excess, uniform
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
@@ -237,8 +236,8 @@ class Study:
     def objective(self, problem: Problem) -> PenalisedObjective:
         """Return Q or Q_n: the one objective, on the problem's own samples."""
         settings = self.settings
-        weights = Weights.uniform(problem, settings.zone_price, settings.limit_price)
-        return PenalisedObjective(problem, weights, Hinge(settings.width, settings.limit_width))
+        prices = uniform(problem, settings.zone_price, settings.limit_price)
+        return PenalisedObjective(problem, prices, uniform(problem, settings.width, settings.limit_width))
 
     def minimise(self, objective: PenalisedObjective, omega: Array, precision: Precision = FINE) -> Array:
         """Return the local minimiser in the box of accelerations that L-BFGS-B finds from omega."""
@@ -301,25 +300,21 @@ class Study:
     @cached_property
     def sampled(self) -> tuple[Array, Array, Array]:
         """Times (P, N), positions (P, N, 2), and Q without its part from zones (P,), of the compact set."""
-        table, objective = self.truth.pricing.times.table, self.truth
+        table, objective, count = self.problem.samples, self.truth, self.problem.zones.size
         times, positions, rest = [], [], []
         for omega in self.compact_set:
             points = objective.trajectory(omega).at(table)
             found = objective.evaluate(omega, gradient=False)
             times.append(points.time)
             positions.append(points.path.position)
-            rest.append(found.value - float(objective.pricing.weights.zones @ found.zones))
+            rest.append(found.value - float(objective.prices[:count] @ found.violations[:count]))
         return np.array(times), np.array(positions), np.array(rest)
 
     def set_values(self, batch: ZoneBatch) -> Array:
         """Q at all points of the compact set with other zones, (P,)."""
         times, positions, rest = self.sampled
-        excess, *_ = zone_excess(
-            batch, times.ravel(), positions.reshape(-1, 2), np.zeros(batch.size), self.settings.width
-        )
-        violation, _ = soft_excess(
-            excess.reshape(batch.size, *times.shape), self.truth.pricing.times.shares, self.settings.width
-        )
+        excess = -batch.distances(times.ravel(), positions.reshape(-1, 2)).T
+        violation, _ = soft_excess(excess.reshape(batch.size, *times.shape), self.truth.shares, self.settings.width)
         values: Array = rest + self.settings.zone_price * violation.sum(axis=0)
         return values
 
@@ -356,9 +351,7 @@ class Study:
         }
         inflation = self.scenario.vehicle.radius + PLANNER.clearance_margin
         batches = {kind: ZoneBatch.of(some, self.problem.frame, inflation) for kind, some in kinds.items()}
-        return [
-            Record(task, kind, self._measure(replace(self.problem, zones=batch))) for kind, batch in batches.items()
-        ]
+        return [Record(task, kind, self._measure(self.problem.among(batch))) for kind, batch in batches.items()]
 
     def _measure(self, problem: Problem) -> dict[str, float]:
         objective = self.objective(problem)
@@ -452,8 +445,9 @@ def border(start_speeds: Sequence[float] = (1.0, 0.0)) -> list[BorderPoint]:
         start = scenario.start.model_copy(update={"speed": start_speed})
         moved = scenario.model_copy(update={"start": start})
         problem = build_problem(moved, zones(moved), PLANNER)
-        objective = PenalisedObjective(problem, Weights.uniform(problem, 20.0), Hinge(0.05, 0.015))
-        timed = PenalisedObjective(problem, Weights.uniform(problem, 0.0), Hinge())
+        free = uniform(problem, 0.0, 0.0)
+        objective = PenalisedObjective(problem, uniform(problem, 20.0, 20.0), uniform(problem, 0.05, 0.015))
+        timed = PenalisedObjective(problem, free, free)
         least = -(start_speed**2) / (2.0 * problem.space.length)
         for distance in (*(10.0**-power for power in range(0, 11)), -1e-9):
             omega = np.zeros(objective.size)

@@ -440,7 +440,7 @@ def curvature_rate_from(space: TripSpace, points: PathPoints, bend: Array, third
 
 
 def station_bend(space: TripSpace, theta: Array) -> PathBend:
-    """Return the curvature at the fixed stations, with its derivatives, of one path (K1,) or of several (K, K1)."""
+    """Return the curvature at the fixed stations, with its derivatives, given theta, (K1,)."""
     tables = space.tables
     slope = theta @ tables.station_slopes.T
     slope /= space.length

@@ -13,27 +13,20 @@ from scenes import CROSSERS, disc, scene
 from slopes import finite_differences, random_trips
 
 import scp_planner as sp
-from scp_planner.baseline.objective import PenalisedObjective
-from scp_planner.baseline.objective_parts import (
-    ACCELERATION,
-    BOX,
-    CURVATURE,
-    GOAL_SPEED,
-    LATERAL,
-    OBJECTIVE_LIMITS,
-    OFFSET,
-    REVERSE,
-    SPEED,
-    Hinge,
-    Margins,
-    SampleTimes,
-    Weights,
+from scp_planner.baseline.objective import ObjectiveValue, PenalisedObjective
+from scp_planner.baseline.priced import (
+    places_of,
+    priced_constraints,
+    prices_of,
     soft_excess,
+    times_near,
+    uniform,
+    violation_count,
 )
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.evaluation import evaluate_trip
-from scp_planner.scp.merit import LIMIT_NAMES, Penalties
+from scp_planner.scp.merit import Penalties
 from scp_planner.settings.planning import Settings, for_scene
 from scp_planner.threat_zones.of_scenario import zones
 
@@ -103,6 +96,15 @@ def problem_of(name: str) -> Problem:
     return build_problem(scenario, zones(scenario), settings)
 
 
+def objective_of(problem: Problem, price: float, width: float = 0.0) -> PenalisedObjective:
+    return PenalisedObjective(problem, uniform(problem, price, price), uniform(problem, width, width))
+
+
+def violation(found: ObjectiveValue, problem: Problem, name: str) -> float:
+    (place,) = places_of(problem, name)
+    return float(found.violations[place])
+
+
 # the hinge
 
 
@@ -157,20 +159,23 @@ def test_what_does_not_count_counts_for_nothing() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_gradient_agrees_with_finite_differences(name: str, width: float) -> None:
     problem = problem_of(name)
-    objective = PenalisedObjective(problem, Weights.uniform(problem, 5.0, 7.0), Hinge(width, 0.5 * width))
+    objective = PenalisedObjective(problem, uniform(problem, 5.0, 7.0), uniform(problem, width, 0.5 * width))
     for omega in random_trips(objective, 2, seed=1):
         gradient = objective.gradient(omega)
         scale = max(1.0, float(np.abs(gradient).max()))
         assert gradient == pytest.approx(finite_differences(objective, omega), abs=1e-6 * scale)
 
 
-@pytest.mark.parametrize("limit", range(len(OBJECTIVE_LIMITS)), ids=OBJECTIVE_LIMITS)
-def test_the_gradient_of_each_limit_by_itself(limit: int) -> None:
+LIMITS = [one.name for one in priced_constraints(problem_of("box, goal speed and heading"))[1:]]
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+def test_the_gradient_of_each_limit_by_itself(limit: str) -> None:
     problem = problem_of("box, goal speed and heading")
-    weights = Weights.uniform(problem, 0.0)
-    weights.limits[limit] = 100.0
-    objective = PenalisedObjective(problem, weights, Hinge(0.05, 0.3))
-    silent = PenalisedObjective(problem, Weights.uniform(problem, 0.0), Hinge(0.05, 0.3))
+    prices, widths = uniform(problem, 0.0, 0.0), uniform(problem, 0.05, 0.3)
+    silent = PenalisedObjective(problem, prices.copy(), widths)
+    prices[places_of(problem, limit)] = 100.0
+    objective = PenalisedObjective(problem, prices, widths)
     for omega in random_trips(objective, 3, seed=2):
         gradient = objective.gradient(omega)
         assert np.abs(gradient - silent.gradient(omega)).max() > 1e-3
@@ -180,36 +185,26 @@ def test_the_gradient_of_each_limit_by_itself(limit: int) -> None:
 
 def test_the_gradient_with_margins_and_more_samples() -> None:
     problem = problem_of("estimated obstacles")
-    plain = PenalisedObjective(problem, Weights.uniform(problem, 5.0), Hinge(0.02, 0.02))
+    plain = objective_of(problem, 5.0, 0.02)
     omega = random_trips(plain, 1, seed=3)[0]
-    objective = PenalisedObjective(
-        problem,
-        plain.pricing.weights,
-        plain.pricing.hinge,
-        SampleTimes.refined(problem, plain.trajectory(omega), 3.0),
-        Margins(np.array([0.3, 0.2, 0.1]), np.full(len(OBJECTIVE_LIMITS), 0.05)),
-    )
-    assert len(objective.pricing.times.shares) > len(problem.samples.sigma)
+    margins = np.concatenate([[0.3, 0.2, 0.1], np.full(violation_count(problem) - 3, 0.05)])
+    sigma = times_near(problem, plain.trajectory(omega), 3.0)
+    objective = PenalisedObjective(problem, plain.prices, plain.widths, sigma, margins)
+    assert len(sigma) > len(problem.samples.sigma)
     assert objective.value(omega) > plain.value(omega)
     assert objective.gradient(omega) == pytest.approx(finite_differences(objective, omega), abs=1e-5)
 
 
 def test_the_use_of_a_violation_is_its_derivative_by_a_margin() -> None:
     problem = problem_of("known obstacles")
-    weights, hinge = Weights.uniform(problem, 5.0), Hinge(0.1, 0.1)
-    omega = random_trips(PenalisedObjective(problem, weights, hinge), 1, seed=4)[0]
-    none = Margins.none(problem)
-    base = PenalisedObjective(problem, weights, hinge).evaluate(omega)
-    for index in range(problem.zones.size):
-        zone_margins = none.zones.copy()
-        zone_margins[index] = 1e-6
-        moved = PenalisedObjective(problem, weights, hinge, margins=replace(none, zones=zone_margins)).evaluate(omega)
-        assert (moved.zones - base.zones)[index] / 1e-6 == pytest.approx(base.zone_use[index], abs=1e-5)
-    for limit in (LATERAL, CURVATURE, SPEED):
-        limit_margins = none.limits.copy()
-        limit_margins[limit] = 1e-6
-        moved = PenalisedObjective(problem, weights, hinge, margins=replace(none, limits=limit_margins)).evaluate(omega)
-        assert (moved.limits - base.limits)[limit] / 1e-6 == pytest.approx(base.limit_use[limit], abs=1e-5)
+    base = objective_of(problem, 5.0, 0.1)
+    omega = random_trips(base, 1, seed=4)[0]
+    known = base.evaluate(omega)
+    for index in range(problem.zones.size + 3):
+        margins = np.zeros(violation_count(problem))
+        margins[index] = 1e-6
+        moved = PenalisedObjective(problem, base.prices, base.widths, margins=margins).evaluate(omega)
+        assert (moved.violations - known.violations)[index] / 1e-6 == pytest.approx(known.use[index], abs=1e-5)
 
 
 # the value
@@ -221,7 +216,7 @@ def test_violations_of_zones_are_those_of_the_public_zones(name: str) -> None:
     scenario, settings = SCENES[name]
     problem = problem_of(name)
     width = 0.1
-    objective = PenalisedObjective(problem, Weights.uniform(problem, 5.0), Hinge(width, width))
+    objective = objective_of(problem, 5.0, width)
     for omega in random_trips(objective, 3, seed=5):
         found, trajectory = objective.evaluate(omega), objective.trajectory(omega)
         sigma = np.unique(problem.samples.sigma)
@@ -231,61 +226,60 @@ def test_violations_of_zones_are_those_of_the_public_zones(name: str) -> None:
         for index, zone in enumerate(sp.zones(scenario)):
             clearance = zone.signed_distance(problem.frame.time + points.time, world) - keep
             expected = width * np.log1p(np.trapezoid(np.exp(-clearance / width), sigma))
-            assert found.zones[index] == pytest.approx(expected, rel=1e-8, abs=1e-12)
+            assert found.violations[index] == pytest.approx(expected, rel=1e-8, abs=1e-12)
 
 
 def test_violations_of_limits_are_those_of_the_trip() -> None:
     problem = problem_of("box, goal speed and heading")
-    objective = PenalisedObjective(problem, Weights.uniform(problem, 1.0), Hinge())
+    objective = objective_of(problem, 1.0)
     limits = problem.limits
     for omega in random_trips(objective, 5, seed=6):
         found, trajectory = objective.evaluate(omega), objective.trajectory(omega)
         speeds = trajectory.speed_control_points()[1:]
-        assert found.limits[SPEED] == pytest.approx(max(0.0, speeds.max() / limits.speed - 1.0))
-        assert found.limits[REVERSE] == pytest.approx(max(0.0, -speeds.min() / limits.speed))
+        assert violation(found, problem, "speed") == pytest.approx(max(0.0, speeds.max() / limits.speed - 1.0))
+        assert violation(found, problem, "reverse") == pytest.approx(max(0.0, -speeds.min() / limits.speed))
         use = np.maximum(trajectory.beta / limits.acceleration, -trajectory.beta / limits.deceleration)
-        assert found.limits[ACCELERATION] == pytest.approx(max(0.0, use.max() - 1.0))
-        assert found.limits[GOAL_SPEED] == pytest.approx(abs(trajectory.final_speed - 1.5))
+        assert violation(found, problem, "acceleration") == pytest.approx(max(0.0, use.max() - 1.0))
+        assert violation(found, problem, "goal speed") == pytest.approx(abs(trajectory.final_speed - 1.5))
         stations = trajectory.path.points(problem.space.tables.station_parameters)
         theta, ends = trajectory.theta[problem.ends.free], problem.ends
         offset = max((theta - ends.upper[ends.free]).max(), (ends.lower[ends.free] - theta).max(), 0.0)
-        assert found.limits[OFFSET] == pytest.approx(offset)
+        assert violation(found, problem, "offset") == pytest.approx(offset)
         curvature = np.abs(trajectory.path.bend(stations).curvature)
-        assert found.limits[CURVATURE] == pytest.approx(max(0.0, curvature.max() / limits.curvature - 1.0))
+        assert violation(found, problem, "curvature") == pytest.approx(
+            max(0.0, curvature.max() / limits.curvature - 1.0)
+        )
         world = problem.frame.to_world(stations.position)[:, 1]
         outside = max(world.max() - (1.0 - 0.305), (-1.5 + 0.305) - world.min(), 0.0)
-        assert found.limits[BOX] == pytest.approx(outside, abs=1e-12)
+        assert violation(found, problem, "workspace bounds") == pytest.approx(outside, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_exact_hinge_gives_the_merit_of_sequential_convex_programming(name: str) -> None:
     """But for peaks of the lateral acceleration between stations, and what SCP keeps by linear rows."""
     problem = problem_of(name)
-    penalties = Penalties(np.full(problem.zones.size, 5.0), np.full(len(LIMIT_NAMES), 3.0))
-    weights = Weights.of(penalties)
-    for omega in random_trips(PenalisedObjective(problem, weights, Hinge()), 4, seed=8):
-        trajectory = PenalisedObjective(problem, weights, Hinge()).trajectory(omega)
-        times = SampleTimes.refined(problem, trajectory, 1.5)
-        found = PenalisedObjective(problem, weights, Hinge(), times).evaluate(omega)
-        evaluation = evaluate_trip(problem, trajectory, 1.5)
-        same = [index for index in range(len(LIMIT_NAMES)) if index != LATERAL]
-        assert found.zones == pytest.approx(evaluation.zone_violation, abs=2e-5)
-        assert found.limits[same] == pytest.approx(evaluation.limit_violation[same], abs=1e-12)
-        assert found.limits[LATERAL] <= evaluation.limit_violation[LATERAL] + 1e-12
-        beyond = weights.limits[LATERAL] * (evaluation.limit_violation[LATERAL] - found.limits[LATERAL])
-        rows = float(weights.limits[len(LIMIT_NAMES) :] @ found.limits[len(LIMIT_NAMES) :])
+    penalties = Penalties(np.concatenate([np.full(problem.zones.size, 5.0), np.full(sum(problem.sizes[1:]), 3.0)]))
+    prices, exact = prices_of(problem, penalties), uniform(problem, 0.0, 0.0)
+    count, (lateral,) = len(penalties.weights), places_of(problem, "lateral_acceleration")
+    for omega in random_trips(PenalisedObjective(problem, prices, exact), 4, seed=8):
+        trajectory = PenalisedObjective(problem, prices, exact).trajectory(omega)
+        found = PenalisedObjective(problem, prices, exact, times_near(problem, trajectory, 1.0)).evaluate(omega)
+        evaluation = evaluate_trip(problem, trajectory)
+        missed = evaluation.violations - found.violations[:count]
+        assert missed[: problem.zones.size] == pytest.approx(np.zeros(problem.zones.size), abs=2e-5)
+        assert missed[lateral] >= -1e-12
+        same = np.delete(missed, lateral)[problem.zones.size :]
+        assert same == pytest.approx(np.zeros(len(same)), abs=1e-12)
+        rows = float(prices[count:] @ found.violations[count:])
+        beyond = prices[lateral] * missed[lateral]
         assert found.value + beyond - rows == pytest.approx(evaluation.merit(penalties), abs=2e-4)
 
 
 def test_the_smooth_objective_tends_to_the_exact_one() -> None:
     problem = problem_of("known obstacles")
-    weights = Weights.uniform(problem, 5.0)
-    omega = random_trips(PenalisedObjective(problem, weights, Hinge()), 1, seed=9)[0]
-    exact = PenalisedObjective(problem, weights, Hinge()).value(omega)
-    errors = [
-        abs(PenalisedObjective(problem, weights, Hinge(width, width)).value(omega) - exact)
-        for width in (1e-2, 1e-3, 1e-4, 1e-5)
-    ]
+    omega = random_trips(objective_of(problem, 5.0), 1, seed=9)[0]
+    exact = objective_of(problem, 5.0).value(omega)
+    errors = [abs(objective_of(problem, 5.0, width).value(omega) - exact) for width in (1e-2, 1e-3, 1e-4, 1e-5)]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] < 1e-2
 
@@ -296,7 +290,7 @@ def test_the_smooth_objective_tends_to_the_exact_one() -> None:
 @pytest.mark.parametrize("name", ["known obstacles", "from rest, linear acceleration"])
 def test_the_objective_is_infinite_outside_the_domain(name: str) -> None:
     problem = problem_of(name)
-    objective = PenalisedObjective(problem, Weights.uniform(problem, 5.0), Hinge(0.1, 0.1))
+    objective = objective_of(problem, 5.0, 0.1)
     omega = np.zeros(objective.size)
     omega[objective.path_size :] = -0.5
     found = objective.evaluate(omega)
@@ -307,7 +301,7 @@ def test_the_objective_is_infinite_outside_the_domain(name: str) -> None:
 def test_at_the_border_of_the_domain_the_trip_ends_standing() -> None:
     """There v0^2 + 4 A L = 0 and tau = 2 L / v0: finite for v0 > 0, though its slope is not."""
     problem = problem_of("known obstacles")
-    objective = PenalisedObjective(problem, Weights.uniform(problem, 0.0), Hinge())
+    objective = objective_of(problem, 0.0)
     omega = np.zeros(objective.size)
     length = objective.trajectory(omega).path.arc_length
     gain = float(problem.space.tables.final_distance.sum())
@@ -320,7 +314,7 @@ def test_at_the_border_of_the_domain_the_trip_ends_standing() -> None:
 
 def test_there_and_back() -> None:
     problem = problem_of("box, goal speed and heading")
-    objective = PenalisedObjective(problem, Weights.uniform(problem, 5.0), Hinge())
+    objective = objective_of(problem, 5.0)
     omega = random_trips(objective, 1, seed=10)[0]
     assert objective.omega(objective.trajectory(omega)) == pytest.approx(omega, abs=0.0)
     assert objective.size == len(omega)

@@ -52,7 +52,7 @@ def test_no_step_is_given_away() -> None:
 def test_a_trip_does_for_its_step_if_an_earlier_one_is_out_of_reach() -> None:
     problem = build_problem(scene(start={"speed": 1.0}), (), Settings())
     drive = np.zeros(problem.space.acceleration_size)
-    trip = evaluate_trip(problem, Trajectory.of(problem.space, problem.ends.theta, drive), 1.0)
+    trip = evaluate_trip(problem, Trajectory.of(problem.space, problem.ends.theta, drive))
     assert trip.worst_violation == 0.0
     time, step = trip.trajectory.travel_time, 0.3 * trip.trajectory.travel_time
     steps = ArrivalSteps(step, np.inf)

@@ -15,9 +15,10 @@ from slopes import assert_rows, differences
 import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify
+from scp_planner.constraints.goals import GoalHeading, GoalRegion, GoalSpeedRange
+from scp_planner.constraints.power import Power
+from scp_planner.constraints.total_acceleration import TotalAcceleration
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.limits.drive import PowerLimit, TotalAccelerationLimit
-from scp_planner.problem.limits.goals import GoalHeading, GoalRegion, GoalSpeed
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
@@ -48,13 +49,13 @@ def some_trip(degree: int, *, bent: bool) -> tuple[Problem, Trajectory]:
 
 @pytest.mark.parametrize("bent", [False, True])
 @pytest.mark.parametrize("degree", [0, 1])
-@pytest.mark.parametrize("kind", [PowerLimit, TotalAccelerationLimit, GoalRegion, GoalHeading, GoalSpeed])
+@pytest.mark.parametrize("kind", [Power, TotalAcceleration, GoalRegion, GoalHeading, GoalSpeedRange])
 def test_rows_agree_with_differences(kind: Any, degree: int, bent: bool) -> None:
     problem, trip = some_trip(degree, bent=bent)
-    (limit,) = [one for one in problem.optional if isinstance(one, kind)]
+    (limit,) = [one for one in problem.constraints if isinstance(one, kind)]
     # At the very end a trip that does not arrive is held there.
     inner = np.arange(len(limit.excess(trip)))
-    if isinstance(limit, TotalAccelerationLimit | PowerLimit):
+    if isinstance(limit, TotalAcceleration | Power):
         inner = inner[: len(limit.times.sigma)][limit.times.sigma < 1.0 - 1e-6]
     found = differences(problem, trip, lambda other: limit.excess(other)[inner], 1e-6)
     assert_rows(limit.gradient(trip, inner), found)
@@ -63,7 +64,7 @@ def test_rows_agree_with_differences(kind: Any, degree: int, bent: bool) -> None
 @pytest.mark.parametrize("bent", [False, True])
 def test_tangents_beside_an_acceleration_are_those_to_the_circle(bent: bool) -> None:
     problem, trip = some_trip(0, bent=bent)
-    (limit,) = [one for one in problem.optional if isinstance(one, TotalAccelerationLimit)]
+    (limit,) = [one for one in problem.constraints if isinstance(one, TotalAcceleration)]
     times = limit.times.sigma
     inner = np.flatnonzero(times < 1.0 - 1e-6)
 
@@ -91,8 +92,8 @@ def test_what_is_steered_slowly_has_one_tangent() -> None:
     given = scene(vehicle={**SHARED, "max_curvature_rate": 0.3})
     (limit,) = [
         one
-        for one in build_problem(given, sp.zones(given), Settings()).optional
-        if isinstance(one, TotalAccelerationLimit)
+        for one in build_problem(given, sp.zones(given), Settings()).constraints
+        if isinstance(one, TotalAcceleration)
     ]
     assert limit.beside == (0.0,)
 

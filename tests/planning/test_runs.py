@@ -24,7 +24,7 @@ class Scripted:
     """A loop whose runs come to nothing, and end as is written."""
 
     def __init__(self, runs: CheckedRuns, start: Trajectory, *ends: LoopStatus) -> None:
-        evaluation = evaluate_trip(runs.problem, start, 1.0)
+        evaluation = evaluate_trip(runs.problem, start)
         self.left = [LoopRun(end, evaluation, Penalties.uniform(runs.problem, 5.0)) for end in ends]
 
     def run(self, *_: Any, **__: Any) -> LoopRun:

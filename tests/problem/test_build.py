@@ -77,20 +77,6 @@ def test_every_path_keeps_both_ends_and_their_headings(seed: int) -> None:
         assert found == pytest.approx(heading, abs=1e-9)
 
 
-def test_a_tightened_problem_asks_for_exactly_the_more() -> None:
-    problem = problem_of(*CROSSERS, bounds={"min": [-5.0, -20.0], "max": [25.0, 20.0]})
-    asked = problem.tightened(np.array([0.0, 0.02, 0.3]), 0.1, 0.25, 0.04)
-    assert asked.zones.radius - problem.zones.radius == pytest.approx([0.0, 0.02, 0.3], abs=1e-12)
-    assert asked.limits.lateral_acceleration == pytest.approx(0.9 * problem.limits.lateral_acceleration)
-    assert asked.limits.curvature == pytest.approx(0.75 * problem.limits.curvature)
-    for kept in ("speed", "acceleration", "deceleration"):
-        assert getattr(asked.limits, kept) == getattr(problem.limits, kept)
-    assert problem.box.offsets - asked.box.offsets == pytest.approx(np.full(4, 0.04), abs=1e-12)
-    times, points = np.linspace(0.0, 6.0, 30), np.linspace([0.0, -2.0], [20.0, 2.0], 30)
-    nearer = problem.zones.distances(times, points) - asked.zones.distances(times, points)
-    assert nearer == pytest.approx(np.tile([0.0, 0.02, 0.3], (30, 1)), abs=1e-12)
-
-
 def test_what_depends_on_a_corridor_alone_is_made_when_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = [[[x - 2.0, y - 2.0], [x + 3.0, y - 2.0], [x + 3.0, y + 2.0], [x - 2.0, y + 2.0]] for x, y in BEND]
     read = scene(goal={"position": list(BEND[-1])}, corridor=cells)

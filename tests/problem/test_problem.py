@@ -10,6 +10,7 @@ import scp_planner as sp
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
+from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 BOX = {"min": [-1.0, -4.0], "max": [21.0, 5.0]}
@@ -23,7 +24,7 @@ def problem_of(**changes: object) -> Problem:
 def test_a_tightened_problem_has_larger_zones_lower_limits_and_a_smaller_box() -> None:
     problem = problem_of(bounds=BOX)
     inflation = np.array([0.1, 0.0, 0.25])
-    tight = problem.tightened(inflation, 0.2, 0.05, 0.3)
+    tight = problem.tightened(inflation, {"lateral_acceleration": 0.2, "curvature": 0.05, "workspace bounds": 0.3})
     times, places = np.linspace(0.0, 6.0, 7), np.random.default_rng(3).uniform(-4.0, 20.0, (7, 2))
     for number, one in enumerate(CROSSERS):
         motion = {key: np.array(value) for key, value in one["motion"].items()}
@@ -34,11 +35,17 @@ def test_a_tightened_problem_has_larger_zones_lower_limits_and_a_smaller_box() -
         frame = problem.frame.to_frame(places)
         found = tight.zones.distances(times - problem.frame.time, frame, np.inf)[:, number]
         assert found == pytest.approx(np.hypot(*(places - center).T) - radius, abs=1e-6)  # rounded to 1e-7
-    assert tight.limits.lateral_acceleration == pytest.approx(0.8 * problem.limits.lateral_acceleration, rel=1e-12)
-    assert tight.limits.curvature == pytest.approx(0.95 * problem.limits.curvature, rel=1e-12)
-    assert tight.limits.speed == problem.limits.speed
-    kept = problem.box.offsets - 0.3
-    assert tight.box.offsets == pytest.approx(kept, abs=1e-12)
+    rng, space = np.random.default_rng(4), problem.space
+    theta = 0.3 * rng.normal(size=space.path_size)
+    trip = Trajectory.of(space, theta, rng.uniform(-0.2, 0.5, space.acceleration_size))
+    before, after = (
+        {one.name: one.worst(trip, one.excess(trip)).max() for one in each.constraints} for each in (problem, tight)
+    )
+    assert tight.zones.radius - problem.zones.radius == pytest.approx(inflation, abs=1e-12)
+    assert after["curvature"] == pytest.approx((before["curvature"] + 1.0) / 0.95 - 1.0, rel=1e-12)
+    assert after["lateral_acceleration"] == pytest.approx((before["lateral_acceleration"] + 1.0) / 0.8 - 1.0, rel=1e-9)
+    assert after["workspace bounds"] == pytest.approx(before["workspace bounds"] + 0.3, abs=1e-12)
+    assert after["speed"] == before["speed"] and tight.limits.speed == problem.limits.speed
     assert problem.among(tight.zones).zones is tight.zones and problem.among(tight.zones).limits is problem.limits
 
 

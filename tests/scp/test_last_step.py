@@ -10,12 +10,11 @@ from scenes import CROSSERS, scene
 from slopes import moved
 
 import scp_planner as sp
+from scp_planner.constraints.drive import DriveRows
+from scp_planner.constraints.rows import Rows
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.last_step import DAMPING, LastStep
-from scp_planner.scp.rows.base import Rows
-from scp_planner.scp.rows.clearance import ClearanceSites, clearance_rows
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 
@@ -33,11 +32,9 @@ def clearances(problem: Problem, trip: Trajectory) -> Array:
 
 
 def rows_at(problem: Problem, trip: Trajectory) -> Rows:
-    index = np.array([40, 60, 80, 100])
-    points = trip.at(problem.samples).take(index)
-    zone = np.zeros(4, dtype=int)
-    contacts = problem.zones.contacts(zone, points.time, points.path.position)
-    return clearance_rows(problem, trip, ClearanceSites.of(zone, index, points, contacts))
+    clearance = problem.constraints[0].smooth(problem.samples)
+    index = np.array([40, 60, 80, 100]) * problem.zones.size
+    return Rows(clearance.gradient(trip, index), -clearance.excess(trip)[index], np.zeros(4, dtype=int), index)
 
 
 @pytest.fixture
@@ -50,9 +47,9 @@ def step() -> tuple[Problem, LastStep, Array]:
     theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
     trip = Trajectory.of(problem.space, theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
     z = 1e-3 * rng.normal(size=problem.step_size)
-    kinematics = KinematicRows(problem)
-    prices = np.zeros(kinematics.count)
-    prices[0], prices[kinematics._up.start + 2], prices[kinematics._down.start + 5] = ARRIVAL, UP, DOWN
+    drive, accelerations = DriveRows(problem), problem.space.acceleration_size
+    prices = np.zeros(drive.count)  # of arrival, speeds, then the upper and the lower bounds of accelerations
+    prices[0], prices[-2 * accelerations + 2], prices[-accelerations + 5] = ARRIVAL, UP, DOWN
     rows = rows_at(problem, trip)
     active = np.flatnonzero(PRICES)
     last = LastStep(
@@ -63,7 +60,7 @@ def step() -> tuple[Problem, LastStep, Array]:
         rows.matrix[active],
         PRICES[active],
         ARRIVAL,
-        kinematics.timing_curvature(prices),
+        drive.timing_curvature(prices),
     )
     return problem, last, z
 

@@ -13,8 +13,8 @@ from scenes import CROSSERS, scene
 
 import scp_planner as sp
 from scp_planner.arrays import Array, Index
+from scp_planner.constraints.constraint import Constraint
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.limits.limit import OptionalLimit
 from scp_planner.scp.goal import Cutoff, RunLimits
 from scp_planner.scp.loop import ScpLoop
 from scp_planner.scp.merit import Penalties
@@ -78,7 +78,7 @@ def test_a_run_leaves_time_for_what_comes_after_it(monkeypatch: pytest.MonkeyPat
     assert 20.0 - 5.5 * each < ended[1] <= 20.0 - 3.0 * each
 
 
-class Watched(OptionalLimit):
+class Watched(Constraint):
     """A limit that is always kept, and tells how often trips are evaluated and linearised."""
 
     name = "watched"
@@ -88,18 +88,18 @@ class Watched(OptionalLimit):
         self.on_gradient = on_gradient
         self.evaluated = self.linearised = 0
 
-    def excess(self, trajectory: Trajectory) -> Array:
+    def excess(self, trip: Trajectory) -> Array:
         self.evaluated += 1
         return np.array([-1.0])
 
-    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+    def gradient(self, trip: Trajectory, index: Index) -> Array:
         self.linearised += 1
         self.on_gradient()
         return np.zeros((len(index), PROBLEM.step_size))
 
 
 def watched(limit: Watched, parameters: LoopParameters = LOOP, solver: QpSolver | None = None) -> ScpLoop:
-    problem = replace(PROBLEM, optional=(limit,))
+    problem = replace(PROBLEM, constraints=(*PROBLEM.constraints, limit))
     return ScpLoop(problem, solver or solver_named("daqp"), parameters=parameters)
 
 

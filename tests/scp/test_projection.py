@@ -9,13 +9,13 @@ import pytest
 from scenes import scene
 
 import scp_planner as sp
+from scp_planner.constraints.drive import DriveRows
+from scp_planner.constraints.rows import Rows
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.problem import Problem
 from scp_planner.scp.parameters import LOOP
 from scp_planner.scp.projection import Projection, trip_after
 from scp_planner.scp.record import FEASIBILITY
-from scp_planner.scp.rows.base import Rows
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.step_solver import StepSolver
 from scp_planner.solvers import solver_named
 from scp_planner.trips.trajectory import Trajectory
@@ -36,8 +36,8 @@ def trip_of(problem: Problem, acceleration: float) -> Trajectory:
 
 
 def projection_of(problem: Problem) -> Projection:
-    kinematics = KinematicRows(problem)
-    return Projection(problem, kinematics, StepSolver(solver_named("daqp"), None, LOOP.shortest_solve), LOOP)
+    drive = DriveRows(problem)
+    return Projection(problem, drive, StepSolver(solver_named("daqp"), None, LOOP.shortest_solve), LOOP)
 
 
 def test_a_step_moves_the_path_and_the_drive_and_the_trip_still_ends_at_the_goal() -> None:
@@ -85,7 +85,7 @@ def test_a_trip_beyond_its_limits_is_brought_within_them() -> None:
 def test_a_trip_within_its_limits_is_left_alone() -> None:
     problem = problem_of()
     projection, slow = projection_of(problem), trip_of(problem, 0.1)
-    assert projection.kinematics.excess(slow) <= FEASIBILITY
+    assert projection.drive.excess(slow) <= FEASIBILITY
     assert projection.within_limits(slow, np.inf) is None
     near = projection.mended(slow, Rows.none(problem.step_size), 0, np.inf)
     assert near is not None

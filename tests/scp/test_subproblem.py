@@ -10,11 +10,11 @@ import pytest
 from scenes import CROSSERS, scene
 
 import scp_planner as sp
+from scp_planner.constraints.drive import DriveRows
 from scp_planner.problem.build import build_problem
 from scp_planner.scp.evaluation import evaluate_trip
 from scp_planner.scp.linearisation import TrustRegion, linearise
 from scp_planner.scp.loop import ScpLoop
-from scp_planner.scp.rows.drive import KinematicRows
 from scp_planner.scp.subproblem import build_subproblem
 from scp_planner.search.first_trips import bows
 from scp_planner.solvers import solver_named
@@ -25,10 +25,10 @@ START = next(iter(bows(PROBLEM)))
 
 
 def test_a_step_is_the_solution_of_its_program_inside_the_trust_region() -> None:
-    trust, kinematics = TrustRegion(0.5, 1.0, 0.2), KinematicRows(PROBLEM)
-    rows = linearise(PROBLEM, evaluate_trip(PROBLEM, START, 1.0), trust, 1.0)
-    weights = np.full(PROBLEM.zones.size + 5, 5.0)
-    sub = build_subproblem(PROBLEM, kinematics, START, rows, weights, trust)
+    trust, drive = TrustRegion(0.5, 1.0, 0.2), DriveRows(PROBLEM)
+    rows = linearise(PROBLEM, evaluate_trip(PROBLEM, START), trust)
+    weights = np.full(sum(PROBLEM.sizes), 5.0)
+    sub = build_subproblem(PROBLEM, drive, START, rows, weights, trust)
     program = sub.program.whole()
     x = cp.Variable(len(program.gradient))
     left = program.matrix @ x - program.bound
@@ -47,7 +47,7 @@ def test_a_step_is_the_solution_of_its_program_inside_the_trust_region() -> None
     before = program.matrix.copy()
     build_subproblem(
         PROBLEM,
-        kinematics,
+        drive,
         ScpLoop(PROBLEM, solver_named("daqp")).run(START, 1).evaluation.trajectory,
         rows,
         weights,

@@ -201,7 +201,6 @@ NOT_GIVEN = {
     "scp_planner.errors.Missing",
     "scp_planner.certificate.verdict.Ends",
     "scp_planner.cli.application.ExitCode",
-    "scp_planner.scp.merit.Limit",
     "scp_planner.scp.record.LoopStatus",
     "scp_planner.baseline.descent_run.DescentStatus",
     "scp_planner.planning.plan.PlanStatus",

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from scenes import CROSSERS, observed, scene
+from scenes import scene
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
-from scp import test_linearisation
-from slopes import BOX
 
 import scp_planner as sp
 from scp_planner.mathematics.dubins import Pose, shortest_path
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
-from scp_planner.problem.problem import Problem
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.guide import CurvedGuide, StraightGuide, guide_from_dict
 from scp_planner.trips.smoothing import smooth_guide
@@ -203,48 +198,6 @@ def test_enclosures_over_a_curved_guide_contain_dense_samples(name: str) -> None
         rate = path.curvature_rate(points)
         assert np.all((points.speed >= bend.speed.lower - 1e-9) & (points.speed <= bend.speed.upper + 1e-9))
         assert np.all((rate >= bend.curvature_rate.lower - 1e-9) & (rate <= bend.curvature_rate.upper + 1e-9))
-
-
-def curved_problem_and_trip(degree: int, heading: float | None = 0.1, seed: int = 0) -> tuple[Problem, Trajectory]:
-    """As in the tests of straight guides, with a bend in the guide and obstacles with corners."""
-    box: dict[str, Any] = {
-        "id": "box",
-        "shape": {"rectangle": [2.0, 1.0]},
-        "motion": {"position": [13.0, 3.0], "velocity": [-1, -0.5]},
-    }
-    turning = {**box, "id": "turning", "motion": {**box["motion"], "acceleration": [0.1, 0.4]}}
-    scenario = scene(
-        *CROSSERS,
-        observed("seen", 1),
-        box,
-        turning,
-        start={"heading": heading},
-        bounds=BOX,
-        guide=[[0.0, 0.0], [8.0, 4.0], [14.0, -1.0], [20.0, 0.0]],
-    )
-    problem = build_problem(scenario, sp.zones(scenario), Settings(acceleration_degree=degree))
-    rng = np.random.default_rng(seed)
-    theta, free = problem.ends.theta.copy(), problem.ends.free
-    theta[free] = 0.3 * rng.normal(size=free.stop - free.start)
-    assert np.all((theta[free] < problem.ends.upper[free]) & (theta[free] > problem.ends.lower[free]))
-    return problem, Trajectory.of(problem.space, theta, rng.uniform(-0.2, 0.5, problem.space.acceleration_size))
-
-
-@pytest.mark.parametrize(
-    "check",
-    [
-        lambda: test_linearisation.test_clearance_rows(0),
-        lambda: test_linearisation.test_clearance_rows(1),
-        lambda: test_linearisation.test_arrival_speed_and_acceleration_rows(0),
-        lambda: test_linearisation.test_curvature_and_lateral_rows(0),
-        lambda: test_linearisation.test_curvature_and_lateral_rows(2),
-        test_linearisation.test_box_rows_are_exact,
-        test_linearisation.test_rows_out_of_reach_are_left_out_and_cannot_be_violated,
-    ],
-)
-def test_rows_over_a_curved_guide(check: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(test_linearisation, "problem_and_trip", curved_problem_and_trip)
-    check()
 
 
 # Guides that plans are made over.

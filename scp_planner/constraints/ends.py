@@ -51,20 +51,7 @@ class EndConditions:
 
 
 def end_conditions(scenario: Scenario, frame: PlanningFrame, space: TripSpace, max_offset: float) -> EndConditions:
-    """Return what holds at the ends of a scenario's trips.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    frame : PlanningFrame
-    space : TripSpace
-    max_offset : float
-        m.
-
-    Returns
-    -------
-    EndConditions
-    """
+    """Return what holds at the ends of a scenario's trips, whose offsets are at most so many m."""
     theta = np.zeros(space.path_size)
     first, last = 1, space.path_size - 1
     degree = space.path.coefficients.shape[1] - 1

@@ -17,10 +17,10 @@ import scp_planner as sp
 from scp_planner.arrays import Array
 from scp_planner.baseline.descent_settings import DescentSettings
 from scp_planner.baseline.objective import PenalisedObjective
-from scp_planner.baseline.objective_parts import OPTIONAL, Hinge, Weights
+from scp_planner.baseline.priced import uniform
+from scp_planner.constraints.curvature_rate import rate_partials
+from scp_planner.constraints.speed_limits import SpeedLimits
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.limits.rates import rate_partials
-from scp_planner.problem.limits.speed import SpeedLimits
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.profile import fastest_profile
 from scp_planner.scenario.places import Line, Stretch
@@ -30,6 +30,7 @@ from verification.dense_check import check_trip
 
 pytestmark = pytest.mark.numerics
 
+USUAL = 4  # constraints that every one of these scenes has
 BENT: list[list[float]] = [[0.0, 0.0], [10.0, 0.0], [16.0, 12.0]]
 SLOW: list[dict[str, Any]] = [{"from": 4.0, "to": 8.0, "speed": 1.2}, {"from": 13.0, "speed": 1.6}]
 
@@ -72,7 +73,7 @@ def test_rounding_does_not_tell_which_of_two_pieces_is_faster() -> None:
     line = Line(np.array([[0.0, 0.0], [20.0, 0.0]]))
     theta = np.zeros(space.path_size)
     for place in (5.0, 10.0, 15.0):
-        limit = SpeedLimits(space, problem.ends.free, (Stretch(line, place, np.inf, 1.0),))
+        limit = SpeedLimits(problem, (Stretch(line, place, np.inf, 1.0),))
         known = np.isfinite(limit.excess(Trajectory.of(space, theta, pairs)))
         for _ in range(5):
             rounded = pairs * (1.0 + rng.normal(0.0, 1e-14, len(pairs)))
@@ -90,7 +91,7 @@ def test_a_border_moved_past_a_rise_of_the_acceleration_is_foreseen() -> None:
     trip = Trajectory.of(space, np.zeros(space.path_size), beta)
     gate = trip.at(space.time_table(breaks[[11]] - 1e-6))
     stretch = Stretch(Line(np.array([[0.0, 0.0], [20.0, 0.0]])), float(gate.path.position[0, 0]), np.inf, 1.0)
-    limit = SpeedLimits(space, free, (stretch,))
+    limit = SpeedLimits(problem, (stretch,))
     first = len(space.tables.station_parameters)
     rows = first + np.array([0, 2, 4])  # the border's own, and those of the pieces before and after it
     known = limit.excess(trip)[rows]
@@ -110,7 +111,7 @@ def test_a_border_moved_past_a_rise_of_the_acceleration_is_foreseen() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_rows_of_optional_limits_agree_with_differences(name: str, seed: int) -> None:
     problem, trip = problem_and_trip(name, seed)
-    for limit in problem.optional:
+    for limit in problem.constraints[USUAL:]:
         index = np.flatnonzero(np.isfinite(limit.excess(trip)))
         assert len(index) >= 1
 
@@ -132,10 +133,9 @@ def test_the_rows_of_optional_limits_agree_with_differences(name: str, seed: int
 def test_the_gradient_of_the_objective_with_optional_limits(name: str) -> None:
     scenario, settings = SCENES[name]
     problem = build_problem(scenario, sp.zones(scenario), settings)
-    weights = Weights.uniform(problem, 0.0)
-    weights.limits[OPTIONAL:] = 10.0
-    objective = PenalisedObjective(problem, weights, Hinge(0.05, 0.2))
-    assert len(weights.limits) == OPTIONAL + len(problem.optional)
+    prices = uniform(problem, 0.0, 0.0)
+    prices[problem.zones.size + USUAL - 1 : sum(problem.sizes)] = 10.0
+    objective = PenalisedObjective(problem, prices, uniform(problem, 0.05, 0.2))
     for omega in random_trips(objective, 1, seed=2):
         gradient = objective.gradient(omega)
         scale = max(1.0, float(np.abs(gradient).max()))
@@ -145,8 +145,9 @@ def test_the_gradient_of_the_objective_with_optional_limits(name: str) -> None:
 def test_a_scenario_without_them_has_none() -> None:
     scenario = scene(*CROSSERS)
     problem = build_problem(scenario, sp.zones(scenario), Settings())
-    assert problem.optional == ()
-    assert problem.profile is None
+    names = ["clearance", "lateral_acceleration", "curvature", "speed"]
+    assert [one.name for one in problem.constraints] == names
+    assert len(names) == USUAL and problem.profile is None
 
 
 # places along a line

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.problem.problem import Problem
 from scp_planner.threat_zones.batch import ZoneBatch
 from scp_planner.threat_zones.contacts import ZoneContacts
-from scp_planner.trips.trajectory import Trajectory, TripPoints
+from scp_planner.trips.trajectory import TripPoints
 
 SMALL = 2.0  # times the way from sample to sample at top speed: radius of a zone whose distance bends within that
 TOUCHED = 2.0  # times that way: what stands farther away from a sample is not touched next to it
@@ -20,20 +19,20 @@ SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a bracket, at which a round looks
 
 
 def settle_minima(
-    problem: Problem, trip: Trajectory, points: TripPoints, sample: Index, zone: Index, sigma: Array, least: Array
+    zones: ZoneBatch, step: float, points: TripPoints, sample: Index, zone: Index, sigma: Array, least: Array
 ) -> None:
     """Move minima of the distances to outlines and to small zones, in place, to where their rates are zero.
 
     Passing a corner, or a disc as large as the way between samples, a distance is nowhere like a parabola over three of
     them: its minimum is bracketed, more and more closely, on a cubic between samples, and found by the secant at last.
-    Sigma, (m,), are the normalised times, and least, (m,) m, the distances at the samples that they lie next to.
+    Sigma, (m,), are the normalised times, and least, (m,) m, the distances at the samples that they lie next to; the
+    step, m, is the way from sample to sample at top speed.
     """
-    zones = problem.zones
-    step = problem.limits.speed * trip.travel_time / (problem.grid - 1)
+    inside = (sample > 0) & (points.table.sigma[sample] < 1.0)
     rugged = (zones.outline_slot[zone] >= 0) | (zones.radius[zone] < SMALL * step)
     if zones.ground is not None:
         rugged &= (least < TOUCHED * step) | ~np.isin(zone, zones.ground.zones)
-    rows = (rugged & (sample > 0) & (sample < problem.grid - 1)).nonzero()[0]
+    rows = (rugged & inside).nonzero()[0]
     if len(rows) == 0:
         return
     which, place = zone[rows], sample[rows]
@@ -53,12 +52,12 @@ def settle_minima(
     begin = np.where(falling, place, place - 1)[bracketed]
     rows, which, below, above = rows[bracketed], which[bracketed], below[bracketed], above[bracketed]
     course = _Course.after(points, begin)
-    sigma[rows] = course.begin + course.width * _zero(problem, which, course, below, above)
+    sigma[rows] = course.begin + course.width * _zero(zones, which, course, below, above)
 
 
-def _zero(problem: Problem, which: Index, course: _Course, below: Array, above: Array) -> Array:
+def _zero(zones: ZoneBatch, which: Index, course: _Course, below: Array, above: Array) -> Array:
     """Where between two samples the rates of distances are zero, given those at the first and second, (m,)."""
-    zones, every = problem.zones, np.arange(len(which))
+    every = np.arange(len(which))
     low, width = np.zeros(len(which)), 1.0
     zone = np.tile(which, len(SHARES))
     for _ in range(ROUNDS):
@@ -79,14 +78,8 @@ def _zero(problem: Problem, which: Index, course: _Course, below: Array, above: 
 class _Course:
     """Ways from samples to the next ones: cubics that have the positions and velocities of the trip at both.
 
-    Attributes
-    ----------
-    begin, width : (m,) arrays
-        Normalised time at the first sample, and from there to the second.
-    time, duration : (m,) arrays
-        The same in s.
-    coefficients : (4, m, 2) array
-        Of the powers of the share of the way, m.
+    Begin and width are normalised times, (m,), time and duration the same in s; coefficients, (4, m, 2) m, are those of
+    the powers of the share of the way.
     """
 
     begin: Array

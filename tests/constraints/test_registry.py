@@ -1,4 +1,4 @@
-"""The table of optional limits, and the one that ARCHITECTURE.md adds as an example."""
+"""The table of constraints, and the one that ARCHITECTURE.md adds as an example."""
 
 from __future__ import annotations
 
@@ -13,28 +13,29 @@ from slopes import differences
 
 import scp_planner as sp
 from scp_planner.arrays import Array
+from scp_planner.constraints.registry import CONSTRAINTS
+from scp_planner.constraints.setup import OPTIONAL_MARGIN
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.limits.inputs import OPTIONAL_MARGIN
-from scp_planner.problem.limits.registry import LIMITS
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 
 pytestmark = pytest.mark.numerics
 
-PAGE = Path(__file__).resolve().parents[3] / "ARCHITECTURE.md"
+PAGE = Path(__file__).resolve().parents[2] / "ARCHITECTURE.md"
+USUAL = 4  # constraints that every scene has
 STOPPING = scene(*CROSSERS, goal={"speed": 0.0})
 
 
 @pytest.fixture
 def example(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The example's names, with its limit registered until the test is over."""
-    for name, made in LIMITS.items():
-        monkeypatch.setitem(LIMITS, name, made)
-    monkeypatch.setitem(LIMITS, "gentle_braking", lambda _: ())
+    for name, made in CONSTRAINTS.items():
+        monkeypatch.setitem(CONSTRAINTS, name, made)
+    monkeypatch.setitem(CONSTRAINTS, "gentle_braking", lambda _: ())
     (block,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.M | re.S)
     names: dict[str, Any] = {"__name__": __name__}
     exec(compile(block, str(PAGE), "exec"), names)
-    assert LIMITS["gentle_braking"] is names["gentle_braking"]
+    assert CONSTRAINTS["gentle_braking"] is names["gentle_braking"]
     return names
 
 
@@ -51,7 +52,7 @@ def test_plans_keep_the_limit_that_the_example_adds(planned: Any, example: dict[
     gentle = planned(STOPPING, coarse)
     assert gentle.certified, gentle.reason
     assert hardest_braking(gentle) <= allowed * (1.0 + 1e-6)
-    del LIMITS["gentle_braking"]
+    del CONSTRAINTS["gentle_braking"]
     usual = planned(STOPPING, coarse)
     assert hardest_braking(usual) > 1.5 * allowed
     assert gentle.travel_time > usual.travel_time
@@ -59,7 +60,7 @@ def test_plans_keep_the_limit_that_the_example_adds(planned: Any, example: dict[
 
 def test_the_examples_gradient_agrees_with_differences(example: dict[str, Any]) -> None:
     problem = build_problem(STOPPING, sp.zones(STOPPING), Settings())
-    limit = next(one for one in problem.optional if isinstance(one, example["GentleBraking"]))
+    limit = next(one for one in problem.constraints if isinstance(one, example["GentleBraking"]))
     beta = np.random.default_rng(3).uniform(-0.2, 0.5, problem.space.acceleration_size)
     trip = Trajectory.of(problem.space, problem.ends.theta, beta)
 
@@ -74,7 +75,7 @@ def test_what_a_scenario_asks_for_is_made_with_the_margins_off() -> None:
     vehicle = {"max_jerk": 2.0, "max_curvature_rate": 0.4, "max_power": 3.0, "max_total_acceleration": 2.5}
     asked = scene(vehicle=vehicle, goal={"earliest_arrival": 12.0})
     settings = Settings(limit_margin=0.01)
-    found = {limit.name: limit for limit in build_problem(asked, (), settings).optional}
+    found = {limit.name: limit for limit in build_problem(asked, (), settings).constraints[USUAL:]}
     assert list(found) == ["earliest arrival", "jerk", "curvature_rate", "power", "total_acceleration"]
     for name, value in vehicle.items():
         limit: Any = found[name.removeprefix("max_")]
@@ -83,12 +84,8 @@ def test_what_a_scenario_asks_for_is_made_with_the_margins_off() -> None:
 
 def test_tightened_drive_limits_are_lower() -> None:
     asked = scene(vehicle={"max_power": 3.0, "max_total_acceleration": 2.5})
-    limits: Any = build_problem(asked, (), Settings()).optional
+    limits: Any = build_problem(asked, (), Settings()).constraints[USUAL:]
     assert len(limits) == 2
     for limit in limits:
         assert limit.tightened(0.1).limit == pytest.approx(0.9 * limit.limit, rel=1e-12)
         assert limit.tightened(0.1).times is limit.times
-
-
-def test_a_plain_scenario_has_none() -> None:
-    assert build_problem(scene(*CROSSERS), (), Settings()).optional == ()

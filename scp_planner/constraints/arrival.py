@@ -1,4 +1,4 @@
-"""An earliest time of arrival."""
+"""An earliest time of arrival. A latest one is no constraint: the trip is to be as fast as it may be anyway."""
 
 from __future__ import annotations
 
@@ -10,24 +10,16 @@ from typing import ClassVar
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.problem.limits.inputs import LimitInputs
-from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.constraints.constraint import Constraint
+from scp_planner.constraints.setup import Setup
 from scp_planner.trips.trajectory import Trajectory
 
 EARLIEST_MARGIN = 5e-4  # units of time, by which the trip is planned to arrive later than it has to, if it may
 
 
 @dataclass(frozen=True)
-class EarliestArrival(OptionalLimit):
-    """The trip takes at least so long.
-
-    Attributes
-    ----------
-    travel_time : float
-        s.
-    step_size : int
-        Number of variables of a step.
-    """
+class EarliestArrival(Constraint):
+    """By how much a trip takes less than a travel time, s."""
 
     name: ClassVar[str] = "earliest arrival"
     near: ClassVar[float] = np.inf
@@ -35,21 +27,21 @@ class EarliestArrival(OptionalLimit):
     travel_time: float
     step_size: int
 
-    def excess(self, trajectory: Trajectory) -> Array:
+    def excess(self, trip: Trajectory) -> Array:
         """Return by how much the arrival is too early, (1,) s."""
-        return np.array([self.travel_time - trajectory.travel_time])
+        return np.array([self.travel_time - trip.travel_time])
 
-    def gradient(self, trajectory: Trajectory, index: Index) -> Array:
+    def gradient(self, trip: Trajectory, index: Index) -> Array:
         """Return the gradient: -tau for rho."""
         gradient = np.zeros((len(index), self.step_size))
-        gradient[:, -1] = -trajectory.travel_time
+        gradient[:, -1] = -trip.travel_time
         return gradient
 
 
-def earliest_arrival(inputs: LimitInputs) -> Iterator[OptionalLimit]:
-    """Make the limit of a goal that is not to be reached too early."""
-    goal, start = inputs.scenario.goal, inputs.scenario.start.time
+def earliest_arrival(setup: Setup) -> Iterator[Constraint]:
+    """Make the constraint of a goal that is not to be reached too early."""
+    goal, start = setup.scenario.goal, setup.scenario.start.time
     if goal.earliest_arrival is not None and goal.earliest_arrival > start:
         latest = inf if goal.latest_arrival is None else goal.latest_arrival
         margin = min(EARLIEST_MARGIN, 0.5 * (latest - goal.earliest_arrival))
-        yield EarliestArrival(goal.earliest_arrival - start + margin, inputs.step_size)
+        yield EarliestArrival(goal.earliest_arrival - start + margin, setup.step_size)

@@ -11,9 +11,10 @@ from slopes import differences
 
 import scp_planner as sp
 from scp_planner.certificate.check import certify_trip
+from scp_planner.constraints.box import DiscInBox
+from scp_planner.constraints.discs import DiscClearance
 from scp_planner.plotting.recording import record_plan
 from scp_planner.problem.build import build_problem
-from scp_planner.problem.limits.discs import DiscClearance
 from scp_planner.settings.planning import Settings
 from scp_planner.trips.trajectory import Trajectory
 from scp_planner.trips.trip import Trip, discs_at
@@ -60,7 +61,7 @@ def test_rounding_does_not_tell_where_discs_are_nearest() -> None:
     beside = disc("o", (0.0, 2.5), (1.0, 0.0))
     scenario = scene(beside, vehicle={**LONG, "max_speed": 1.0})
     problem, rng = build_problem(scenario, sp.zones(scenario), Settings()), np.random.default_rng(2)
-    space, limit = problem.space, next(one for one in problem.optional if isinstance(one, DiscClearance))
+    space, limit = problem.space, next(one for one in problem.constraints if isinstance(one, DiscClearance))
     theta, beta = np.zeros(space.path_size), np.zeros(space.acceleration_size)
     counts = np.isfinite(limit.excess(Trajectory.of(space, theta, beta)))
     assert counts.all()
@@ -77,9 +78,9 @@ def test_the_rows_of_discs_agree_with_differences(name: str) -> None:
     theta, free = problem.ends.theta.copy(), problem.ends.free
     theta[free] = 0.2 * rng.normal(size=free.stop - free.start)
     trip = Trajectory.of(problem.space, theta, rng.uniform(-0.1, 0.4, problem.space.acceleration_size))
-    kinds = {type(limit).__name__ for limit in problem.optional}
-    assert kinds == ({"DiscClearance", "DiscBox"} if scenario.bounds is not None else {"DiscClearance"})
-    for limit in problem.optional:
+    limits = [one for one in problem.constraints if isinstance(one, DiscClearance | DiscInBox)]
+    assert any(isinstance(one, DiscInBox) for one in limits) == (scenario.bounds is not None)
+    for limit in limits:
         excess = limit.excess(trip)
         index = np.flatnonzero(excess > -0.9)
         assert len(index)
@@ -105,7 +106,7 @@ def test_walls_that_overlap_take_no_more_rows_than_one() -> None:
         scenario = scene(vehicle=LONG, walls=walls)
         problem = build_problem(scenario, sp.zones(scenario), Settings())
         trip = Trajectory.of(problem.space, problem.ends.theta, np.zeros(problem.space.acceleration_size))
-        limit = next(one for one in problem.optional if isinstance(one, DiscClearance))
+        limit = next(one for one in problem.constraints if isinstance(one, DiscClearance))
         excess = limit.excess(trip)
         places = limit.places(trip, excess)
         assert len(walls) * len(places) <= np.count_nonzero(excess > -limit.near)
@@ -121,11 +122,10 @@ def test_the_sides_on_which_discs_touch_are_told() -> None:
     scenario = scene(*posts, vehicle=LONG)
     problem = build_problem(scenario, sp.zones(scenario), Settings())
     trip = Trajectory.of(problem.space, problem.ends.theta, np.zeros(problem.space.acceleration_size))
-    limit = next(one for one in problem.optional if isinstance(one, DiscClearance))
+    limit = next(one for one in problem.constraints if isinstance(one, DiscClearance))
     # To the right of what is to the left
-    assert limit.touched(trip, limit.excess(trip), 0.2) == {0: -1, 1: 1}
-    assert limit.touched(trip, limit.excess(trip), 0.05) == {}
-    assert limit.touched(trip, np.zeros(0), 0.2) == {}
+    assert limit.touched(trip, 0.2) == {0: -1, 1: 1}
+    assert limit.touched(trip, 0.05) == {}
 
 
 def test_a_trip_that_is_safe_for_one_disc_is_refused_for_a_long_vehicle() -> None:

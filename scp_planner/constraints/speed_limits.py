@@ -9,11 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from scp_planner.arrays import Array, Index
-from scp_planner.problem.limits.inputs import LimitInputs
-from scp_planner.problem.limits.limit import OptionalLimit
+from scp_planner.constraints.constraint import Constraint, LastTrip
+from scp_planner.constraints.setup import Setup
 from scp_planner.scenario.places import Stretch, limits_at
 from scp_planner.trips.path import Path
-from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory
 
 BESIDE = 1e-7  # of the travel time; next to a border
@@ -25,7 +24,7 @@ CROSSING_STEPS = 3  # of a secant that the positions along the line hardly bend 
 
 @dataclass(frozen=True)
 class _SpeedSites:
-    """Squared speeds in places, and how they depend on a step.
+    """Speeds in places.
 
     Attributes
     ----------
@@ -45,49 +44,30 @@ class _SpeedSites:
     pieces: _OtherPieces
 
 
-@dataclass(frozen=True)
-class _Looked:
-    """A trip and its places."""
-
-    trajectory: Trajectory
-    sites: _SpeedSites
-
-
-class SpeedLimits(OptionalLimit):
+class SpeedLimits(Constraint):
     """How fast stretches of a line may be driven: excess v^2 / limit^2 - 1.
 
     Looked at at the fixed stations, where the path crosses the borders of the stretches, and at the jumps of the
     acceleration, where the speed peaks.
-
-    Parameters
-    ----------
-    space : TripSpace
-    free : slice
-        The free control points of the offset.
-    stretches : tuple of Stretch
-        In the planning frame, with the speeds to be kept to.
     """
 
     name: ClassVar[str] = "speed_limits"
     near: ClassVar[float] = 0.6
 
-    def __init__(self, space: TripSpace, free: slice, stretches: tuple[Stretch, ...]) -> None:
-        self.space = space
-        self.free = free
-        self.stretches = stretches
+    def __init__(self, setup: Setup, stretches: tuple[Stretch, ...]) -> None:
+        self.setup, self.space, self.stretches = setup, setup.space, stretches
         self._borders = _Borders(
             tuple(part for part in stretches for _ in range(2)),
             np.array([border for part in stretches for border in (part.first, part.last)]),
         )
-        self._jumps = space.time_table(space.acceleration.breakpoints[1:-1])
-        self._last: _Looked | None = None
+        self._jumps = self.space.time_table(self.space.acceleration.breakpoints[1:-1])
+        self._last = LastTrip[_SpeedSites]()
 
     def tightened(self, more: float) -> SpeedLimits:
         """Return lower limits."""
         if more == 0.0:
             return self
-        lower = tuple(replace(part, speed=part.speed * (1.0 - more)) for part in self.stretches)
-        return SpeedLimits(self.space, self.free, lower)
+        return SpeedLimits(self.setup, tuple(replace(part, speed=part.speed * (1.0 - more)) for part in self.stretches))
 
     def excess(self, trajectory: Trajectory) -> Array:
         """Return v^2 / limit^2 - 1 in all places."""
@@ -99,8 +79,8 @@ class SpeedLimits(OptionalLimit):
         sites = self._sites(trajectory)
         fixed_time = index >= len(sites.sigma) - len(self._jumps.sigma)
         gradient = squared_speed_gradient(
+            self.setup,
             trajectory,
-            self.free,
             sites.parameter[index],
             sites.sigma[index],
             sites.speed[index],
@@ -108,7 +88,7 @@ class SpeedLimits(OptionalLimit):
         )
         first = len(self.space.tables.station_parameters)
         gates = np.flatnonzero((index >= first) & ~fixed_time)
-        count = self.free.stop - self.free.start
+        count = self.setup.free_size
         border = (index[gates] - first) % len(self._borders.at)
         moved = self._gate_moves(trajectory.path, border, sites.parameter[index[gates]])
         gradient[gates, :count] += (2.0 * sites.acceleration[index[gates]])[:, None] * moved
@@ -126,16 +106,12 @@ class SpeedLimits(OptionalLimit):
         tangent = np.array([part.line.across_border(place, at) for part, place, at in places]).reshape(-1, 2)
         sideways = np.einsum("ij,ij->i", tangent, np.broadcast_to(points.normal, tangent.shape))
         along = np.einsum("ij,ij->i", tangent, points.direction) / points.speed
-        rows = self.space.path.rows_at(points.span, points.local)[:, self.free]
+        rows = self.space.path.rows_at(points.span, points.local)[:, self.setup.ends.free]
         moves: Array = -(sideways / along)[:, None] * rows
         return moves
 
     def _sites(self, trajectory: Trajectory) -> _SpeedSites:
-        """The places of a trip: of the last one they are known, as its gradient is asked for after its excess."""
-        last = self._last
-        if last is None or last.trajectory is not trajectory:
-            last = self._last = _Looked(trajectory, self._looked_for(trajectory))
-        return last.sites
+        return self._last.of(trajectory, self._looked_for)
 
     def _looked_for(self, trajectory: Trajectory) -> _SpeedSites:
         space, path = self.space, trajectory.path
@@ -224,45 +200,23 @@ class _OtherPieces:
 
 
 def squared_speed_gradient(
-    trajectory: Trajectory, free: slice, parameter: Array, sigma: Array, v: Array, a: Array
+    setup: Setup, trajectory: Trajectory, parameter: Array, sigma: Array, v: Array, a: Array
 ) -> Array:
-    """Gradient of the squared speed at fixed stations with respect to a step, (m, step).
+    """Gradient of the squared speed, (m, step) m^2/s^2, at normalised stations and times, (m,), given v and a there.
 
     d(v^2) = 2 v (C1 db / tau - (v - v0) rho) + 2 a (dS - C2 db - v0 sigma tau rho), regular also at v = 0. At fixed
     normalised times the second part is left out: a = 0.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    free : slice
-        The free control points of the offset.
-    parameter, sigma, v, a : (m,) arrays
-        Normalised stations and times; speeds in m/s and accelerations in m/s^2 there.
-
-    Returns
-    -------
-    (m, step) array
-        m^2/s^2 for each unit of the step.
     """
     space, tau = trajectory.space, trajectory.travel_time
     table, v0 = space.time_table(sigma), space.start_speed
-    theta = (2.0 * a)[:, None] * trajectory.path.arc_length_gradient(parameter)[:, free]
+    theta = (2.0 * a)[:, None] * trajectory.path.arc_length_gradient(parameter)
     beta = (2.0 * tau * v)[:, None] * table.speed - (2.0 * tau * tau * a)[:, None] * table.distance
-    rho = -2.0 * (v * (v - v0) + a * v0 * tau * sigma)
-    return np.concatenate([theta, beta, rho[:, None]], axis=1)
+    return setup.of_all(theta, beta, -2.0 * (v * (v - v0) + a * v0 * tau * sigma))
 
 
 @dataclass(frozen=True)
 class _Borders:
-    """Borders of stretches.
-
-    Attributes
-    ----------
-    stretches : tuple of Stretch
-        Of each.
-    at : (n,) array
-        m along its line.
-    """
+    """Borders of stretches: of each its stretch, and m along its line."""
 
     stretches: tuple[Stretch, ...]
     at: Array
@@ -288,19 +242,9 @@ class _Borders:
 
 
 def _crossings(path: Path, borders: _Borders, cells: Array, along: Array) -> Array:
-    """Normalised stations at which a path first crosses borders, each upwards in a cell; -1 if it jumps past it.
+    """Normalised stations at which a path first crosses borders, (n,), each upwards in a cell; -1 if it jumps past it.
 
-    Parameters
-    ----------
-    path : Path
-    borders : _Borders
-        n of them.
-    cells, along : (2, n) arrays
-        Normalised stations at the ends of the cell of each, and m along its line there.
-
-    Returns
-    -------
-    (n,) array
+    Cells and along, (2, n), are the normalised stations at the ends of the cell of each, and m along its line there.
     """
     (low, high), (first, last) = cells, along
     slope = (last - first) / (high - low)
@@ -332,7 +276,7 @@ def _jumps(path: Path, borders: _Borders, low: Array, high: Array) -> Array:
     return np.where(within, high, -1.0)
 
 
-def speed_limits(inputs: LimitInputs) -> Iterator[OptionalLimit]:
+def speed_limits(setup: Setup) -> Iterator[Constraint]:
     """Make the limits of stretches, if there are any."""
-    if inputs.slow:
-        yield SpeedLimits(inputs.space, inputs.free, inputs.slow)
+    if setup.slow:
+        yield SpeedLimits(setup, setup.slow)

@@ -1,0 +1,102 @@
+"""A long vehicle: further discs on its axis keep clear of zones, and inside the workspace box."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from scp_planner.arrays import Array, Index
+from scp_planner.constraints.box import DiscInBox
+from scp_planner.constraints.constraint import Constraint, LastTrip
+from scp_planner.constraints.setup import Setup
+from scp_planner.constraints.swing import Swing, disc_positions
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.threat_zones.contacts import ZoneContacts
+from scp_planner.threat_zones.nearness import ABREAST, NEAR, nearness_of_samples
+from scp_planner.trips.trajectory import Trajectory
+
+AS_NEAR = 1e-9  # units of length, by which clearances differ that are one: rounding is to tell no minima
+STRIDE = 3  # every third sample near a zone counts, besides those around minima of clearance
+
+
+class DiscClearance(Constraint):
+    """Entry of a disc, so many m ahead, into zones, m: at samples around minima of its clearance and some others."""
+
+    name: ClassVar[str] = "discs"
+    near: ClassVar[float] = NEAR
+
+    def __init__(self, setup: Setup, zones: ZoneBatch, ahead: float) -> None:
+        self.setup, self.zones, self.ahead = setup, zones, ahead
+        self._order = np.argsort(setup.samples.sigma, kind="stable")
+        self._last = LastTrip[Array]()
+
+    def among(self, zones: ZoneBatch) -> DiscClearance:
+        """Return the constraint among other zones."""
+        return DiscClearance(self.setup, zones, self.ahead)
+
+    def excess(self, trip: Trajectory) -> Array:
+        """Return the depths, (n L,) m: of each sample and zone; -inf where they do not count."""
+        return self._last.of(trip, self._depths).ravel()
+
+    def _depths(self, trip: Trajectory) -> Array:
+        points = trip.kept_at(self.setup.samples)
+        clearance = self.zones.distances(points.time, disc_positions(points.path, self.ahead), NEAR)
+        in_order = clearance[self._order]
+        lower = np.ones(clearance.shape, dtype=bool)
+        rise = np.diff(in_order, axis=0)
+        lower[1:] &= rise <= AS_NEAR
+        lower[:-1] &= rise >= -AS_NEAR
+        beside = lower.copy()
+        beside[1:] |= lower[:-1]
+        beside[:-1] |= lower[1:]
+        beside[::STRIDE] |= in_order[::STRIDE] < nearness_of_samples(self.zones, NEAR)
+        counts = np.empty_like(beside)
+        counts[self._order] = beside
+        return np.where(counts, -clearance, -np.inf)
+
+    def places(self, trip: Trajectory, excess: Array) -> Index:
+        """Return the depths that are looked at in a step, without those that others imply."""
+        index = super().places(trip, excess)
+        if self.zones.whole is None:
+            return index
+        sample, zone = np.divmod(index, self.zones.size)
+        return index[self.zones.leaders(sample, zone, self._contacts(trip, sample, zone), ABREAST * NEAR)]
+
+    def _contacts(self, trip: Trajectory, sample: Index, zone: Index) -> ZoneContacts:
+        points = trip.kept_at(self.setup.samples)
+        return self.zones.contacts(zone, points.time[sample], disc_positions(points.path.take(sample), self.ahead))
+
+    def gradient(self, trip: Trajectory, index: Index) -> Array:
+        """Return the gradients of the depths, see `Swing`."""
+        sample, zone = np.divmod(index, max(self.zones.size, 1))
+        contacts = self._contacts(trip, sample, zone)
+        points, tau = trip.kept_at(self.setup.samples).take(sample), trip.travel_time
+        path, swing = points.path, Swing.of(points.path)
+        along = np.einsum("ij,ij->i", contacts.normal, path.direction) / path.speed
+        turned = np.einsum("ij,ij->i", contacts.normal, swing.across)
+        along += self.ahead * trip.path.bend(path).curvature * turned
+        theta = swing.rows(trip.path, path, contacts.normal, self.ahead)
+        theta -= along[:, None] * trip.path.arc_length_gradient(points.parameter)
+        beta = (tau * tau * along)[:, None] * points.table.distance
+        rho = tau * points.table.sigma * (along * trip.space.start_speed + contacts.rate)
+        return -self.setup.of_all(theta, beta, rho)
+
+    def touched(self, trip: Trajectory, near: float) -> dict[int, int]:
+        """Zones that the disc is nearer to than so much, m, and its side of them: 1 to the left, or -1."""
+        depths = self._last.of(trip, self._depths)
+        zone = np.flatnonzero(depths.max(axis=0, initial=-np.inf) > -near)
+        sample = depths[:, zone].argmax(axis=0)
+        normal = self._contacts(trip, sample, zone).normal
+        sides = (normal * trip.kept_at(self.setup.samples).path.take(sample).normal).sum(axis=1)
+        return dict(zip(zone.tolist(), np.where(sides > 0.0, 1, -1).tolist(), strict=True))
+
+
+def discs(setup: Setup) -> Iterator[Constraint]:
+    """Make what keeps the further discs of a long vehicle clear of zones, and inside the box."""
+    for ahead in setup.vehicle.discs:
+        if ahead != 0.0:
+            yield DiscClearance(setup, setup.zones, ahead)
+            if len(setup.box.offsets):
+                yield DiscInBox(setup, setup.box, ahead)

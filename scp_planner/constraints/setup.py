@@ -1,0 +1,128 @@
+"""What constraints are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.constraints.ends import EndConditions
+from scp_planner.mathematics.frames import PlanningFrame
+from scp_planner.mathematics.rounding import to_digits
+from scp_planner.scenario.limits import Box, Limits
+from scp_planner.scenario.models import Scenario, Vehicle
+from scp_planner.scenario.places import Stretch
+from scp_planner.settings.planning import SceneSettings
+from scp_planner.threat_zones.batch import ZoneBatch
+from scp_planner.trips.space import TimeTable, TripSpace
+
+OPTIONAL_MARGIN = 2.5e-4  # relative, of limits that only some vehicles have, besides the margin of all limits
+USUAL_ACCELERATION = 2.0  # units of acceleration: a stop from top speed on a ninth of the trip
+
+
+def kept_of_limits(settings: SceneSettings) -> float:
+    """How much is planned with of a limit that only some vehicles have, relative to it."""
+    return 1.0 - settings.limit_margin - OPTIONAL_MARGIN
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A scenario's splines, limits, zones and end conditions in the planning frame.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    settings : SceneSettings
+    frame : PlanningFrame
+    space : TripSpace
+    ends : EndConditions
+    limits : Limits
+        With the planner's margin.
+    zones : ZoneBatch
+        Inflated by the vehicle's radius and the planner's margin.
+    box : Box
+    samples : TimeTable
+        Times at which zones are looked at: equidistant ones, then the breakpoints of the acceleration.
+    grid : int
+        How many of them are equidistant.
+    slow : tuple of Stretch
+        The speed limits by place, less the margins.
+    """
+
+    scenario: Scenario
+    settings: SceneSettings
+    frame: PlanningFrame
+    space: TripSpace
+    ends: EndConditions
+    limits: Limits
+    zones: ZoneBatch
+    box: Box
+    samples: TimeTable
+    grid: int
+    slow: tuple[Stretch, ...]
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The scenario's vehicle."""
+        return self.scenario.vehicle
+
+    @property
+    def kept(self) -> float:
+        """How much is planned with of a limit that only some vehicles have, relative to it."""
+        return kept_of_limits(self.settings)
+
+    @property
+    def free_size(self) -> int:
+        """Number of free control points of the offset."""
+        return self.ends.free.stop - self.ends.free.start
+
+    @property
+    def step_size(self) -> int:
+        """Number of variables of a step: free offsets, accelerations, and rho."""
+        return self.free_size + self.space.acceleration_size + 1
+
+    @property
+    def equidistant(self) -> Array:
+        """Equidistant normalised times, (n,)."""
+        return self.samples.sigma[: self.grid]
+
+    @cached_property
+    def jumps(self) -> TimeTable:
+        """Those of the samples that are breakpoints of the acceleration."""
+        return self.samples.take(slice(self.grid, None))
+
+    @cached_property
+    def highest_accelerations(self) -> Array:
+        """Upper bounds of the accelerations, (K2,) m/s^2; a given one at the start is its own."""
+        return self._bounds(self.limits.acceleration)
+
+    @cached_property
+    def lowest_accelerations(self) -> Array:
+        """Lower bounds of the accelerations, (K2,) m/s^2."""
+        return self._bounds(-self.limits.deceleration)
+
+    def _bounds(self, limit: float) -> Array:
+        bounds = np.full(self.space.acceleration_size, limit)
+        if self.ends.start_acceleration is not None:
+            bounds[0] = self.ends.start_acceleration
+        return bounds
+
+    @cached_property
+    def agility(self) -> float:
+        """The largest limit of the acceleration, relative to a usual one: steps of accelerations are measured by it."""
+        vehicle = self.vehicle
+        return to_digits(max(vehicle.max_acceleration, vehicle.max_deceleration) / USUAL_ACCELERATION)
+
+    def of_path(self, theta: Array) -> Array:
+        """Gradients with respect to a step, (m, step), from those by the free offsets alone, (m, free)."""
+        return np.concatenate([theta, np.zeros((len(theta), self.space.acceleration_size + 1))], axis=1)
+
+    def of_drive(self, beta: Array, rho: Array) -> Array:
+        """Gradients with respect to a step, (m, step), from those by d beta, (m, K2), and rho, (m,)."""
+        return np.concatenate([np.zeros((len(beta), self.free_size)), beta, rho[:, None]], axis=1)
+
+    def of_all(self, theta: Array, beta: Array, rho: Array) -> Array:
+        """Gradients with respect to a step, (m, step), from those by all offsets, (m, K1), d beta and rho."""
+        return np.concatenate([theta[:, self.ends.free], beta, rho[:, None]], axis=1)

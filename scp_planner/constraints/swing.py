@@ -1,0 +1,69 @@
+"""How a disc on the axis of a long vehicle moves with the offset of the path.
+
+The centre of a disc o ahead of the reference point is q = r + o T, T the direction of the path. With n the guide's
+normal, k its curvature, p = 1 - k f, N the path's normal and kappa its curvature, at a fixed normalised time
+
+    dq = n B dtheta + T (dD - dS) + o N [(f' k B + p B') / |r'|^2 dtheta + kappa (dD - dS)].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scp_planner.arrays import Array
+from scp_planner.trips.path import Path, PathPoints
+
+
+def disc_positions(path: PathPoints, offset: float | Array) -> Array:
+    """Centres of a disc that is so far ahead, or each so far, of points of a path on its axis, (n, 2) m."""
+    positions: Array = path.position + (offset / path.speed)[:, None] * path.direction
+    return positions
+
+
+@dataclass(frozen=True)
+class Swing:
+    """How the centre of a disc moves with the offset of the path.
+
+    Attributes
+    ----------
+    across : (n, 2) array
+        The path's normal N.
+    value, slope : (n,) arrays
+        Derivatives of the direction of the path by f and f'.
+    """
+
+    across: Array
+    value: Array
+    slope: Array
+
+    @classmethod
+    def of(cls, points: PathPoints) -> Swing:
+        """Return how directions of a path change at some of its points."""
+        unit = points.direction / points.speed[:, None]
+        squared = points.speed * points.speed
+        curvature = points.turning[:, 0]
+        return cls(
+            np.stack([-unit[:, 1], unit[:, 0]], axis=1),
+            points.slope * curvature / squared,
+            points.stretch / squared,
+        )
+
+    def rows(self, path: Path, points: PathPoints, normal: Array, offset: float | Array) -> Array:
+        """Derivative of normal . q by theta at fixed stations, (n, K1)."""
+        basis = path.space.path
+        sideways = np.einsum("ij,ij->i", normal, np.broadcast_to(points.normal, normal.shape))
+        turn = offset * np.einsum("ij,ij->i", normal, self.across)
+        rows = (sideways + turn * self.value)[:, None] * basis.rows_at(points.span, points.local)
+        slopes = basis.derivative.rows_at(points.span, points.local) / path.space.length
+        found: Array = rows + (turn * self.slope)[:, None] * slopes
+        return found
+
+    def turn_rows(self, path: Path, points: PathPoints) -> Array:
+        """Derivative of the direction of the path by theta at fixed stations, (n, K1) rad/m."""
+        basis = path.space.path
+        slopes = basis.derivative.rows_at(points.span, points.local) / path.space.length
+        value, slope = (np.broadcast_to(part, points.station.shape) for part in (self.value, self.slope))
+        found: Array = value[:, None] * basis.rows_at(points.span, points.local) + slope[:, None] * slopes
+        return found
