@@ -1,15 +1,18 @@
-"""Check the docstrings of all public names, beyond what ruff's rules see: ``python docs/check_docstrings.py``.
+"""Check docstrings beyond what ruff's rules see: ``python docs/check_docstrings.py``.
 
-- A docstring with sections documents all parameters of the signature, in order, and what comes back.
-- What is raised in the body of something public is among what the docstring says is raised.
-- Every name that ``scp_planner`` exports or the reference shows, with its methods, gives the shape of each array and
-  the unit of each number.
+Every name that users reach (``scp_planner`` exports it or the reference shows it; methods and properties of such a
+class, and of its bases, count) has a docstring:
+
+- with sections, it documents all parameters of the signature, in order, and the result;
+- the exceptions raised in the body are among those that it names;
+- it gives the shape of each array and the unit of each number.
 """
 
 from __future__ import annotations
 
 import ast
 import importlib
+import inspect
 import logging
 import re
 import sys
@@ -41,50 +44,33 @@ ARRAY = re.compile(r"\b(?:ArrayLike|Array|NDArray)\b")
 
 
 def shown_names() -> frozenset[str]:
-    """Give the full names of what ``scp_planner`` exports, and of what the pages of the reference show."""
+    """Give the full names of everything that users reach, without the members of classes."""
     shown = [getattr(scp_planner, name) for name in scp_planner.__all__ if name != "__version__"]
     for page in sorted(REFERENCE.glob("*.md")):
         for module, name in re.findall(r"^::: (\S+)\.(\w+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
             shown.append(getattr(importlib.import_module(module), name))
-    return frozenset(f"{each.__module__}.{each.__name__}" for each in shown)
+    inherited = [base for each in shown if inspect.isclass(each) for base in each.__mro__]
+    return frozenset(f"{each.__module__}.{each.__name__}" for each in (*shown, *inherited))
 
 
 def faults(package: str, folder: Path, shown: Collection[str]) -> Iterator[str]:
-    """Give what is wrong with a package, a line each.
-
-    Parameters
-    ----------
-    package : str
-    folder : Path
-        That it lies in.
-    shown : collection of str
-        Full names of what users see.
-
-    Yields
-    ------
-    str
-    """
+    """Give the faults of a package in a folder, a line each."""
     logging.getLogger("griffe").setLevel(logging.ERROR)
-    for item in _public(griffe.load(package, search_paths=[folder], docstring_parser="numpy")):
-        found = [*_signature_faults(item)]
-        if item.path in shown or (item.parent is not None and item.parent.path in shown):
-            found += _api_faults(item)
+    for item in _reached(griffe.load(package, search_paths=[folder], docstring_parser="numpy"), shown):
         where = f"{Path(str(item.filepath)).relative_to(folder)}:{item.lineno}: {item.path.partition('.')[2]}"
-        yield from (f"{where}: {fault}" for fault in found)
+        yield from (f"{where}: {fault}" for fault in (*_signature_faults(item), *_api_faults(item)))
 
 
-def _public(parent: griffe.Object) -> Iterator[griffe.Object]:
-    """Give the public modules' classes, functions and methods, and attributes of classes."""
+def _reached(parent: griffe.Object, shown: Collection[str]) -> Iterator[griffe.Object]:
+    """Give the classes and functions that are shown, and the methods and properties of such classes."""
     for name, member in parent.members.items():
         if name.startswith("_") or member.is_alias or (name in NOT_HERE and parent.parent is None):
             continue
-        if member.is_module:
-            yield from _public(member)  # type: ignore[arg-type]
-        elif member.is_class:
+        callable_ = member.is_function or "property" in member.labels
+        if (member.is_class and member.path in shown) or (callable_ and {member.path, parent.path} & set(shown)):
             yield member  # type: ignore[misc]
-            yield from _public(member)  # type: ignore[arg-type]
-        elif member.is_function or "property" in member.labels:
-            yield member  # type: ignore[misc]
+        if member.is_module or member.is_class:
+            yield from _reached(member, shown)  # type: ignore[arg-type]
 
 
 def _sections(item: griffe.Object) -> dict[str, griffe.DocstringSection]:

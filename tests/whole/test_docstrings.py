@@ -1,4 +1,4 @@
-"""Docstrings of public names: the linter, which `make lint` runs, looks at all and finds what it is for."""
+"""Docstrings: the linter, which `make lint` runs, asks for those that users reach, and finds what it is for."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ def test_every_public_name_is_shown(linter: ModuleType) -> None:
     assert {"scp_planner.threat_zones.zone.ThreatZone", "scp_planner.plotting.views.draw_plan"} <= shown, (
         "in the reference alone"
     )
+    assert "scp_planner.scenario.validation.Part" in shown, "a base, whose methods are reached"
 
 
 @pytest.fixture
@@ -42,14 +43,14 @@ def faults_of(linter: ModuleType, tmp_path: Path) -> Callable[[str], list[str]]:
         (tmp_path / "some").mkdir()
         (tmp_path / "some" / "__init__.py").write_text("")
         (tmp_path / "some" / "things.py").write_text(source)
-        found = linter.faults("some", tmp_path, {"some.things.shown", "some.things.Shown"})
+        found = linter.faults("some", tmp_path, {"some.things.shown", "some.things.Shown", "some.things.Base"})
         return [fault.split(": ", 2)[2] for fault in found]
 
     return check
 
 
 SECTIONS = '''
-def hidden(a: int, b: int) -> int:
+def shown(a: int, b: int) -> int:
     """Do it.
 
     Parameters
@@ -67,10 +68,13 @@ def hidden(a: int, b: int) -> int:
 @pytest.mark.parametrize(
     ("source", "said"),
     [
-        ("def hidden() -> None:\n    pass\n", ["has no docstring"]),
-        ('def hidden(a: int) -> int:\n    """Do it."""\n    return a\n', []),
+        ("def hidden(a: int) -> int:\n    return a\n", []),
+        ('def hidden(a: int) -> int:\n    """Do it.\n\n    Returns\n    -------\n    int\n    """\n    return a\n', []),
+        ("def shown() -> None:\n    pass\n", ["has no docstring"]),
+        ("class Base:\n    def inherited(self) -> None:\n        pass\n", ["has no docstring"] * 2),
+        ('def hidden() -> None:\n    """Offset, m."""\n', []),
         (
-            SECTIONS.format(parameters="a : int"),
+            SECTIONS.format(parameters="a : int\n        A number."),
             [
                 "parameters not documented: b",
                 "what it returns is not documented",
@@ -78,11 +82,13 @@ def hidden(a: int, b: int) -> int:
             ],
         ),
         (
-            SECTIONS.format(parameters="a, b, c : int").replace("KeyError", "ValueError"),
+            SECTIONS.format(parameters="a, b, c : int\n        A number.").replace("KeyError", "ValueError"),
             ["no such parameters: c", "what it returns is not documented"],
         ),
         (
-            SECTIONS.format(parameters="b, a : int").replace("KeyError", "ValueError").replace("-> int", "-> None"),
+            SECTIONS.format(parameters="b, a : int\n        A number.")
+            .replace("KeyError", "ValueError")
+            .replace("-> int", "-> None"),
             ["parameters are documented in another order"],
         ),
         (
