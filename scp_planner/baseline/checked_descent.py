@@ -9,13 +9,13 @@ from typing import TypeAlias
 from scp_planner.baseline.descent import Descent
 from scp_planner.baseline.descent_run import DescentRun, DescentStatus
 from scp_planner.certificate.check import certify_trip
-from scp_planner.planning.attempts import Attempt
+from scp_planner.planning.attempts import CheckedRun
 from scp_planner.problem.problem import Problem
 from scp_planner.problem.tightening import TIGHTENINGS
 from scp_planner.threat_zones.zone import ThreatZone
 from scp_planner.trips.trip import Trip
 
-CheckedDescent: TypeAlias = Attempt[DescentRun]
+CheckedDescent: TypeAlias = CheckedRun[DescentRun]
 
 
 def checked_descent(
@@ -48,7 +48,7 @@ def checked_descent(
             certificate = certify_trip(problem.scenario, Trip(problem.frame, run.trajectory.settled()), threat_zones)
             checking += perf_counter() - clock
             descent.began += perf_counter() - clock
-            checked = Attempt(replace(run), certificate)
+            checked = CheckedRun(replace(run), certificate)
             best = checked if checked.better_than(best) else best
             if certificate.holds or not run.repairable:
                 break

@@ -6,7 +6,7 @@ is linearised and no subproblem is solved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -14,10 +14,17 @@ import numpy as np
 
 from scp_planner.baseline.checked_descent import CheckedDescent, checked_descent
 from scp_planner.baseline.descent import Descent
-from scp_planner.baseline.descent_run import DescentRun, DescentStatus
+from scp_planner.baseline.descent_run import DescentStatus
 from scp_planner.baseline.descent_settings import DescentSettings
 from scp_planner.certificate.verdict import Certificate
-from scp_planner.planning.attempts import OuterSearch, ReadyProblem, Tally, met_what_was_left_out
+from scp_planner.planning.attempts import (
+    GOOD_ENOUGH,
+    Attempt,
+    ReadyProblem,
+    Search,
+    Tally,
+    met_what_was_left_out,
+)
 from scp_planner.planning.explain import grave_violations
 from scp_planner.planning.plan import Plan, PlanStatus
 from scp_planner.problem.build import build_problem
@@ -81,9 +88,17 @@ def penalty_descent(
     check_obstacles(len(scenario.obstacles))
     go_on = None if time_limit is None else asked_for_time(time_limit, began)
     inside = units.scenario(scenario, go_on)
-    search = _Descents(inside, ZonesOf(inside, go_on), for_scene(settings, units), descent, seed, deadline)
-    best = search.best(None if start is None else _as_start(search.problem, start, units))
-    trip = Trip(search.problem.frame, best.trajectory.settled()).outside(units)
+    tally = Tally("build", "search", "descent", "certificate")
+    zones, scene = tuple(ZonesOf(inside, go_on)), for_scene(settings, units)
+    with tally.timed("build"):
+        ready = ReadyProblem.of(build_problem(inside, zones, scene))
+    only = None if start is None else _as_start(ready.near, start, units)
+    enough = ready.lower_bound * (1.0 + GOOD_ENOUGH / scene.effort)
+    search = Search[CheckedDescent](tally, deadline, ready.lower_bound, enough)
+    search.walk([_Descents(ready, zones, scene, descent, seed, only)])
+    best = search.best
+    assert best is not None, "there is always a start"
+    trip = Trip(ready.near.frame, best.trajectory.settled()).outside(units)
     certificate = best.verdict.outside(units)
     status, reason = _verdict(scenario, trip, best, certificate)
     return Plan(
@@ -93,80 +108,64 @@ def penalty_descent(
         trip=trip,
         method="penalty-descent",
         solver=descent.variant.value,
-        iterations=search.tally.iterations,
+        iterations=tally.iterations,
         wall_time=perf_counter() - began,
         clearance=certificate.clearance,
         limits=certificate.limits,
-        lower_bound=search.ready.lower_bound * units.time,
+        lower_bound=ready.lower_bound * units.time,
         planned=scenario,
-        timings=search.tally.timings,
+        timings=tally.timings,
         converged=best.run.status is DescentStatus.CONVERGED,
     )
 
 
-@dataclass(frozen=True)
-class _DescentStart:
-    """A trip to descend from, the estimate of the travel time that it leads to, s, and its number."""
+@dataclass
+class _Descents(Attempt[Search[CheckedDescent], CheckedDescent]):
+    """Descents from one start after the other, as long as they may lead to faster trips; or from the only start."""
 
-    estimate: float
-    trajectory: Trajectory
-    number: int
+    ready: ReadyProblem
+    threat_zones: tuple[ThreatZone, ...]
+    settings: SceneSettings
+    descent: DescentSettings
+    seed: int
+    only: Trajectory | None
 
+    what = "descent"
 
-class _Descents(OuterSearch[_DescentStart, DescentRun]):
-    """Descends from one start after the other, in the units of the scene."""
+    def __post_init__(self) -> None:
+        self.most = 1 if self.only is not None else self.settings.max_runs
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        zones: Sequence[ThreatZone],
-        settings: SceneSettings,
-        descent: DescentSettings,
-        seed: int,
-        deadline: float,
-    ) -> None:
-        self.settings, self.descent, self.seed = settings, descent, seed
-        self.tally = Tally("build", "search", "descent", "certificate")
-        self.threat_zones = tuple(zones)
-        with self.tally.timed("build"):
-            self.ready = ReadyProblem.of(build_problem(scenario, self.threat_zones, settings))
-        self.problem = self.ready.near
-        super().__init__(self.ready.lower_bound, settings.effort, deadline)
-
-    def best(self, only: Trajectory | None) -> CheckedDescent:
-        """Return the best attempt from any start, or from the only one."""
-        best = self.try_all(self._starts() if only is None else [_DescentStart(only.travel_time, only, 0)])
-        assert best is not None, "there is always a start"
-        return best
-
-    def tried(self, start: _DescentStart) -> CheckedDescent:
-        """Descend; once more from there if the trip met what was left out."""
-        attempt = self._attempt(self.problem, start.trajectory, start.number)
-        if met_what_was_left_out(self.problem, attempt.verdict):
-            attempt = self._attempt(self.ready.everything, attempt.trajectory, start.number)
-        return attempt
-
-    def _attempt(self, problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
-        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=self.deadline)
-        attempt = checked_descent(problem, self.threat_zones, descent, self.tally.timings)
-        self.tally.iterations += attempt.run.iterations
-        return attempt
-
-    def _starts(self) -> Iterator[_DescentStart]:
-        """Starts, as long as they may lead to faster trips."""
-        found = starts(self.problem, self.settings.searches, self.deadline)
-        for number in range(self.settings.max_runs):
-            with self.tally.timed("search"):
-                item = next(found, None)
-            if item is None or self._hardly_faster(item[0]):
+    def runs(self, search: Search[CheckedDescent]) -> Iterator[CheckedDescent]:
+        best_estimate = 0.0  # of the start of the best trip, s
+        for number, (estimate, start) in enumerate(self._starts(search)):
+            best = search.best
+            if search.out_of_time and best is not None:
                 return
-            yield _DescentStart(*item, number)
+            if best is not None and best.holds and estimate - best_estimate - ESTIMATE_SLACK > 0.0:
+                return
+            found = self._from(search, self.ready.near, start, number)
+            if met_what_was_left_out(self.ready.near, found.verdict):
+                found = self._from(search, self.ready.everything, found.trajectory, number)
+            yield found
+            best_estimate = estimate if search.best is found else best_estimate
 
-    def _hardly_faster(self, estimate: float) -> bool:
-        best = self.incumbent
-        if best is None or not best.holds:
-            return False
-        return estimate - (self.estimate - best.travel_time) - ESTIMATE_SLACK > best.travel_time
+    def _starts(self, search: Search[CheckedDescent]) -> Iterator[tuple[float, Trajectory]]:
+        if self.only is not None:
+            yield self.only.travel_time, self.only
+            return
+        found = starts(self.ready.near, self.settings.searches, search.deadline)
+        while True:
+            with search.tally.timed("search"):
+                item = next(found, None)
+            if item is None:
+                return
+            yield item
+
+    def _from(self, search: Search[CheckedDescent], problem: Problem, start: Trajectory, number: int) -> CheckedDescent:
+        descent = Descent(problem, start, self.descent, seed=self.seed + number, deadline=search.deadline)
+        found = checked_descent(problem, self.threat_zones, descent, search.tally.timings)
+        search.tally.iterations += found.run.iterations
+        return found
 
 
 def _as_start(problem: Problem, start: Plan | Trajectory, units: NaturalUnits) -> Trajectory:

@@ -1,13 +1,16 @@
-"""What every outer search has: tries from one start after the other, each with its certificate, and which is better."""
+"""One list of attempts at the fastest certified trip, and the search that goes through it."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
+from math import inf
 from time import perf_counter
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import Certificate
@@ -26,33 +29,16 @@ class MethodRun(Protocol):
 
     @property
     def evaluation(self) -> Evaluation:
-        """The trip that it ended with, looked at."""
-        ...
-
-
-class RunStart(Protocol):
-    """Something to start a run from."""
-
-    @property
-    def estimate(self) -> float:
-        """About the travel time that it leads to, s."""
+        """The trip that it ended with, evaluated."""
         ...
 
 
 RunT = TypeVar("RunT", bound=MethodRun)
-StartT = TypeVar("StartT", bound=RunStart)
 
 
 @dataclass(frozen=True)
-class Attempt(Generic[RunT]):
-    """A run and what its certificate says.
-
-    Attributes
-    ----------
-    run : MethodRun
-    certificate : Certificate or None
-        None if the run was cut off.
-    """
+class CheckedRun(Generic[RunT]):
+    """A run and its certificate; None if the run was cut off."""
 
     run: RunT
     certificate: Certificate | None
@@ -64,17 +50,17 @@ class Attempt(Generic[RunT]):
 
     @property
     def travel_time(self) -> float:
-        """Of that trip, s."""
+        """Travel time of that trip, s."""
         return self.trajectory.travel_time
 
     @property
     def holds(self) -> bool:
-        """Whether it is certified."""
+        """True if it is certified."""
         return self.certificate is not None and self.certificate.holds
 
     @property
     def late(self) -> bool:
-        """Whether it is certified but for its arrival, which is too late."""
+        """True if it is certified but for its arrival, which is too late."""
         return self.certificate is not None and self.certificate.late
 
     @property
@@ -85,11 +71,11 @@ class Attempt(Generic[RunT]):
 
     @property
     def wrongs(self) -> tuple[float, int, float]:
-        """What is worst, to a tenth of a micrometre; how much is wrong; the travel time."""
+        """Worst violation, to a tenth of a micrometre; number of violations; travel time, s."""
         wrong = 0 if self.certificate is None else len(self.certificate.violations)
         return round(self.run.evaluation.worst_violation, 7), wrong, self.travel_time
 
-    def better_than(self, other: Attempt[RunT] | None) -> bool:
+    def better_than(self, other: CheckedRun[RunT] | None) -> bool:
         """Certified before not certified, then faster; without certificates the lesser violation."""
         if self.certificate is None:
             return False
@@ -103,21 +89,12 @@ class Attempt(Generic[RunT]):
 
 
 class Tally:
-    """What one call has done so far.
-
-    Attributes
-    ----------
-    timings : dict of str to float
-        Wall times of its parts, s.
-    iterations : int
-    tried : int
-        Runs from starts.
-    """
+    """Work of one call so far: wall times of its parts, s, iterations, and runs by the attempt that made them."""
 
     def __init__(self, *parts: str) -> None:
         self.timings = dict.fromkeys(parts, 0.0)
         self.iterations = 0
-        self.tried = 0
+        self.tried: Counter[str] = Counter()
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:
@@ -129,27 +106,94 @@ class Tally:
             self.timings[part] += perf_counter() - clock
 
 
+CheckedT = TypeVar("CheckedT", bound=CheckedRun[Any])
+SearchT = TypeVar("SearchT", bound="Search[Any]")
+
+
+class Attempt(ABC, Generic[SearchT, CheckedT]):
+    """One entry of the list: what it tries, what it may cost, when it is due."""
+
+    what: str
+    most: int = 1  # runs
+    iterations: float = inf  # of the whole task, after which it ends
+    gained = 0.0  # by its last run over the best before, relative; inf if that is the first that is certified
+
+    def due(self, search: SearchT) -> bool:  # noqa: ARG002 - most attempts need no condition
+        """True if the attempt is worth its cost after all before it."""
+        return True
+
+    @abstractmethod
+    def runs(self, search: SearchT) -> Iterator[CheckedT]:
+        """Yield runs, one after the other, while another one is worth its cost."""
+
+
+class Search(Generic[CheckedT]):
+    """Goes through a list of attempts, and keeps the best run."""
+
+    def __init__(
+        self, tally: Tally, deadline: float, lower_bound: float, enough: float = 0.0, arrival_step: float | None = None
+    ) -> None:
+        self.tally, self.deadline, self.arrival_step = tally, deadline, arrival_step
+        self.lower_bound = lower_bound  # s; no trip is faster
+        self.enough = enough  # travel time of a certified trip that ends the search, s
+        self.best: CheckedT | None = None
+        self.count = 0
+
+    @property
+    def certified(self) -> bool:
+        """True if there is a certified trip."""
+        return self.best is not None and self.best.holds
+
+    @property
+    def out_of_time(self) -> bool:
+        """True if the deadline has passed."""
+        return perf_counter() > self.deadline
+
+    @property
+    def over(self) -> bool:
+        """True if the time is up after the first run, or if no trip can be notably faster than the best."""
+        best = self.best
+        if best is not None and best.holds:
+            if best.travel_time <= self.enough or to_beat(best.travel_time, self.arrival_step) < self.lower_bound:
+                return True
+        return self.count > 0 and self.out_of_time
+
+    def walk(self, attempts: Iterable[Attempt[Any, CheckedT]]) -> None:
+        """Make the attempts that are due, in order, until the search is over."""
+        for attempt in attempts:
+            if self.over:
+                return
+            if self.tally.iterations > attempt.iterations or not attempt.due(self):
+                continue
+            for run in islice(attempt.runs(self), attempt.most):
+                self.tally.tried[attempt.what] += 1
+                attempt.gained = self._gain(run)
+                if self.over or self.tally.iterations > attempt.iterations:
+                    break
+
+    def _gain(self, run: CheckedT) -> float:
+        """Keep a run that is better than the best before; return its gain."""
+        before = self.best
+        self.count += 1
+        if not run.better_than(before):
+            return 0.0
+        self.best = run
+        if not run.holds:
+            return 0.0
+        return before.travel_time / run.travel_time - 1.0 if before is not None and before.holds else inf
+
+
 @dataclass(frozen=True)
 class ReadyProblem:
-    """A problem as it is searched.
-
-    Attributes
-    ----------
-    everything : Problem
-        With all obstacles.
-    near : Problem
-        Without those that are too far away to matter to a trip that is not much slower than it may be.
-    lower_bound : float
-        No trip is faster, s.
-    """
+    """A problem as it is searched: with all obstacles, and without those too far away to matter to a fast trip."""
 
     everything: Problem
     near: Problem
-    lower_bound: float
+    lower_bound: float  # No trip is faster, s
 
     @classmethod
     def of(cls, everything: Problem) -> ReadyProblem:
-        """Return a problem, and what is near of it, if there is the memory to plan with that."""
+        """Return a problem, and its near part, if there is the memory to plan with that."""
         least = kinematic_bound(everything.scenario)
         near = without_far_zones(everything, LONGEST_TRIP * least)
         near.check_memory()
@@ -157,77 +201,5 @@ class ReadyProblem:
 
 
 def met_what_was_left_out(problem: Problem, certificate: Certificate) -> bool:
-    """Whether a trip, longer than expected, met an obstacle that its problem took for too far away to matter."""
+    """True if a trip, longer than expected, met an obstacle that its problem took for too far away to matter."""
     return any(v.obstacle is not None and v.obstacle not in problem.zones.ids for v in certificate.violations)
-
-
-class OuterSearch(ABC, Generic[StartT, RunT]):
-    """Tries starts, the fastest estimate first, until no other can be expected to be better.
-
-    Parameters
-    ----------
-    lower_bound : float
-        No trip is faster, s.
-    effort : float
-        1 as usual; with more the search goes on nearer to the bound.
-    deadline : float
-        Value of :func:`time.perf_counter` at which it ends.
-    arrival_step : float, optional
-        s; the trip is to arrive on one of these: a gain within one is none.
-
-    Attributes
-    ----------
-    incumbent : Attempt or None
-        The best so far.
-    estimate : float
-        Of the start of that, s.
-    """
-
-    def __init__(self, lower_bound: float, effort: float, deadline: float, arrival_step: float | None = None) -> None:
-        self.lower_bound, self.deadline, self.arrival_step = lower_bound, deadline, arrival_step
-        self.enough = lower_bound * (1.0 + GOOD_ENOUGH / effort)
-        self.incumbent: Attempt[RunT] | None = None
-        self.estimate = 0.0
-
-    @abstractmethod
-    def tried(self, start: StartT) -> Attempt[RunT]:
-        """Return what a start led to."""
-
-    @property
-    def certified(self) -> bool:
-        """Whether there is a certified trip."""
-        return self.incumbent is not None and self.incumbent.holds
-
-    @property
-    def out_of_time(self) -> bool:
-        """Whether the deadline has passed."""
-        return perf_counter() > self.deadline
-
-    def _good_enough(self) -> bool:
-        best = self.incumbent
-        if best is None or not best.holds:
-            return False
-        return best.travel_time <= self.enough or to_beat(best.travel_time, self.arrival_step) < self.lower_bound
-
-    def try_all(self, starts: Iterable[StartT]) -> Attempt[RunT] | None:
-        """Try starts until one is good enough; return the best attempt.
-
-        Parameters
-        ----------
-        starts : iterable
-            They end where none that is left can be expected to lead to a faster trip than the incumbent.
-
-        Returns
-        -------
-        Attempt or None
-            None if there are no starts.
-        """
-        for start in starts:
-            if self.incumbent is not None and self.out_of_time:
-                break
-            attempt = self.tried(start)
-            if attempt.better_than(self.incumbent):
-                self.incumbent, self.estimate = attempt, start.estimate
-            if self.out_of_time or self._good_enough():
-                break
-        return self.incumbent

@@ -51,24 +51,14 @@ _ENDS = {
 
 @dataclass(frozen=True)
 class Ending:
-    """How the attempts ended.
-
-    Attributes
-    ----------
-    status : LoopStatus
-        Of the run that the best one came from.
-    penalty : float
-        What its violations cost it, s; 0 where that is nothing but rounding.
-    tried : int
-        Number of ways that were tried.
-    """
+    """End of the best run, and the attempts that were made."""
 
     status: LoopStatus
-    penalty: float
-    tried: int
+    penalty: float  # cost of its violations, s; 0 where that is nothing but rounding
+    tried: Mapping[str, int]  # runs by what the attempt tries
 
     @classmethod
-    def of(cls, run: LoopRun, tried: int, time: float = 1.0) -> Ending:
+    def of(cls, run: LoopRun, tried: Mapping[str, int], time: float = 1.0) -> Ending:
         """Return the ending of a run in natural units, with ``time`` the unit of time, s."""
         left = run.evaluation.merit(run.penalties) - run.evaluation.trajectory.travel_time
         return cls(run.status, left * time if left > FEWEST_PENALTIES else 0.0, tried)
@@ -107,9 +97,9 @@ def explain(
     """
     told = grave_violations(scenario, trip, certificate)
     parts = ["; ".join(map(str, told)) or UNCHECKED, *_causes(scenario, threat_zones, trip, told, prove_until)]
-    ways = "1 way round" if ending.tried == 1 else f"{ending.tried} ways round"
+    tried = _listed([_counted(number, what) for what, number in ending.tried.items()])
     penalty = f"; penalty left {ending.penalty:.3g} s" if ending.penalty > 0.0 else ""
-    parts.append(f"Best of {ways}; {_ENDS[ending.status]}{penalty}")
+    parts.append(f"Best of {tried}; {_ENDS[ending.status]}{penalty}")
     helps = "; ".join(_relaxations(scenario, told))
     return ". ".join([*parts, f"It would be acceptable with {helps}"] if helps else parts)
 
@@ -331,6 +321,12 @@ def _widest_gap(scenario: Scenario, zone: ThreatZone, time: float) -> str:
     if min(gaps) >= taken:
         return ""
     return f" (at most {min(gaps):.3g} m between them; the vehicle takes {taken:.3g} m)"
+
+
+def _counted(number: int, what: str) -> str:
+    """Return a number of things, of which the first word is the noun."""
+    noun, space, rest = what.partition(" ")
+    return f"{number} {noun}{'' if number == 1 else 's'}{space}{rest}"
 
 
 def _listed(names: list[str]) -> str:

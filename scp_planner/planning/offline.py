@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -9,13 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scp_planner.certificate.verdict import Certificate
+from scp_planner.planning.attempts import Attempt
 from scp_planner.planning.explain import Ending, explain
 from scp_planner.planning.in_tube import plan_in_tube
-from scp_planner.planning.other_guides import with_the_fastest_way
+from scp_planner.planning.other_guides import FastestGuide
 from scp_planner.planning.plan import Plan, PlanStatus
-from scp_planner.planning.refinements import among_small_zones, at_any_time, on_a_step, refined
-from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpAttempt, Task
-from scp_planner.planning.ways_round import WaysRound
+from scp_planner.planning.refinements import among_small_zones, at_any_time, on_a_step, refinements
+from scp_planner.planning.runs import CheckedRuns, OwnConstraints, ScpRun, Task
+from scp_planner.planning.trip_search import TripSearch
+from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.memory import check_obstacles
 from scp_planner.problem.preparation import asked_for_time
 from scp_planner.scenario.models import Scenario
@@ -140,30 +143,33 @@ def planned(
         arrival_step=inside.goal.arrival_step,
         thorough=thorough,
     )
-    runs = among_small_zones(CheckedRuns(task))
-    best = WaysRound(runs).best()
-    # Constraints are written in stations of the guide.
-    if constraints is None and (thorough or best.holds or not _arrives_late(inside, best)):
-        for over, attempt in with_the_fastest_way(runs, best):
-            further = refined(over, attempt)
-            best = further if further.better_than(best) else best
-    best = on_a_step(runs, inside, best)
-    return _told(scenario, runs, best, units, began)
+    search = TripSearch(among_small_zones(CheckedRuns(task)))
+    search.walk(attempts(search))
+    assert search.best is not None, "the first run is never cut off"
+    return _told(scenario, search, on_a_step(task, inside, search.best), units, began)
 
 
-def _arrives_late(scenario: Scenario, best: ScpAttempt) -> bool:
-    latest = scenario.goal.latest_arrival
-    return latest is not None and scenario.start.time + best.travel_time > latest
+def attempts(search: TripSearch) -> Iterator[Attempt[TripSearch, ScpRun]]:
+    """Yield the attempts of a plan, in order; which ones follow, and what they may cost, depends on those before."""
+    yield from ways_round(search.runs)
+    best, goal = search.best, search.task.scenario.goal
+    if search.task.given is not None or best is None:  # constraints are written in stations of the guide
+        return
+    late = goal.latest_arrival is not None and search.task.scenario.start.time + best.travel_time > goal.latest_arrival
+    if search.task.thorough or best.holds or not late:
+        yield FastestGuide()
+        yield from refinements(search.task)
 
 
-def _told(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, units: NaturalUnits, began: float) -> Plan:
+def _told(scenario: Scenario, search: TripSearch, best: ScpRun, units: NaturalUnits, began: float) -> Plan:
     """The best attempt as a plan in the user's units, with the reason if it is none to be driven."""
-    trip, found = runs.trip(best).outside(units), best.verdict.outside(units)
+    runs = search.runs
+    trip, found = runs.trip(best.trajectory).outside(units), best.verdict.outside(units)
     status = _status(best.run, best.verdict)
     return Plan(
         scenario=scenario.name,
         status=status,
-        reason=None if status is PlanStatus.CERTIFIED else _reason(scenario, runs, best, trip, units),
+        reason=None if status is PlanStatus.CERTIFIED else _reason(scenario, runs.task, best, trip, units),
         trip=trip,
         method="scp",
         solver=runs.solver.name,
@@ -171,23 +177,23 @@ def _told(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, units: Natura
         wall_time=perf_counter() - began,
         clearance=found.clearance,
         limits=found.limits,
-        lower_bound=runs.lower_bound * units.time,
+        lower_bound=search.lower_bound * units.time,
         timings=runs.task.tally.timings,
         converged=best.run.status is LoopStatus.CONVERGED,
         planned=scenario,
     )
 
 
-def _reason(scenario: Scenario, runs: CheckedRuns, best: ScpAttempt, trip: Trip, units: NaturalUnits) -> str:
+def _reason(scenario: Scenario, task: Task, best: ScpRun, trip: Trip, units: NaturalUnits) -> str:
     """Why there is no certified plan; with a proof, where there is time for one and a trip is hardly to be had."""
-    now, deadline = perf_counter(), runs.task.deadline
-    hopeless = runs.task.thorough and deadline - now > PROOF_TIME and (best.late or not best.run.feasible)
-    ending = Ending.of(best.run, runs.task.tally.tried, units.time)
+    now, deadline = perf_counter(), task.deadline
+    hopeless = task.thorough and deadline - now > PROOF_TIME and (best.late or not best.run.feasible)
+    ending = Ending.of(best.run, dict(task.tally.tried), units.time)
     found = best.verdict.outside(units)
     if hopeless:
         return explain(scenario, zones(scenario), trip, ending, found, prove_until=deadline)
     names = {violation.obstacle for violation in found.violations if violation.obstacle is not None}
-    told = [zone.outside(units) for zone in told_of(runs.task.threat_zones, names)] if names else []
+    told = [zone.outside(units) for zone in told_of(task.threat_zones, names)] if names else []
     return explain(scenario, told, trip, ending, found, prove_until=now)
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, sin
-from typing import TypeAlias
+from math import cos, inf, sin
 
 import numpy as np
 
 from scp_planner.arrays import Array
-from scp_planner.planning.attempts import HARDLY
-from scp_planner.planning.refinements import NOTABLE
-from scp_planner.planning.runs import CheckedRuns, ScpAttempt
-from scp_planner.planning.ways_round import WaysRound
+from scp_planner.planning.attempts import HARDLY, Attempt
+from scp_planner.planning.refinements import NOTABLE, refinements
+from scp_planner.planning.runs import CheckedRuns, ScpRun
+from scp_planner.planning.trip_search import TripSearch
+from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.build import slow_stretches
 from scp_planner.problem.guides import guide_over
 from scp_planner.problem.problem import Problem
@@ -30,59 +30,47 @@ BESIDE = 0.5  # steps of the grid, by which a guide keeps away from slow places
 ASKEW = 0.7  # rad; by which it misses that
 
 
-Candidates: TypeAlias = list[tuple[CheckedRuns, ScpAttempt]]
-"""Attempts, each with the runs that it is one of."""
-
-
 @dataclass(frozen=True)
 class _GuideRuns:
-    """Runs over a guide, and how long the fastest drive along it takes, s."""
-
     runs: CheckedRuns
-    estimate: float
+    estimate: float  # fastest drive along the guide, s
 
 
-def with_the_fastest_way(runs: CheckedRuns, best: ScpAttempt) -> Candidates:
-    """Look for trips along the fastest way on the ground, where the best trip is slower than that may be driven.
+class FastestGuide(Attempt[TripSearch, ScpRun]):
+    """The fastest way on the ground as guide, where the best trip is slower than that may be driven."""
 
-    Parameters
-    ----------
-    runs : CheckedRuns
-        Over the guide of the scenario.
-    best : ScpAttempt
-        The best of these.
+    what = "guide along the fastest way"
 
-    Returns
-    -------
-    list of (runs, attempt)
-        What is worth going on from: the same, that over the other guide if it is notably better, or both if that is
-        faster and fails by little.
-    """
-    problem, task = runs.everything, runs.task
-    if task.out_of_time or not _may_make_a_detour(problem) or best.travel_time <= DETOUR * runs.lower_bound:
-        return [(runs, best)]
-    drive = min(_drives(runs), key=lambda one: one.estimate, default=None)
-    if drive is None or task.out_of_time:
-        return [(runs, best)]
-    again = drive.runs
-    if best.holds:
-        straight = again.problem.space.guide.straight and problem.space.guide.straight
-        if best.travel_time <= DETOUR * drive.estimate or straight:
-            return [(runs, best)]
-        # Trips that are the same but for rounding, or for less than a step of time, are not chosen between by that.
-        known = min(best.travel_time * (1.0 - NOTABLE), to_beat(best.travel_time, task.arrival_step))
-        other = WaysRound(again).faster_than(known)
-    else:
-        other = WaysRound(again).best()
-    if other is None:
-        return [(runs, best)]
-    logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
-    if other.better_than(best):
-        return [(again, other)]
-    hopeful = not other.holds and other.run.evaluation.worst_violation < HARDLY
-    if hopeful and other.travel_time * DETOUR < best.travel_time:
-        return [(again, other), (runs, best)]
-    return [(runs, best)]
+    def due(self, search: TripSearch) -> bool:
+        assert search.best is not None
+        detour = search.best.travel_time > DETOUR * search.lower_bound
+        return detour and _may_make_a_detour(search.runs.everything)
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        best, task, everything = search.best, search.task, search.runs.everything
+        drive = min(_drives(search.runs), key=lambda one: one.estimate, default=None)
+        if best is None or drive is None or task.out_of_time:
+            return
+        known = inf
+        if best.holds:
+            straight = drive.runs.problem.space.guide.straight and everything.space.guide.straight
+            if best.travel_time <= DETOUR * drive.estimate or straight:
+                return
+            # Trips that are the same but for rounding, or for less than a step of time, are not chosen between by that.
+            known = min(best.travel_time * (1.0 - NOTABLE), to_beat(best.travel_time, task.arrival_step))
+        over = TripSearch(drive.runs, known)
+        over.walk(ways_round(drive.runs))
+        other = over.found
+        if other is None:
+            return
+        logger.info("over the fastest way: %.4f units of time after %.4f", other.travel_time, best.travel_time)
+        hopeful = not other.holds and other.run.evaluation.worst_violation < HARDLY
+        if hopeful and not other.better_than(best) and other.travel_time * DETOUR < best.travel_time:
+            further = TripSearch(other.runs)
+            further.best = other
+            further.walk(refinements(task))
+            other = further.best
+        yield other
 
 
 def _drives(runs: CheckedRuns) -> Iterator[_GuideRuns]:
@@ -99,7 +87,7 @@ def _drives(runs: CheckedRuns) -> Iterator[_GuideRuns]:
 
 
 def _may_make_a_detour(problem: Problem) -> bool:
-    """Whether the guide may be longer than it has to be, or lead through what can be driven round.
+    """True if the guide may be longer than it has to be, or lead through what can be driven round.
 
     One that follows the lanes of a corridor has no other way.
     """

@@ -1,4 +1,4 @@
-"""From a good trip to a better one: over another guide, with finer spans, or to a step of time.
+"""Attempts that go on from the best trip: over another guide, with finer splines, or to a step of time.
 
 How fine the splines have to be is told by the trip that was found: they become finer where it says so, and only as long
 as that gains something.
@@ -7,8 +7,10 @@ as that gains something.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
-from math import ceil
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import replace
+from math import ceil, inf
 
 import numpy as np
 
@@ -16,13 +18,13 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.lower_bound import kinematic_bound
 from scp_planner.certificate.verdict import ARRIVAL_TOLERANCE, off_a_step
 from scp_planner.mathematics.splines import greville_sites
-from scp_planner.planning.attempts import HARDLY
-from scp_planner.planning.runs import CheckedRuns, ScpAttempt
+from scp_planner.planning.attempts import HARDLY, Attempt
+from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
+from scp_planner.planning.trip_search import TripSearch
 from scp_planner.problem.guides import may_want_another_guide
 from scp_planner.problem.problem import Problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import changed
-from scp_planner.scp.goal import to_beat
 from scp_planner.settings.planning import SceneSettings, Settings, for_scene
 from scp_planner.trips.space import TripSpace
 from scp_planner.trips.trajectory import Trajectory, arriving
@@ -47,52 +49,6 @@ STRAYING = 0.03  # radii of the vehicle, by which it may be elsewhere after a st
 LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked to arrive
 
 
-@dataclass(frozen=True)
-class Found:
-    """The best trip so far.
-
-    Attributes
-    ----------
-    runs : CheckedRuns
-        With whose splines and settings it was found.
-    best : ScpAttempt
-    most : int
-        Iterations of the whole task, after which nothing further is tried.
-    """
-
-    runs: CheckedRuns
-    best: ScpAttempt
-    most: int
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether there is no time for anything further, it would be too much work, or no trip can be fast enough."""
-        task = self.runs.task
-        return task.out_of_time or task.tally.iterations > self.most or self.to_beat < self.runs.lower_bound
-
-    @property
-    def to_beat(self) -> float:
-        """The travel time that counts as faster, s; inf if it is not certified."""
-        return to_beat(self.best.travel_time, self.runs.task.arrival_step) if self.best.holds else np.inf
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether it is proved that no trip is faster."""
-        return self.to_beat < self.runs.lower_bound
-
-    def may_count(self, gain: float) -> bool:
-        """Whether a trip that is sooner by so many s counts as faster: always, but where arrivals count in steps."""
-        return self.best.travel_time - gain <= self.to_beat
-
-    def after(self, runs: CheckedRuns, attempt: ScpAttempt, least: float) -> tuple[Found, bool]:
-        """The best after an attempt, and whether it gains at least so much, relative to its travel time."""
-        if not attempt.better_than(self.best):
-            return self, False
-        gained = self.best.travel_time - attempt.travel_time
-        much = attempt.holds and (not self.best.holds or gained >= least * attempt.travel_time)
-        return Found(runs, attempt, self.most), much
-
-
 def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
     """Return runs with shorter spans of the path, where many zones to a span are far smaller than it; else the same.
 
@@ -108,81 +64,116 @@ def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
     return runs if wanted <= spans else CheckedRuns(task, space.guide, _breakpoints_of(space), wanted)
 
 
-def refined(runs: CheckedRuns, best: ScpAttempt) -> ScpAttempt:
-    """Go on from the best trip with better guides and finer splines, while that makes it much faster or certified."""
-    done = runs.task.tally.iterations
-    found = Found(runs, best, done + max(WORK * done, LEAST_WORK))
-    found, much = with_finer_paths(over_better_guides(found), 1)
+def refinements(task: Task) -> list[Refinement]:
+    """Return the attempts to improve a trip; they may cost a multiple of the work so far."""
+    done = task.tally.iterations
+    most = done + max(WORK * done, LEAST_WORK)
+    finer = FinerPath(1, most)
     # Paths with ever more spans would swerve for what a drive with too few of them loses: first as many as it takes.
-    found = with_finer_spans(found)
-    if much:
-        found, _ = with_finer_paths(found, FINER_PATHS - 1)
-    return found.best
+    return [BetterGuide(GUIDES, most), finer, FinerDrive(FINER, most), FinerPath(FINER_PATHS - 1, most, finer)]
 
 
-def over_better_guides(found: Found) -> Found:
-    """Where the guide limits the best path, take the path as the guide and go on from there, while that gains much."""
-    task = found.runs.task
-    for _ in range(GUIDES):
-        problem, trajectory = found.runs.problem, found.best.trajectory
-        hopeful = not found.best.holds and not problem.space.guide.straight
-        if not (hopeful or may_want_another_guide(problem, trajectory.path)) or found.exhausted or found.hopeless:
-            break
-        again = CheckedRuns.along(task, trajectory.path)
-        attempt = again.along_the_guide(trajectory.beta, trajectory.travel_time, found.to_beat)
-        logger.info("a new guide: %.4f units of time after %.4f", attempt.travel_time, found.best.travel_time)
-        found, much = found.after(again, attempt, WORTH_A_GUIDE)
-        if not much:
-            break
-    return found
+class Refinement(Attempt[TripSearch, ScpRun]):
+    """Goes on from the best trip over another problem, while that makes it much faster or certified."""
+
+    worth: float  # relative gain below which there is no further one
+
+    def __init__(self, most: int, iterations: float, after: Refinement | None = None) -> None:
+        self.most, self.iterations, self.after = most, iterations, after
+
+    def due(self, search: TripSearch) -> bool:  # noqa: ARG002
+        """True unless it goes on with a refinement that did not gain much."""
+        return self.after is None or self.after.gained >= self.worth
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        while search.best is not None and self.promising(search, search.best):
+            before = search.best
+            yield self.further(search, before)
+            after = search.best.travel_time
+            logger.info("%s: %.4f units of time after %.4f", self.what, after, before.travel_time)
+            if self.gained < self.worth:
+                return
+
+    @abstractmethod
+    def promising(self, search: TripSearch, best: ScpRun) -> bool:
+        """True if the best trip shows that it may gain."""
+
+    @abstractmethod
+    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
+        """Go on from the best trip."""
 
 
-def with_finer_paths(found: Found, most: int = FINER_PATHS) -> tuple[Found, bool]:
-    """Where the path bends within its spans, or fails by little, take shorter ones while that gains much.
+class BetterGuide(Refinement):
+    """The path as guide, where the guide limits it."""
 
-    At most so many times; tells as well whether it gained much to the last.
-    """
-    much = False
-    for _ in range(most):
-        much = False
-        task, space = found.runs.task, found.best.trajectory.space
+    what, worth = "guide along the path", WORTH_A_GUIDE
+
+    def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
+        curved = not best.holds and not best.runs.problem.space.guide.straight
+        return curved or may_want_another_guide(best.runs.problem, best.trajectory.path)
+
+    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
+        runs = CheckedRuns.along(search.task, best.trajectory.path)
+        return runs.along_the_guide(best.trajectory.beta, best.travel_time, search.cutoff)
+
+
+class FinerPath(Refinement):
+    """Path spans of half the length, where the path bends within its spans, or fails by little."""
+
+    what, worth = "path with shorter spans", WORTH_FINER_PATHS
+
+    def promising(self, search: TripSearch, best: ScpRun) -> bool:  # noqa: ARG002
+        return 2 * len(best.trajectory.space.path.widths) <= MOST_PATH_SPANS and may_gain_by_spans(best)
+
+    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
+        task, space = best.runs.task, best.trajectory.space
         spans = 2 * len(space.path.widths)
-        if spans > MOST_PATH_SPANS or found.exhausted or found.hopeless or not _may_gain_by_spans(found):
-            break
         settings = replace(for_scene(task.settings), path_span=space.length / spans)
-        breakpoints = _breakpoints_of(space)
-        again = CheckedRuns(replace(task, settings=settings), space.guide, breakpoints, spans)
-        start = _refined(again.problem, found.best.trajectory)
-        cutoff = found.to_beat * (1.0 - NOTABLE)
-        attempt = again.attempt(start, cutoff)
-        logger.info(
-            "%d spans of the path: %.4f units of time after %.4f", spans, attempt.travel_time, found.best.travel_time
-        )
-        found, much = found.after(again, attempt, WORTH_FINER_PATHS)
-        if not much:
-            break
-    return found, much
+        runs = CheckedRuns(replace(task, settings=settings), space.guide, _breakpoints_of(space), spans)
+        return runs.attempt(over_finer_path(runs.problem, best.trajectory), search.cutoff * (1.0 - NOTABLE))
 
 
-def _may_gain_by_spans(found: Found) -> bool:
-    """Whether shorter spans of the path may make a trip faster, or a certified one.
+class FinerDrive(Refinement):
+    """Three times as many spans of the acceleration, where limits of places or of the jerk ask for many switches."""
+
+    what, worth = "drive with shorter spans", WORTH_MORE_SPANS
+    hoped = inf  # gain of the next run, s
+
+    def promising(self, search: TripSearch, best: ScpRun) -> bool:
+        if best.runs.problem.profile is None and best.runs.task.scenario.vehicle.max_jerk is None:
+            return False
+        few = 3 * best.runs.task.settings.acceleration_spans <= MOST_SPANS
+        # Where arrivals count in steps, a gain within one is none.
+        return few and best.travel_time - self.hoped <= search.cutoff
+
+    def further(self, search: TripSearch, best: ScpRun) -> ScpRun:
+        task, trip = best.runs.task, best.trajectory
+        finer = replace(task, settings=replace(task.settings, acceleration_spans=3 * task.settings.acceleration_spans))
+        runs = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
+        attempt = runs.attempt(over_other_breakpoints(runs.problem, trip), search.cutoff)
+        gained = trip.travel_time - attempt.travel_time
+        self.hoped = HOPED * gained if gained > 0.0 else inf
+        return attempt
+
+
+def may_gain_by_spans(best: ScpRun) -> bool:
+    """True if shorter spans of the path may make a trip faster, or a certified one.
 
     A path cannot follow within a span what its third derivative jumps by from span to span: times the span squared
     this is a slope, and in control points their fourth difference over the span.
     """
-    best = found.best
     if not best.holds:
         return best.run.evaluation.worst_violation < HARDLY
     theta, space = best.trajectory.theta, best.trajectory.space
     span = space.length / len(space.path.widths)
     unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
     tight = span * float(np.abs(best.trajectory.path.station_bend.curvature).max())
-    slowed = best.travel_time > (1.0 + SLOWED) * kinematic_bound(found.runs.task.scenario)
+    slowed = best.travel_time > (1.0 + SLOWED) * kinematic_bound(best.runs.task.scenario)
     return slowed and (unseen > UNSEEN or tight > TIGHT)
 
 
-def _refined(problem: Problem, trip: Trajectory) -> Trajectory:
-    """A trip over a space whose spans of the path are parts of its own: the very same trip."""
+def over_finer_path(problem: Problem, trip: Trajectory) -> Trajectory:
+    """Return the very same trip over a space whose spans of the path are parts of its own."""
     basis, ends = problem.space.path, problem.ends
     sites = greville_sites(tuple(basis.breakpoints.tolist()), basis.coefficients.shape[1] - 1)
     theta: Array = np.linalg.solve(basis.rows(sites), trip.space.path.rows(sites) @ trip.theta).astype(float)
@@ -190,36 +181,22 @@ def _refined(problem: Problem, trip: Trajectory) -> Trajectory:
     return Trajectory.of(problem.space, theta, trip.beta, trip.travel_time)
 
 
-def with_finer_spans(found: Found) -> Found:
-    """Where speed limits of places or of the jerk ask for many switches, take more spans while that gains much."""
-    if found.runs.problem.profile is None and found.runs.task.scenario.vehicle.max_jerk is None:
-        return found
-    hoped = np.inf
-    for _ in range(FINER):
-        task, trip = found.runs.task, found.best.trajectory
-        spans = 3 * task.settings.acceleration_spans
-        if spans > MOST_SPANS or found.exhausted or found.hopeless or not found.may_count(hoped):
-            break
-        finer = replace(task, settings=replace(task.settings, acceleration_spans=spans))
-        again = CheckedRuns(finer, trip.space.guide, spans=len(trip.space.path.widths))
-        problem = again.problem
-        beta = _driven_over(problem.space, trip)
-        start = arriving(problem.space, trip.theta, beta, problem.limits.acceleration, trip.travel_time)
-        attempt = again.attempt(start, found.to_beat)
-        logger.info(
-            "%d spans of the drive: %.4f units of time after %.4f", spans, attempt.travel_time, trip.travel_time
-        )
-        found, much = found.after(again, attempt, WORTH_MORE_SPANS)
-        if not much:
-            break
-        gained = trip.travel_time - attempt.travel_time
-        hoped = HOPED * gained if gained > 0.0 else np.inf
-    return found
+def over_other_breakpoints(problem: Problem, trip: Trajectory) -> Trajectory:
+    """Return about the same trip over a space with other breakpoints of the acceleration; it arrives.
 
-
-def _breakpoints_of(space: TripSpace) -> tuple[float, ...]:
-    """Of the acceleration, in normalised time."""
-    return tuple(space.acceleration.breakpoints.tolist())
+    Where accelerations are constant between the breakpoints, they lead to the same speeds there.
+    """
+    space = problem.space
+    basis = space.acceleration
+    degree = basis.coefficients.shape[1] - 1
+    if np.array_equal(basis.breakpoints, trip.space.acceleration.breakpoints):
+        beta = trip.beta
+    elif degree > 0:
+        beta = trip.drive_at(greville_sites(_breakpoints_of(space), degree)).acceleration
+    else:
+        beta = np.diff(trip.speed_at(basis.breakpoints)) / (np.diff(basis.breakpoints) * trip.travel_time)
+    # The same mean accelerations may end before the trip does.
+    return arriving(space, trip.theta, beta, problem.limits.acceleration, trip.travel_time)
 
 
 def at_any_time(scenario: Scenario) -> Scenario:
@@ -229,54 +206,53 @@ def at_any_time(scenario: Scenario) -> Scenario:
     return changed(scenario, goal=changed(scenario.goal, arrival_step=None))
 
 
-def on_a_step(runs: CheckedRuns, scenario: Scenario, fastest: ScpAttempt) -> ScpAttempt:
+def on_a_step(task: Task, scenario: Scenario, fastest: ScpRun) -> ScpRun:
     """Go on from the fastest trip to one that arrives on the next step of time, or a later one if that fails."""
-    task, goal, trajectory = runs.task, scenario.goal, fastest.trajectory
-    step = goal.arrival_step
+    step = scenario.goal.arrival_step
     if step is None or not fastest.holds:
         return fastest
-    best = runs.judged(fastest.run, scenario)  # As it is it is certified for another scenario.
-    smooth = commanded_in_steps(trajectory, step, scenario.vehicle.radius)
-    first = ceil((trajectory.travel_time - off_a_step(step)) / step)
-    for steps in range(first, first + LATER_STEPS):
-        arrival = scenario.start.time + steps * step
-        too_late = goal.latest_arrival is not None and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE * steps * step
-        if (best.holds and smooth) or too_late or task.out_of_time:
-            break
-        # Planned for without a margin: the step may be missed to both sides.
-        timed = changed(scenario, goal=changed(goal, earliest_arrival=arrival, latest_arrival=arrival))
-        breakpoints = _in_step(trajectory, steps, task.settings)
-        spans = len(trajectory.space.path.widths)
-        again = CheckedRuns(
-            replace(task, scenario=timed, arrival_step=None), trajectory.space.guide, breakpoints, spans
-        )
-        space = again.problem.space
-        # Over other breakpoints the same mean accelerations may end before the trip does.
-        beta, limit = _driven_over(space, trajectory), again.problem.limits.acceleration
-        start = arriving(space, trajectory.theta, beta, limit, trajectory.travel_time)
-        attempt = again.attempt(start, loop=again.patient_loop)
-        if best.holds:
-            return attempt if attempt.holds else best
-        best = attempt if attempt.better_than(best) else best
-        smooth = True
-    return best
+    best = fastest.runs.judged(fastest.run, scenario)  # As it is it is certified for another scenario.
+    if best.holds and commanded_in_steps(fastest.trajectory, step, scenario.vehicle.radius):
+        return best
+    search = TripSearch(fastest.runs)
+    search.enough = search.lower_bound = 0.0
+    search.best = None if best.holds else best
+    search.walk([ArrivalOnStep(task, scenario, step, fastest.trajectory, 1 if best.holds else LATER_STEPS)])
+    if best.holds and not search.certified:
+        return best
+    assert search.best is not None
+    return search.best
+
+
+class ArrivalOnStep(Attempt[TripSearch, ScpRun]):
+    """The fastest trip, slowed down to the next step of time, or to a later one where that fails."""
+
+    what = "arrival on a step"
+
+    def __init__(self, task: Task, scenario: Scenario, step: float, fastest: Trajectory, most: int) -> None:
+        self.task, self.scenario, self.step, self.fastest, self.most = task, scenario, step, fastest, most
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        goal, trip = self.scenario.goal, self.fastest
+        first = ceil((trip.travel_time - off_a_step(self.step)) / self.step)
+        for steps in range(first, first + self.most):
+            arrival = self.scenario.start.time + steps * self.step
+            too_late = (
+                goal.latest_arrival is not None
+                and arrival > goal.latest_arrival + ARRIVAL_TOLERANCE * steps * self.step
+            )
+            if search.certified or too_late or search.out_of_time:
+                return
+            # Planned for without a margin: the step may be missed to both sides.
+            timed = changed(self.scenario, goal=changed(goal, earliest_arrival=arrival, latest_arrival=arrival))
+            task = replace(self.task, scenario=timed, arrival_step=None)
+            breakpoints = _in_step(trip, steps, task.settings)
+            runs = CheckedRuns(task, trip.space.guide, breakpoints, len(trip.space.path.widths))
+            yield runs.attempt(over_other_breakpoints(runs.problem, trip), loop=runs.patient_loop)
 
 
 def commanded_in_steps(trip: Trajectory, step: float, radius: float) -> bool:
-    """Return whether one acceleration a step drives about as far in each step as a trip, whose own may change within.
-
-    Parameters
-    ----------
-    trip : Trajectory
-    step : float
-        s.
-    radius : float
-        Of the vehicle, m.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether one acceleration a step, s, drives about as far in each step as a trip; the radius is in m."""
     times = np.arange(0.0, trip.travel_time, step)
     drive = trip.drive_at(times / trip.travel_time)
     joined = 0.5 * step * (drive.speed[1:] + drive.speed[:-1])
@@ -292,16 +268,6 @@ def _in_step(trajectory: Trajectory, steps: int, settings: Settings) -> tuple[fl
     return _breakpoints_of(trajectory.space)
 
 
-def _driven_over(space: TripSpace, trip: Trajectory) -> Array:
-    """Accelerations of a trip over a space whose breakpoints of them may be others.
-
-    Where they are constant between those, they lead to the same speeds there.
-    """
-    basis = space.acceleration
-    if np.array_equal(basis.breakpoints, trip.space.acceleration.breakpoints):
-        return trip.beta
-    degree = basis.coefficients.shape[1] - 1
-    if degree > 0:
-        return trip.drive_at(greville_sites(_breakpoints_of(space), degree)).acceleration
-    beta: Array = np.diff(trip.speed_at(basis.breakpoints)) / (np.diff(basis.breakpoints) * trip.travel_time)
-    return beta
+def _breakpoints_of(space: TripSpace) -> tuple[float, ...]:
+    """Breakpoints of the acceleration, in normalised time."""
+    return tuple(space.acceleration.breakpoints.tolist())

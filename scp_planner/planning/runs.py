@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from scp_planner.arrays import Array
 from scp_planner.certificate.check import certify_trip
 from scp_planner.certificate.checked_trip import Scope
 from scp_planner.constraints.arrival import EarliestArrival
-from scp_planner.planning.attempts import Attempt, ReadyProblem, Tally, met_what_was_left_out
+from scp_planner.planning.attempts import CheckedRun, ReadyProblem, Tally, met_what_was_left_out
 from scp_planner.problem.build import build_problem
 from scp_planner.problem.guides import guide_along
 from scp_planner.problem.problem import Problem
@@ -46,8 +46,6 @@ CONTINUATIONS = 4  # how often a run that is at its limit of iterations goes on
 SPARING = replace(LOOP, spared=3.0)  # a run leaves time for its last iteration and for its certificate
 HOPELESS_AFTER = 8  # iterations, after which a run from a way that is far from feasible makes room for other ways
 
-ScpAttempt: TypeAlias = Attempt[LoopRun]
-
 
 @dataclass(frozen=True)
 class OwnConstraints:
@@ -59,36 +57,17 @@ class OwnConstraints:
 
 @dataclass(frozen=True)
 class Task:
-    """What one call of :func:`scp_planner.plan` is to do, in the units of the scene.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    threat_zones : sequence of ThreatZone
-    settings : Settings
-    deadline : float
-        Value of :func:`time.perf_counter` at which it ends.
-    last_check : float
-        The same, at which the certificate of what was found by then is given up.
-    own_solver : QpSolver, optional
-    given : OwnConstraints, optional
-    arrival_step : float, optional
-        s; what the scenario does not ask for: the trip is brought to one of these at last.
-    thorough : bool
-        Whether bows are tried where no way leads to a certified trip, and a proof that there is none.
-    tally : Tally
-        What has been done.
-    """
+    """The work of one call of :func:`scp_planner.plan`, in the units of the scene."""
 
     scenario: Scenario
     threat_zones: Sequence[ThreatZone]
     settings: Settings
-    deadline: float
-    last_check: float = np.inf
+    deadline: float  # value of `perf_counter` at which it ends
+    last_check: float = np.inf  # the same, at which the certificate of the runs so far is given up
     own_solver: QpSolver | None = None
     given: OwnConstraints | None = None
-    arrival_step: float | None = None
-    thorough: bool = True
+    arrival_step: float | None = None  # s; the scenario lacks it: the trip is brought to a step at last
+    thorough: bool = True  # arcs, and a proof that there is no trip, where no way leads to a certified one
     tally: Tally = field(default_factory=lambda: Tally("build", "search", "scp", "certificate"))
 
     @property
@@ -101,7 +80,7 @@ class Task:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the deadline has passed."""
+        """True if the deadline has passed."""
         return perf_counter() > self.deadline
 
     def solvers(self) -> tuple[QpSolver, str | None]:
@@ -114,17 +93,17 @@ class Task:
         return solver_named(name), "clarabel" if name != "clarabel" else "daqp"
 
 
-class CheckedRuns:
-    """Runs of the loop on a task's problem over one guide, each with its certificate.
+@dataclass(frozen=True)
+class ScpRun(CheckedRun[LoopRun]):
+    """A run of the loop, its certificate, and the runs that it is one of."""
 
-    Parameters
-    ----------
-    task : Task
-    guide : Guide, optional
-    breakpoints : tuple of float, optional
-        Of the acceleration, in normalised time.
-    spans : int, optional
-        Of the offset.
+    runs: CheckedRuns
+
+
+class CheckedRuns:
+    """Makes runs of the loop on a task's problem over one guide, each with its certificate.
+
+    The breakpoints are those of the acceleration, in normalised time; the spans those of the offset.
     """
 
     def __init__(
@@ -144,6 +123,11 @@ class CheckedRuns:
             self.everything, self.problem, self.lower_bound = ready.everything, ready.near, ready.lower_bound
             self.loop = self._loop(self.problem, HOPELESS_AFTER, task.steps)
 
+    @property
+    def most_ways(self) -> int:
+        """Number of ways of one grid that are tried at most."""
+        return max(1, round(self.task.settings.max_runs * self.task.settings.effort))
+
     @cached_property
     def patient_loop(self) -> ScpLoop:
         """A loop whose runs go on where others would make room for other ways."""
@@ -156,21 +140,20 @@ class CheckedRuns:
             guide = guide_along(path, task.settings)
         return cls(task, guide, tuple(path.space.acceleration.breakpoints.tolist()))
 
-    def trip(self, attempt: ScpAttempt) -> Trip:
-        """Return the trip that an attempt ended with."""
-        return Trip(self.problem.frame, attempt.trajectory.settled())
+    def trip(self, trajectory: Trajectory) -> Trip:
+        """Return the trip of a trajectory, in the frame of the problem."""
+        return Trip(self.problem.frame, trajectory.settled())
 
-    def judged(self, run: LoopRun, scenario: Scenario | None = None) -> ScpAttempt:
-        """Return a run with what a certificate, for the task's scenario or another, and a user's constraints say."""
+    def judged(self, run: LoopRun, scenario: Scenario | None = None) -> ScpRun:
+        """Return a run with its certificate, for the task's scenario or another, and by a user's own constraints."""
         with self.task.tally.timed("certificate"):
-            trip = Trip(self.problem.frame, run.evaluation.trajectory.settled())
-            scope = Scope(deadline=self.task.last_check)
+            trip, scope = self.trip(run.evaluation.trajectory), Scope(deadline=self.task.last_check)
             certificate = certify_trip(scenario or self.task.scenario, trip, self.task.threat_zones, scope)
             if self.problem.given is not None:
                 certificate = self.problem.given.judged(certificate, run.evaluation.trajectory)
-        return Attempt(run, certificate)
+        return ScpRun(run, certificate, self)
 
-    def along_the_guide(self, beta: Array, near: float, cutoff: float) -> ScpAttempt:
+    def along_the_guide(self, beta: Array, near: float, cutoff: float) -> ScpRun:
         """Run the loop from the guide itself, driven with given accelerations in about the given time, s."""
         # The new guide may be a little longer than the path that it is: the same accelerations may end before it does.
         problem = self.problem
@@ -181,9 +164,9 @@ class CheckedRuns:
         self,
         start: Trajectory,
         cutoff: float = np.inf,
-        rival: ScpAttempt | None = None,
+        rival: ScpRun | None = None,
         loop: ScpLoop | None = None,
-    ) -> ScpAttempt:
+    ) -> ScpRun:
         """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff.
 
         A trip that is as good as on its step of time is slowed down to that.
@@ -197,7 +180,7 @@ class CheckedRuns:
             return on_time
         return self._checked(self.problem, self._loop(self.problem), attempt.trajectory, cutoff, rival)
 
-    def _on_its_step(self, trajectory: Trajectory) -> ScpAttempt:
+    def _on_its_step(self, trajectory: Trajectory) -> ScpRun:
         """Go on from a trip to one that arrives on the next step of time."""
         assert self.task.steps is not None
         limit = EarliestArrival(self.task.steps.after(trajectory.travel_time), self.problem.step_size)
@@ -205,18 +188,18 @@ class CheckedRuns:
         return self._checked(problem, self._loop(problem), trajectory, np.inf, None)
 
     def _checked(
-        self, problem: Problem, loop: ScpLoop, start: Trajectory, cutoff: float, rival: ScpAttempt | None
-    ) -> ScpAttempt:
+        self, problem: Problem, loop: ScpLoop, start: Trajectory, cutoff: float, rival: ScpRun | None
+    ) -> ScpRun:
         """Run a loop, and again with what its certificate found missing."""
         for repeat in range(TIGHTENINGS + 1):
             with self.task.tally.timed("scp"):
                 trust = SPARING.retry_trust if repeat else None
                 run = self._run(loop, start, cutoff, None if rival is None else rival.run.evaluation, trust)
             if run.status is LoopStatus.ON_TIME:
-                return Attempt(run, None)
+                return ScpRun(run, None, self)
             slower = not run.feasible or run.evaluation.trajectory.travel_time >= cutoff
             if run.status is LoopStatus.SAME_WAY or (np.isfinite(cutoff) and slower):
-                return Attempt(run, None)
+                return ScpRun(run, None, self)
             attempt = self.judged(run)
             certificate = attempt.verdict
             if certificate.holds or not run.feasible or certificate.late or self.task.out_of_time:
@@ -240,7 +223,7 @@ class CheckedRuns:
         parameters = replace(SPARING, same_way=apart)
         return ScpLoop(problem, self.solver, self._fallback, hopeless_after, parameters, steps, penalties)
 
-    def _asking_for_more(self, problem: Problem, attempt: ScpAttempt, urgency: float) -> Problem:
+    def _asking_for_more(self, problem: Problem, attempt: ScpRun, urgency: float) -> Problem:
         if met_what_was_left_out(problem, attempt.verdict):
             return self.everything
         return tightened(problem, attempt.verdict, urgency, attempt.travel_time)
@@ -272,7 +255,7 @@ class CheckedRuns:
 
 
 def promise(run: LoopRun) -> tuple[bool, float]:
-    """Return what makes a run better than others: to keep all constraints, and be fast; else to miss them by little."""
+    """Return a key that orders runs: those that keep all constraints, by travel time, before others, by violation."""
     evaluation = run.evaluation
     return not run.feasible, evaluation.trajectory.travel_time if run.feasible else evaluation.worst_violation
 

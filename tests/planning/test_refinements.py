@@ -9,11 +9,20 @@ import pytest
 from scenes import disc, drone, scene
 
 import scp_planner as sp
-from scp_planner.planning import refinements
 from scp_planner.planning.attempts import HARDLY
-from scp_planner.planning.refinements import Found, among_small_zones, refined, with_finer_paths
-from scp_planner.planning.runs import CheckedRuns, Task
-from scp_planner.planning.ways_round import WaysRound
+from scp_planner.planning.refinements import (
+    NOTABLE,
+    FinerDrive,
+    FinerPath,
+    among_small_zones,
+    may_gain_by_spans,
+    over_finer_path,
+    over_other_breakpoints,
+    refinements,
+)
+from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
+from scp_planner.planning.trip_search import TripSearch
+from scp_planner.planning.ways_round import ways_round
 from scp_planner.problem.build import build_problem
 from scp_planner.scenario.models import Scenario
 from scp_planner.scenario.units import NaturalUnits
@@ -25,85 +34,89 @@ pytestmark = pytest.mark.numerics
 DRONE = NaturalUnits.of(drone(1, 1.2)).scenario(drone(1, 1.2))
 
 
-def found_in(scenario: Scenario) -> Found:
-    runs = CheckedRuns(Task(scenario, sp.zones(scenario), for_scene(Settings()), np.inf))
-    return Found(runs, WaysRound(runs).best(), 10_000)
+def found_in(scenario: Scenario, arrival_step: float | None = None) -> ScpRun:
+    task = Task(scenario, sp.zones(scenario), for_scene(Settings()), np.inf, arrival_step=arrival_step)
+    search = TripSearch(CheckedRuns(task))
+    search.walk(ways_round(search.runs))
+    assert search.best is not None
+    return search.best
+
+
+def going_on_from(best: ScpRun, arrival_step: float | None = None) -> TripSearch:
+    search = TripSearch(CheckedRuns(replace(best.runs.task, arrival_step=arrival_step)))
+    search.best = best
+    return search
 
 
 @pytest.fixture(scope="module")
-def among() -> Found:
+def among() -> ScpRun:
     return found_in(DRONE)
 
 
-def test_a_trip_over_twice_as_many_spans_is_the_very_same_trip(among: Found) -> None:
-    trip = among.best.trajectory
+def test_a_trip_over_twice_as_many_spans_is_the_very_same_trip(among: ScpRun) -> None:
+    trip = among.trajectory
     basis = trip.space.acceleration
     spans = 2 * len(trip.space.path.widths)
     finer = build_problem(DRONE, (), Settings(), tuple(basis.breakpoints.tolist()), trip.space.guide, spans)
-    again = refinements._refined(finer, trip)
+    again = over_finer_path(finer, trip)
     places = np.linspace(0.0, 1.0, 401)
     assert len(again.theta) == len(trip.theta) + spans // 2
     assert again.path.points(places).position == pytest.approx(trip.path.points(places).position, abs=1e-12)
     assert again.travel_time == pytest.approx(trip.travel_time, rel=1e-9)
 
 
-def test_a_drone_gains_by_shorter_spans_and_tells_beforehand(among: Found) -> None:
-    assert among.best.holds
-    assert refinements._may_gain_by_spans(among)
-    finer, _ = with_finer_paths(among)
-    assert finer.best.holds
-    assert finer.best.travel_time < (1.0 - refinements.NOTABLE) * among.best.travel_time
-    assert len(finer.best.trajectory.space.path.widths) >= 2 * len(among.best.trajectory.space.path.widths)
+def test_a_drone_gains_by_shorter_spans_and_tells_beforehand(among: ScpRun) -> None:
+    assert among.holds
+    assert may_gain_by_spans(among)
+    search = going_on_from(among)
+    search.walk([FinerPath(3, np.inf)])
+    assert search.best is not None and search.best.holds
+    assert search.best.travel_time < (1.0 - NOTABLE) * among.travel_time
+    assert len(search.best.trajectory.space.path.widths) >= 2 * len(among.trajectory.space.path.widths)
 
 
 def test_where_the_bound_is_near_nothing_gets_finer() -> None:
-    found = found_in(scene(disc("beside", (10.0, 1.0), radius=0.8)))
-    tried = found.runs.task.tally.iterations
-    assert refined(found.runs, found.best) is found.best
-    assert found.runs.task.tally.iterations == tried
+    best = found_in(scene(disc("beside", (10.0, 1.0), radius=0.8)))
+    search = going_on_from(best)
+    tried = search.tally.iterations
+    search.walk(refinements(search.task))
+    assert search.best is best
+    assert search.tally.iterations == tried
 
 
-def test_the_drive_gets_its_spans_before_the_path_gets_more_than_twice_as_many(
-    among: Found, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_drive_gets_its_spans_before_the_path_gets_more_than_twice_as_many(among: ScpRun) -> None:
     """Else a path with ever more spans swerves for what a drive with too few of them loses."""
-    spans: list[int] = []
-
-    def driven(found: Found) -> Found:
-        spans.append(len(found.best.trajectory.space.path.widths))
-        return found
-
-    monkeypatch.setattr(refinements, "with_finer_spans", driven)
-    before = len(among.best.trajectory.space.path.widths)
-    best = refined(among.runs, among.best)
-    assert spans == [2 * before]
-    assert best.travel_time <= with_finer_paths(among)[0].best.travel_time * (1.0 + 1e-9)
+    *_, first, drive, again = refinements(among.runs.task)
+    assert isinstance(first, FinerPath) and isinstance(drive, FinerDrive) and isinstance(again, FinerPath)
+    search = going_on_from(among)
+    search.walk([first])
+    assert search.best is not None
+    before = len(among.trajectory.space.path.widths)
+    assert len(search.best.trajectory.space.path.widths) == 2 * before
+    assert again.due(search) is (first.gained >= FinerPath.worth)
 
 
-def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: Found) -> None:
-    trip = among.best.trajectory
+def test_a_trip_that_fails_by_far_is_not_tried_again_with_shorter_spans(among: ScpRun) -> None:
+    trip = among.trajectory
     through = Trajectory.of(trip.space, np.zeros_like(trip.theta), trip.beta, trip.travel_time)
     run = among.runs.loop.run(through, 0)
-    failed = replace(among, best=among.runs.judged(run))
     assert run.evaluation.worst_violation > HARDLY
-    assert not refinements._may_gain_by_spans(failed)
+    assert not may_gain_by_spans(among.runs.judged(run))
 
 
-def test_work_on_a_better_trip_is_bounded(among: Found) -> None:
-    done = replace(among, most=among.runs.task.tally.iterations - 1)
-    assert done.exhausted
-    assert with_finer_paths(done)[0] is done
+def test_work_on_a_better_trip_is_bounded(among: ScpRun) -> None:
+    search = going_on_from(among)
+    search.walk([FinerPath(3, search.tally.iterations - 1)])
+    assert search.best is among
 
 
 def test_more_spans_of_the_drive_begin_with_a_trip_that_arrives() -> None:
     """It stops at the goal: accelerations taken between other breakpoints may stop it before."""
     scenario = scene(start={"speed": 1.0}, goal={"speed": 0.0}, speed_limits=[{"from": 6.0, "to": 12.0, "speed": 1.0}])
-    found = found_in(scenario)
-    trip = found.best.trajectory
+    trip = found_in(scenario).trajectory
     for spans in (23, 47, 60):
         finer = build_problem(scenario, (), for_scene(Settings(acceleration_spans=spans)), guide=trip.space.guide)
-        beta = refinements._driven_over(finer.space, trip)
-        again = Trajectory.of(finer.space, trip.theta, beta, trip.travel_time)
+        again = over_other_breakpoints(finer, trip)
         breaks = finer.space.acceleration.breakpoints
         assert again.travel_time == pytest.approx(trip.travel_time, rel=5e-3)
         assert again.speed_at(breaks) == pytest.approx(trip.speed_at(breaks), abs=0.05)
@@ -128,13 +141,17 @@ def test_many_small_zones_get_shorter_spans_and_few_or_large_ones_do_not() -> No
     assert spans(91, 0.02, Settings(max_path_spans=25)) == 25
 
 
-def test_where_arrivals_count_in_steps_a_gain_within_one_is_none(among: Found) -> None:
-    assert among.best.holds
-    assert among.may_count(0.0) and among.may_count(np.inf)
-    time = among.best.travel_time
-    steps = Found(CheckedRuns(replace(among.runs.task, arrival_step=0.3 * time)), among.best, among.most)
-    assert not steps.may_count(0.05 * time)  # the steps are at 0.9 and 1.2 times the travel time
-    assert steps.may_count(0.11 * time) and steps.may_count(np.inf)
+def test_where_arrivals_count_in_steps_a_gain_within_one_is_none() -> None:
+    scenario = scene(start={"speed": 1.0}, speed_limits=[{"from": 6.0, "to": 12.0, "speed": 1.0}])
+    best = found_in(scenario)
+    finer = FinerDrive(2, np.inf)
+    search = going_on_from(best, arrival_step=0.3 * best.travel_time)  # the steps are at 0.9 and 1.2 times that
+    assert search.best is best and best.holds
+    for gain, worth in ((0.05, False), (0.11, True), (np.inf, True)):
+        finer.hoped = gain * best.travel_time
+        assert finer.promising(search, best) is worth
+    finer.hoped = 0.0
+    assert finer.promising(going_on_from(best), best), "without steps every gain counts"
 
 
 def test_accelerations_over_steps_of_time_that_would_end_early_lead_to_the_goal() -> None:

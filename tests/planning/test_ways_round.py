@@ -1,120 +1,128 @@
-"""Which ways round are tried."""
+"""Ways round that are tried, and arcs where there are none."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from clock import FakeClock
 from scenes import disc, scene
 
-from scp_planner import zones
-from scp_planner.planning import ways_round
-from scp_planner.planning.runs import CheckedRuns, ScpAttempt, Task
-from scp_planner.planning.ways_round import Branch, WaysRound
+import scp_planner as sp
+from scp_planner.planning.attempts import Attempt
+from scp_planner.planning.runs import CheckedRuns, ScpRun, Task
+from scp_planner.planning.trip_search import TripSearch
+from scp_planner.planning.ways_round import Arcs, Ways, ways_round
 from scp_planner.search.first_trips import bows
-from scp_planner.search.ways import WaySearch
 from scp_planner.settings.planning import Settings, for_scene
-from scp_planner.solvers import QuadraticProgram
-from scp_planner.solvers.daqp_solver import DaqpSolver
-from scp_planner.solvers.interface import Solution
+from scp_planner.solvers.interface import QuadraticProgram, Solution, solver_named
 
 STANDING = scene(disc("right", (6.0, 0.2)), disc("left", (10.0, -0.4), radius=0.8), disc("last", (14.0, 0.3)))
 
 
-class Watched(WaysRound):
-    """Keeps what was tried, and may forget by how much estimates missed."""
-
-    def __init__(self, forgets: bool = False) -> None:
-        super().__init__(CheckedRuns(Task(STANDING, zones(STANDING), Settings(), np.inf)))
-        self.forgets = forgets
-        self.branches: list[Branch] = []
-        self.attempts: list[ScpAttempt] = []
-
-    def tried(self, start: Branch) -> ScpAttempt:
-        attempt = super().tried(start)
-        self.branches.append(start)
-        self.attempts.append(attempt)
-        if self.forgets:
-            start.missed = 0.0
-        return attempt
+def search_in(scenario: sp.Scenario, settings: Settings | None = None, deadline: float = np.inf) -> TripSearch:
+    task = Task(scenario, sp.zones(scenario), for_scene(settings or Settings()), deadline)
+    return TripSearch(CheckedRuns(task))
 
 
-def test_a_way_may_turn_out_better_than_its_estimate_by_as_much_as_another_did(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(ways_round, "ESTIMATE_ERROR", 0.0)
-    search, forgetful = Watched(), Watched(forgets=True)
-    best, without = search.best(), forgetful.best()
-    assert len(search.branches) > len(forgetful.branches)
-    assert best.holds and without.holds
-    assert best.travel_time < without.travel_time
-    first, attempt = search.branches[0], search.attempts[0]
-    assert attempt.holds
-    assert first.missed == first.estimate - attempt.travel_time > 0.0
-    # The second one is estimated to be slower than what the first led to, and is not.
-    assert attempt.travel_time < search.branches[1].estimate <= attempt.travel_time + first.missed
+class Failed(Attempt[TripSearch, ScpRun]):
+    """Stands for runs from ways round, of which none leads anywhere."""
+
+    what = "way round"
+    most = 100
+
+    def __init__(self, count: int, first: ScpRun | None = None) -> None:
+        self.count, self.first = count, first
+
+    def runs(self, search: TripSearch) -> Iterator[ScpRun]:
+        search.tally.tried[self.what] += self.count
+        if self.first is not None:
+            yield self.first
 
 
-def test_of_bows_none_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The clock stands still until there is no way, and goes on by more than all that is left in the first run."""
+def test_a_way_may_turn_out_better_than_its_estimate_by_as_much_as_another_did() -> None:
+    """The second way is estimated to be slower than what the first led to, and turns out to be faster."""
+    search = search_in(STANDING)
+    first, ways = search_in(STANDING), Ways(search.runs)
+    ways.most = 1
+    first.walk([ways])
+    ways = Ways(search.runs)
+    ways.estimate_error = 0.0
+    search.walk([ways])
+    assert search.tally.tried["way round"] > 1
+    assert search.best is not None and first.best is not None
+    assert search.best.holds and search.best.travel_time < first.best.travel_time
+
+
+def test_no_arc_is_begun_when_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock stands still, but that the first subproblem takes as long as all that is left."""
     clock = FakeClock(0.0)
     clock.rule(monkeypatch)
+    daqp = solver_named("daqp")
 
-    class Slow(DaqpSolver):
+    class Slow:
+        name = "slow"
+
         def solve(self, program: QuadraticProgram) -> Solution:
             clock.tick = 1.0
-            return super().solve(program)
+            return daqp.solve(program)
 
-    blocked = scene(disc("right", (6.0, 2.0), radius=3.0), disc("left", (6.0, -2.0), radius=3.0))
-    runs = CheckedRuns(Task(blocked, zones(blocked), Settings(), 0.5, own_solver=Slow()))
-    assert len(list(bows(runs.problem))) > 3
-    search = WaysRound(runs)
-    assert not search.best().holds
-    assert search.tally.tried == 1
+    search = search_in(STANDING, deadline=0.5)
+    search = TripSearch(CheckedRuns(replace(search.task, own_solver=Slow())))
+    assert len(list(bows(search.runs.problem))) > 3
+    search.walk([Arcs(search.runs)])
+    assert search.tally.tried["arc"] == 2, "the first one, and what it came to, to be judged"
+    assert search.best is not None and not search.best.holds
 
 
-def test_a_search_that_takes_most_of_the_time_leaves_enough_for_one_trip(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search finds nothing in its share of the time: one bow is run, once, in what is left."""
+def test_after_a_search_that_takes_most_of_the_time_there_is_enough_for_one_arc(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock = FakeClock(0.0)
     clock.rule(monkeypatch)
-    deadlines: list[float] = []
-
-    class Slow(WaySearch):
-        def __init__(self, *given: Any, **named: Any) -> None:
-            super().__init__(*given, **named)
-            deadlines.append(self.deadline)
-
-        def best_of(self, cases: Any, within: float = np.inf) -> list[Any]:
-            monkeypatch.setattr(FakeClock, "__call__", lambda _: 0.8)
-            return [None] * len(cases)
-
-    monkeypatch.setattr(ways_round, "WaySearch", Slow)
-    search = WaysRound(CheckedRuns(Task(STANDING, zones(STANDING), Settings(), 1.0)))
-    best = search.best()
-    assert deadlines == [ways_round.FIRST_SEARCH]
-    assert search.tally.tried == 1
-    assert best.run.record, "there was time for it"
+    search = search_in(STANDING, deadline=0.5)
+    clock.tick = 1.0
+    search.walk([Ways(search.runs)])
+    assert search.count == 0 and search.cut_off
+    clock.tick = 0.0
+    search.walk([Arcs(search.runs)])
+    assert search.tally.tried == {"arc": 1}
+    assert search.best is not None and search.best.run.record, "there was time for it"
 
 
-@pytest.mark.parametrize("thorough", [True, False])
-def test_bows_are_tried_where_no_way_leads_to_a_trip_if_all_is_to_be_tried(
-    thorough: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("covered", [False, True])
+def test_a_goal_that_is_covered_for_good_takes_a_single_arc(covered: bool) -> None:
+    lid = disc("lid", (20.0, 0.2 if covered else 3.0), radius=1.0)
+    search = search_in(scene(lid))
+    search.walk(ways_round(search.runs))
+    assert (search.tally.tried == {"arc": 1}) is covered
+
+
+@pytest.mark.parametrize(
+    ("thorough", "effort", "ways", "tried"),
+    [
+        (True, 1.0, 1, True),
+        (False, 1.0, 1, False),
+        (True, 1.0, Settings().max_runs, False),
+        (True, 2.0, Settings().max_runs, True),
+    ],
+)
+def test_arcs_are_tried_where_fewer_ways_than_usual_have_failed(
+    thorough: bool, effort: float, ways: int, tried: bool
 ) -> None:
-    hemmed_in = scene(*(disc(f"o{k}", (10.0, y), radius=0.6) for k, y in enumerate(np.arange(-12.0, 13.0))))
-    asked: list[WaysRound] = []
-    from_bows = WaysRound._from_bows
+    """More effort does not take their place: more ways are tried with it, and arcs as well."""
+    settings = for_scene(Settings(effort=effort, max_offset=2.0))
+    blocked = scene(disc("all", (12.0, 0.0), radius=7.0))
+    search = TripSearch(CheckedRuns(Task(blocked, sp.zones(blocked), settings, np.inf, thorough=thorough)))
+    failed = search.runs.attempt(next(bows(search.runs.problem)))
+    assert not failed.holds
+    search.walk([Failed(ways - 1, failed), Arcs(search.runs)])
+    assert (search.tally.tried["arc"] > 0) is tried
 
-    def watched(search: WaysRound, *rest: Any) -> ScpAttempt:
-        asked.append(search)
-        return from_bows(search, *rest)
 
-    monkeypatch.setattr(WaysRound, "_from_bows", watched)
-    task = Task(hemmed_in, zones(hemmed_in), for_scene(Settings()), np.inf, thorough=thorough)
-    search = WaysRound(CheckedRuns(task))
-    search._failed = [Branch(1.0, lambda _: next(bows(search.problem)), exhausted=True)]
-    search.incumbent = search.runs.attempt(next(bows(search.problem)))
-    assert not search.incumbent.holds
-    list(search._second_thoughts())
-    assert len(asked) == int(thorough)
+def test_where_there_is_no_way_arcs_are_tried_however_much_was_over_another_guide() -> None:
+    search = search_in(scene())
+    search.walk([Failed(search.runs.most_ways), Arcs(search.runs)])
+    assert search.best is not None and search.best.certificate is not None
