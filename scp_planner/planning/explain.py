@@ -20,10 +20,10 @@ from scp_planner.trips.trip import Trip
 _ORDERS = ("standing", "constant velocity", "constant acceleration")
 
 TRIFLE = 0.05
-"""Of the gravest violation: what is less grave, and small, comes along with it and is not told."""
+"""Relative to the gravest violation: smaller ones come along with it and are not reported."""
 
 SMALL = 0.1
-"""Of a limit, or of the vehicle's radius."""
+"""Relative to a limit, or to the vehicle's radius."""
 
 FEWEST_PENALTIES = 1e-3  # units of time; less is rounding
 LOOKED_AHEAD = 2.0
@@ -32,7 +32,7 @@ LOOKED_AHEAD = 2.0
 UNCHECKED = "No time was left to check the trip"
 MOST_CULPRITS = 4
 MOST_NAMED = 3
-"""Of many obstacles that are alike."""
+"""Number of alike obstacles that are named."""
 TOUCHING = 0.1  # of the vehicle's radius
 TRIP_LOOKS = 65  # at times of a trip
 ROUNDING = 1e-6  # of the trip's length or time
@@ -73,28 +73,7 @@ def explain(
     *,
     prove_until: float = np.inf,
 ) -> str:
-    """Say in one line why there is no certified plan.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    threat_zones : sequence of ThreatZone
-    trip : Trip
-        The best attempt.
-    ending : Ending
-        Of the run that it came from.
-    certificate : Certificate
-        What it does not keep.
-    prove_until : float
-        Of the clock of :func:`time.perf_counter`, s: what is not proved by then, that there is no trip at all, is left
-        open.
-
-    Returns
-    -------
-    str
-        The violations, gravest first, with obstacle or limit, value and time; their causes, as far as they are certain;
-        the penalty that is left; the least relaxation that would make this attempt acceptable.
-    """
+    """Say in one line why there is no certified plan."""
     told = grave_violations(scenario, trip, certificate)
     parts = ["; ".join(map(str, told)) or UNCHECKED, *_causes(scenario, threat_zones, trip, told, prove_until)]
     tried = _listed([_counted(number, what) for what, number in ending.tried.items()])
@@ -105,10 +84,7 @@ def explain(
 
 
 def grave_violations(scenario: Scenario, trip: Trip, certificate: Certificate) -> list[Violation]:
-    """Return the violations of a certificate, gravest first, without the trifles that come along with them.
-
-    What several discs of a vehicle do is told once.
-    """
+    """Return the violations of a certificate, gravest first, without the trifles that come along with them."""
     severity = {violation: _severity(scenario, trip, violation) for violation in certificate.violations}
     trifle = min(TRIFLE * max(severity.values(), default=0.0), SMALL)
     grave = sorted((each for each in severity if not severity[each] < trifle), key=lambda each: -severity[each])
@@ -124,7 +100,7 @@ def _relaxations(scenario: Scenario, told: Sequence[Violation]) -> Iterator[str]
 
 
 def _severity(scenario: Scenario, trip: Trip, violation: Violation) -> float:
-    """How grave a violation is: in parts of its limit, of the vehicle's radius or top speed, or of the travel time."""
+    """Size of a violation, relative to its limit, to the vehicle's radius or top speed, or to the travel time."""
     vehicle = scenario.vehicle
     excess = abs(violation.value - violation.allowed)
     match violation.unit.strip():
@@ -228,7 +204,7 @@ def _model_to_change(scenario: Scenario, zones: Mapping[str, list[ThreatZone]], 
 
 
 def _extent(scenario: Scenario) -> float:
-    """How far the trip leads away from its start, m."""
+    """Largest distance of the start, guide and goal from the start, m."""
     points = np.array([scenario.start.position, *(scenario.guide or ()), scenario.goal.position])
     return float(np.hypot(*(points - points[0]).T).max())
 
@@ -300,7 +276,7 @@ def _no_way(scenario: Scenario, zones: tuple[ThreatZone, ...], culprits: list[st
 
 
 def _covers_goal(scenario: Scenario, zones: Sequence[ThreatZone], first: float, last: float) -> bool:
-    """Whether the zones of an obstacle leave no room at the goal, whenever a trip might arrive."""
+    """True if the zones of an obstacle leave no room at the goal, whenever a trip might arrive."""
     times = scenario.start.time + np.linspace(first, last, TRIP_LOOKS)
     goal = np.broadcast_to(np.array(scenario.goal.position), (TRIP_LOOKS, 2))
     distance = np.min([zone.signed_distance(times, goal) for zone in zones], axis=0)

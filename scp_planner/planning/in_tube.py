@@ -1,12 +1,4 @@
-"""Trips that keep a whole tube clear: everywhere that the vehicle may be instead of where its plan has it.
-
-The tube (`scp_planner.estimation.tracking`) is as wide as the speed and the turns of the trip that is looked for, so
-how much room it needs is not known before. It is never narrower than where the vehicle stands, and never wider than its
-bound over all that the vehicle may do. So a first trip is planned among obstacles that are larger by the least of it.
-Whom the tube round that touches, by the certificate, gets as much more room as is missing, and another trip is planned,
-until the certificate holds for the tube; at last all get the most that it can take. So who is passed slowly and
-straight on takes no more room than that asks for.
-"""
+"""Trips that keep a whole tube clear: everywhere that the vehicle may be instead of where its plan has it."""
 
 from __future__ import annotations
 
@@ -23,34 +15,18 @@ from scp_planner.scenario.models import Scenario
 ROUNDS = 6
 """Trips that are planned, at most; the last has the most room that the tube can take."""
 MORE = 1.05
-"""Of what is missing is given: the next trip may be a little faster there."""
+"""Times of the missing clearance that are added: the next trip may be a little faster there."""
 
 PlanOne = Callable[[Scenario, float | None], Plan]
 """Plans a scenario within a wall time, s."""
 
 
 def plan_in_tube(scenario: Scenario, tube: TrackingTube, plan_one: PlanOne, time_limit: float | None) -> Plan:
-    """Plan a trip whose tube is certified.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    tube : TrackingTube
-    plan_one : callable
-        Plans a scenario with no tube.
-    time_limit : float or None
-        Wall time in s for all of it.
-
-    Returns
-    -------
-    Plan
-        Its clearance is that of the tube, and so is what ``certified`` says.
-
-    Raises
-    ------
-    EstimationError
-        If the vehicle may drive or turn faster than the tube was recorded for.
-    """
+    """Plan a trip whose tube is certified."""
+    # The tube is as wide as the speed and the turns of the trip that is looked for, between its width where the vehicle
+    # stands and its bound over all that the vehicle may do. So a first trip keeps the least of it from all obstacles;
+    # those that its tube touches get as much more as is missing, until the certificate holds for the tube; at last all
+    # get the bound. Obstacles that are passed slowly and straight on take no more room than that asks for.
     began, widest = perf_counter(), tube.bound(scenario.vehicle)
     # From each obstacle by its id, and from the walls of the workspace, None, which all keep at least.
     rooms: dict[str | None, float] = dict.fromkeys([None, *(one.id for one in scenario.obstacles)], tube.standing)

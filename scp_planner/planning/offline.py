@@ -103,20 +103,7 @@ def planned(
     *,
     thorough: bool = True,
 ) -> Plan:
-    """Plan a trip without a tube round it, see :func:`plan`.
-
-    Parameters
-    ----------
-    scenario, settings, solver, time_limit, constraints
-        As in :func:`plan`.
-    thorough : bool
-        Whether, where no way round leads to a certified trip, bows are tried, and a proof that there is none, and other
-        guides where it is late. Else something else is tried in place of this scenario first.
-
-    Returns
-    -------
-    Plan
-    """
+    """Plan a trip without a tube round it, see :func:`plan`."""
     began = perf_counter()
     settings = settings or Settings()
     if constraints is not None and solver is None and settings.solver == Settings.solver:

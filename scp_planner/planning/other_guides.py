@@ -87,10 +87,7 @@ def _drives(runs: CheckedRuns) -> Iterator[_GuideRuns]:
 
 
 def _may_make_a_detour(problem: Problem) -> bool:
-    """True if the guide may be longer than it has to be, or lead through what can be driven round.
-
-    One that follows the lanes of a corridor has no other way.
-    """
+    """True if the guide may be longer than it has to be, or lead through what can be driven round."""
     scenario = problem.scenario
     if scenario.corridor is not None:
         return False

@@ -1,7 +1,4 @@
-"""What plans and runs are drawn and handed on by.
-
-It lies in rooms above them, and is found there by name when it is asked for: a plan loads nothing that draws.
-"""
+"""Functions that draw and export plans and runs, by name."""
 
 from __future__ import annotations
 
@@ -30,36 +27,14 @@ OUTPUTS = {
 
 
 def output_named(name: str) -> Callable[..., Any]:
-    """Return the function behind an output; its module is imported only now.
-
-    Parameters
-    ----------
-    name : str
-        A key of ``OUTPUTS``: whose output it is, and the method that gives it.
-
-    Returns
-    -------
-    callable
-        Takes the plan or the run first.
-    """
+    """Return the function behind an output; its module is imported only now."""
     module, function = OUTPUTS[name].split(":")
     found: Callable[..., Any] = getattr(import_module(module), function)
     return found
 
 
 def picture_or_text(draw: Callable[[], Figure], text: str) -> str:
-    """Return a picture and its text as HTML; the text alone where nothing can draw.
-
-    Parameters
-    ----------
-    draw : callable
-        Gives the figure.
-    text : str
-
-    Returns
-    -------
-    str
-    """
+    """Return a picture and its text as HTML; the text alone where nothing can draw."""
     words = f"<pre>{escape(text)}</pre>"
     try:
         figure = draw()

@@ -1,4 +1,4 @@
-"""What comes out: a plan, callable at any time, saved and loaded."""
+"""The resulting plan: callable at any time, saved and loaded."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from scp_planner.scenario.models import Scenario
 
 _WORK = ("wall_time", "timings", "planned")
-"""What says nothing of the plan, but of the making of it."""
+"""Fields about the making of a plan, not about the plan."""
 
 ROUNDING = 1e-9  # relative, of lengths and times that are to be equal
 
 
 class PlanStatus(StrEnum):
-    """How far a plan can be trusted.
+    """Trust that a plan deserves.
 
     ``certified``: the continuous-time certificate holds. ``feasible``: all sampled constraints hold, the certificate
     does not. ``infeasible``: some constraint is violated. ``failed``: no trip came out but the start of the search.
@@ -135,17 +135,17 @@ class Plan:
 
     @property
     def certified(self) -> bool:
-        """Whether the continuous-time certificate holds."""
+        """True if the continuous-time certificate holds."""
         return self.status is PlanStatus.CERTIFIED
 
     @property
     def gap(self) -> float:
-        """How much longer than ``lower_bound`` the trip takes, relative."""
+        """Excess of the travel time over ``lower_bound``, relative."""
         return self.travel_time / self.lower_bound - 1.0 if self.lower_bound > 0.0 else inf
 
     @cached_property
     def relative_gap(self) -> float:
-        """How much longer the trip takes than any must, relative: what a better plan could gain at most.
+        """Excess of the travel time over the best lower bound, relative: a better plan can gain no more.
 
         By the lower bound among the obstacles, which is looked for when this is first asked for, and may take longer
         than the plan: a second among 20 obstacles. Of plans that are not certified, were read from a file or made while

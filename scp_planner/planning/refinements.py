@@ -1,8 +1,4 @@
-"""Attempts that go on from the best trip: over another guide, with finer splines, or to a step of time.
-
-How fine the splines have to be is told by the trip that was found: they become finer where it says so, and only as long
-as that gains something.
-"""
+"""Attempts that go on from the best trip: over another guide, with finer splines, or to a step of time."""
 
 from __future__ import annotations
 
@@ -50,11 +46,9 @@ LATER_STEPS = 3  # at which a trip that is to arrive on a step of time is asked 
 
 
 def among_small_zones(runs: CheckedRuns) -> CheckedRuns:
-    """Return runs with shorter spans of the path, where many zones to a span are far smaller than it; else the same.
-
-    Which of them are passed on which side could not be told by one span, and runs from hardly any way would end well.
-    Spans of a length that the user gave stay as they are, and those over a curved guide, which has as many as it needs.
-    """
+    """Return runs with shorter spans of the path, where many zones to a span are far smaller than it; else the same."""
+    # One span could not tell which of them are passed on which side, and runs from hardly any way would end well.
+    # Spans of a length that the user gave stay as they are, and those over a curved guide, which has enough of them.
     problem, task = runs.problem, runs.task
     space, spans, radius = problem.space, len(problem.space.path.widths), problem.zones.typical_radius
     usual = task.settings.path_span == SceneSettings.path_span and space.guide.straight
@@ -157,15 +151,13 @@ class FinerDrive(Refinement):
 
 
 def may_gain_by_spans(best: ScpRun) -> bool:
-    """True if shorter spans of the path may make a trip faster, or a certified one.
-
-    A path cannot follow within a span what its third derivative jumps by from span to span: times the span squared
-    this is a slope, and in control points their fourth difference over the span.
-    """
+    """True if shorter spans of the path may make a trip faster, or a certified one."""
     if not best.holds:
         return best.run.evaluation.worst_violation < HARDLY
     theta, space = best.trajectory.theta, best.trajectory.space
     span = space.length / len(space.path.widths)
+    # A path cannot follow within a span what its third derivative jumps by from span to span: times the span squared
+    # this is a slope, and in control points their fourth difference over the span.
     unseen = float(np.abs(np.diff(theta, 4)).max(initial=0.0)) / span
     tight = span * float(np.abs(best.trajectory.path.station_bend.curvature).max())
     slowed = best.travel_time > (1.0 + SLOWED) * kinematic_bound(best.runs.task.scenario)
@@ -182,10 +174,7 @@ def over_finer_path(problem: Problem, trip: Trajectory) -> Trajectory:
 
 
 def over_other_breakpoints(problem: Problem, trip: Trajectory) -> Trajectory:
-    """Return about the same trip over a space with other breakpoints of the acceleration; it arrives.
-
-    Where accelerations are constant between the breakpoints, they lead to the same speeds there.
-    """
+    """Return about the same trip over a space with other breakpoints of the acceleration; it arrives."""
     space = problem.space
     basis = space.acceleration
     degree = basis.coefficients.shape[1] - 1

@@ -101,10 +101,7 @@ class ScpRun(CheckedRun[LoopRun]):
 
 
 class CheckedRuns:
-    """Makes runs of the loop on a task's problem over one guide, each with its certificate.
-
-    The breakpoints are those of the acceleration, in normalised time; the spans those of the offset.
-    """
+    """Makes runs of the loop on a task's problem over one guide, each with its certificate."""
 
     def __init__(
         self,
@@ -167,10 +164,7 @@ class CheckedRuns:
         rival: ScpRun | None = None,
         loop: ScpLoop | None = None,
     ) -> ScpRun:
-        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff.
-
-        A trip that is as good as on its step of time is slowed down to that.
-        """
+        """Run the loop from a start, and check the result unless it is cut off or no better than the cutoff."""
         loop = loop or self.loop
         attempt = self._checked(self.problem, loop, start, cutoff, rival)
         if attempt.run.status is not LoopStatus.ON_TIME:

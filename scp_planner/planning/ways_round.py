@@ -51,11 +51,7 @@ def ways_round(runs: CheckedRuns) -> list[Attempt[TripSearch, ScpRun]]:
 
 
 class Ways(Attempt[TripSearch, ScpRun]):
-    """Ways round on one grid, the fastest estimate first; coarser delays where there is no way with shorter ones.
-
-    Other ways than the one just tried differ in the side on which some obstacle is passed. Only obstacles that the
-    trip touches can hold it up, so only their sides are closed in turn.
-    """
+    """Ways round on one grid, the fastest estimate first; coarser delays where there is no way with shorter ones."""
 
     what = "way round"
     search_share = FIRST_SEARCH  # so that there is time to drive the first way, or an arc
